@@ -13,6 +13,7 @@ from wrong_samples import (
     backwards,
     clock_jumped,
     clocks_apart,
+    columns_backwards,
     columns_shifted,
     crept,
     drifting,
@@ -32,6 +33,8 @@ from wrong_samples import (
     pasted,
     reordered,
     reused,
+    row_missing,
+    saturated,
     seen,
     sorted_column,
     stretched,
@@ -155,6 +158,19 @@ CORRUPTIONS: Final = (
         files="later",
     ),
     Corruption("a longer tip half-way", ("tool", "moved"), longer, needs="rotation", files="later"),
+    Corruption("joint columns backwards", ("in the opposite order",), columns_backwards),
+    Corruption(
+        "a row missing half-way", ("is missing among",), row_missing, needs="order", files="first"
+    ),
+    Corruption("a reading that saturates", ("to the last digit",), joint(2, saturated)),
+    Corruption(
+        "positions in whole cm",
+        ("in steps of",),
+        seen(lambda p: np.round(p, 2)),
+        needs="position",
+        files="fitted",
+        right=True,
+    ),
     Corruption("one joint in degrees", ("degrees", "joint range"), joint(4, deg)),
     Corruption(
         "an axis mirrored",

@@ -52,6 +52,23 @@ def columns_shifted(samples: Samples) -> Samples:
     return replace(samples, q=np.roll(samples.q, 1, axis=1))
 
 
+def columns_backwards(samples: Samples) -> Samples:
+    """The joints' columns from the tip to the base."""
+    return replace(samples, q=samples.q[:, ::-1])
+
+
+def saturated(q: FloatArray) -> FloatArray:
+    """A reading that goes no farther than 86°: a potentiometer's end."""
+    return np.asarray(np.minimum(q, 1.5))
+
+
+def row_missing(samples: Samples) -> Samples:
+    """A reading lost after four of ten rows: what was observed is one row late from there on."""
+    rows = np.arange(len(samples) - 1)
+    other = samples.take(rows)
+    return replace(other, q=samples.q[rows + (rows >= 2 * len(rows) // 5)])
+
+
 def swapped_joints(samples: Samples) -> Samples:
     """The first two columns exchanged."""
     order = [1, 0, *range(2, samples.q.shape[1])]

@@ -15,7 +15,7 @@ from suta_calib.diagnostics.contradictions import (
     seen_again,
 )
 from suta_calib.diagnostics.explanation import Explanation, Told, explain_solution
-from suta_calib.diagnostics.odd_readings import odd_columns, rounded, sorted_alone
+from suta_calib.diagnostics.odd_readings import odd_columns, odd_where_nothing_fits, rounded
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
 from suta_calib.diagnostics.thinned import thinned
@@ -49,12 +49,14 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         notes = [*again, *rounded(solution), *notes]
         return Assessment("bad", solution.sentence, tuple(notes))
     found = contradictions(solution, accuracy)
+    # A fit that other readings explain far better has residuals that say nothing of joints.
+    cause = _cause(solution) if found else []
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     return Assessment.of(
         solution.sentence,
         bad=[
-            *(_cause(solution) if found else []),
+            *cause,
             *([worse] if accuracy.worse else []),
             *(each.sentence for each in found if each.bad),
             *(said for said, level in doubts.items() if level == "bad"),
@@ -75,7 +77,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
                 for fit in lack_of_fit(solution)
                 if fit.ratio > LACKING
             ),
-            *_beside_geometry(thinned(solution)),
+            *_beside_geometry(thinned(solution), suspect=not cause),
             *_on_priors(solution),
         ],
         known=_as_drawn(solution),
@@ -92,7 +94,7 @@ def _cause(solution: Solution) -> list[str]:
         return [] if solution.converged else odd
     cause = find_cause(solution)
     if cause is None:
-        return [*sorted_alone(terms)]
+        return [*odd_where_nothing_fits(terms)]
     unit = solution.problem.blocks[0].unit
     before, after = (text(v, unit, with_unit=True) for v in (cause.before, cause.after))
     return [f"The data agree far better ({after} in place of {before}) if {cause.sentence}."]
@@ -169,7 +171,7 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
-def _beside_geometry(solution: Solution) -> list[str]:
+def _beside_geometry(solution: Solution, *, suspect: bool) -> list[str]:
     """What a URDF cannot hold, and what the residuals look like beside geometry."""
     notes = []
     arm = solution.problem.arm
@@ -182,11 +184,11 @@ def _beside_geometry(solution: Solution) -> list[str]:
         )
     if changed := changes(solution):
         return [*notes, *(change.sentence for change in changed)]
-    suspects = [test for test in score_tests(solution) if test.suspicious]
+    suspects = [test for test in score_tests(solution) if test.suspicious] if suspect else []
     if suspects:
-        suspect = max(suspects, key=lambda test: test.explains)
+        worst = max(suspects, key=lambda test: test.explains)
         notes.append(
-            f"The residuals of {suspect.joint} look like {LOOKS_LIKE[suspect.family]}: "
+            f"The residuals of {worst.joint} look like {LOOKS_LIKE[worst.family]}: "
             "run suta-calib extend, which says whether such a term predicts left-out data better."
         )
     return notes

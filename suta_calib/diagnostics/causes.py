@@ -113,7 +113,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     tried += [(*each, _UNRANKED) for each in elsewhere(problem.terms)]
     tried += [(*each, math.inf) for each in moved_half_way(problem.terms)]
     few = SolverOptions(starts=1, max_iterations=25, weights=None, confirm=False)
-    causes, worst = list[Cause](), math.inf
+    causes, worst = list[tuple[float, Cause]](), math.inf
     for sentence, terms, score in tried:
         if causes and score > worst:
             break
@@ -122,15 +122,21 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
             after = misfit(again.problem, again.x, cap, len(again.free))
             # An arm that hardly moves agrees with anything.
             after *= max(_travel(problem.terms) / _travel(terms), 1.0)
-            after /= _kept(terms, problem.terms)
+            kept = _kept(terms, problem.terms)
+            after /= kept
             if after < explained:
-                causes.append(Cause(sentence, present, after))
+                causes.append((kept, Cause(sentence, present, after)))
                 worst = min(worst, options.alike * score)
-    # Labels that return make several shifts do: what was tried first is the simplest.
+    # Labels that return make several shifts do: that of most rows, and what was tried first, is
+    # the simplest.
     order = [sentence for sentence, *_ in [*readings, *tried]]
-    best = min((cause.after for cause in causes), default=0.0)
-    alike = [cause for cause in causes if cause.after < options.alike * best]
-    return min(alike, key=lambda cause: order.index(cause.sentence), default=None)
+    best = min((cause.after for _, cause in causes), default=0.0)
+    alike = [
+        (-kept, order.index(cause.sentence), cause)
+        for kept, cause in causes
+        if cause.after < options.alike * best
+    ]
+    return min(alike)[-1] if alike else None
 
 
 def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> float:

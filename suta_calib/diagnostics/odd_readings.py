@@ -15,6 +15,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.diagnostics.tip_uncertainty import sensitivity
+from suta_calib.model.arm import ArmModel
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.units import from_deg, text
@@ -24,8 +25,11 @@ from suta_calib.words import listed
 TRAVEL: Final = 1e-4
 # Rows from which on the order of a column is no chance: one in some thousands.
 FEWEST: Final = 8
-# Steps that somebody who rounds would choose, rad; encoders divide a turn by powers of two.
+# Steps that somebody who rounds would choose, rad and m; encoders divide a turn by powers of two.
 STEPS: Final = tuple(unit * 10.0**k for k in (0, -1, -2, -3) for unit in (from_deg(1.0), 1.0))
+LENGTH_STEPS: Final = tuple(10.0**-k for k in (1, 2, 3, 4))
+# Share of the rows that stand at a column's end from which on that is worth a word.
+AT_END: Final = 0.1
 # Part of a step that is no rounding of the digits that are left.
 EXACT: Final = 1e-3
 # Residuals over what rounding alone would make of them: less, and the readings were exact.
@@ -62,10 +66,11 @@ def odd_columns(terms: Sequence[Term]) -> Iterator[str]:
             )
 
 
-def sorted_alone(terms: Sequence[Term]) -> Iterator[str]:
-    """A column whose readings only rise, or only fall, in every file, where no other's do.
+def odd_where_nothing_fits(terms: Sequence[Term]) -> Iterator[str]:
+    """What honest columns do as well, and is a cause only where the data fit nothing.
 
-    A sweep does that too: it is a cause only where the data fit nothing.
+    A column whose readings only rise, or only fall, in every file, where no other's do: a sweep
+    does that. One that stays at its end for many rows: so does a joint that is sent there.
 
     Args:
         terms: whose samples are looked at, over one arm.
@@ -73,6 +78,21 @@ def sorted_alone(terms: Sequence[Term]) -> Iterator[str]:
     arm = _arm(terms)
     if arm is None:
         return
+    yield from _sorted_alone(arm, terms)
+    q = np.vstack([term.poses.samples.q for term in terms])
+    moving = np.ptp(q, axis=0) > 10 * TRAVEL
+    for joint, readings in zip(np.compress(moving, arm), q[:, moving].T, strict=True):
+        for end, which in ((readings.max(), "above"), (readings.min(), "below")):
+            times = int(np.sum(readings == end))
+            if times >= max(FEWEST, AT_END * len(readings)):
+                yield (
+                    f"{times} of {len(readings)} readings of {joint} are {np.degrees(end):.6g} deg "
+                    f"to the last digit, and none is {which}: does its encoder, or what reads it, "
+                    "end there?"
+                )
+
+
+def _sorted_alone(arm: Sequence[str], terms: Sequence[Term]) -> Iterator[str]:
     found = list[list[int]]()
     for samples in (term.poses.samples for term in terms):
         files = np.array([origin.rpartition(":")[0] for origin in samples.origin])
@@ -90,38 +110,58 @@ def sorted_alone(terms: Sequence[Term]) -> Iterator[str]:
 
 
 def rounded(solution: Solution) -> Iterator[str]:
-    """Readings that were rounded when they were written, where that alone makes such residuals.
+    """What was rounded when it was written, where that alone makes such residuals.
 
     Args:
         solution: converged or not, of terms over an arm.
     """
     problem = solution.problem
-    if problem.arm is None:
-        return
-    q = np.vstack([term.poses.samples.q for term in problem.terms])
-    turning = [joint.type != "prismatic" for joint in problem.arm.chain.moving]
-    steps = np.array([_step(c) if t else 0.0 for c, t in zip(q.T, turning, strict=True)])
     lengths = [
         robust_level(line.residual)
         for line in problem.linearise(solution.x, problem.assumed_sigmas())
         if line.view.block.unit == "m"
     ]
-    if not steps.any() or not lengths:
+    if problem.arm is None or not lengths:
         return
-    joints = problem.arm.joints
-    names = [f"{joint}.offset" for joint in joints]
+    for what, step, scatter in (
+        *_rounded_joints(solution, problem.arm),
+        *_rounded_positions(problem.terms),
+    ):
+        if LEAST * scatter < lengths[0] < MOST * scatter:
+            yield (
+                f"{what} are in steps of {step}: so rounded, they scatter the tip by "
+                f"{text(scatter, 'm', with_unit=True)} per axis, and the residuals are "
+                f"{text(lengths[0], 'm', with_unit=True)}. Write every digit."
+            )
+
+
+def _rounded_joints(solution: Solution, arm: ArmModel) -> Iterator[tuple[str, str, float]]:
+    """The joints whose readings have steps, the largest step, and what steps do to the tip, m."""
+    q = np.vstack([term.poses.samples.q for term in solution.problem.terms])
+    turning = [joint.type != "prismatic" for joint in arm.chain.moving]
+    steps = np.array([_step(c, STEPS) if t else 0.0 for c, t in zip(q.T, turning, strict=True)])
+    if not steps.any():
+        return
+    names = [f"{joint}.offset" for joint in arm.joints]
     shown = q[:: math.ceil(len(q) / SHOWN)]
-    jacobian = sensitivity(problem.arm, solution.values, names, shown).jacobian
+    jacobian = sensitivity(arm, solution.values, names, shown).jacobian
     # Anywhere within a step is as likely; of one axis of three.
     variance = np.sum((jacobian * steps) ** 2, axis=(1, 2)) / 12.0 / 3.0
-    scatter = math.sqrt(float(variance.mean()))
-    if LEAST * scatter < lengths[0] < MOST * scatter:
-        coarse = listed([joint for joint, step in zip(joints, steps, strict=True) if step])
-        yield (
-            f"The readings of {coarse} are in steps of {np.degrees(steps.max()):.3g} deg: so "
-            f"rounded, they scatter the tip by {text(scatter, 'm', with_unit=True)} per axis, and "
-            f"the residuals are {text(lengths[0], 'm', with_unit=True)}. Write every digit."
-        )
+    coarse = listed([joint for joint, step in zip(arm.joints, steps, strict=True) if step])
+    yield (
+        f"The readings of {coarse}",
+        f"{np.degrees(steps.max()):.3g} deg",
+        math.sqrt(float(variance.mean())),
+    )
+
+
+def _rounded_positions(terms: Sequence[Term]) -> Iterator[tuple[str, str, float]]:
+    """The same of the positions that were measured."""
+    for term in terms:
+        position = term.poses.samples.position
+        if position is not None and (step := _step(position.reshape(-1), LENGTH_STEPS)):
+            what = f"The positions of {term.kind.replace('_', ' ')}"
+            yield what, text(step, "m", with_unit=True), step / math.sqrt(12.0)
 
 
 def _arm(terms: Sequence[Term]) -> Sequence[str] | None:
@@ -130,13 +170,13 @@ def _arm(terms: Sequence[Term]) -> Sequence[str] | None:
     return poses.arm.joints if isinstance(poses, ArmPoses) else None
 
 
-def _step(readings: FloatArray) -> float:
-    """The largest step of `STEPS` whose multiples all readings (n,) are; zero where there is none.
+def _step(readings: FloatArray, steps: Sequence[float]) -> float:
+    """The largest of ``steps`` whose multiples all readings (n,) are; zero where there is none.
 
-    Nor is there one to speak of where the joint stood still, or nearly.
+    Nor is there one to speak of where nothing moved, or hardly.
     """
     found = np.unique(readings)
-    for step in sorted(STEPS, reverse=True):
+    for step in sorted(steps, reverse=True):
         times = found / step
         if np.abs(times - np.round(times)).max() < EXACT:
             return step if len(np.unique(np.round(times))) > 2 else 0.0

@@ -45,6 +45,8 @@ class ReadingOptions:
         shifts: rows by which what was observed may be late or early; beyond a few the usual cause
             is a file in another order, which is tried apart.
         drifts: rows by which it may have become late or early at the end of a file.
+        parts: of a file, in one of which rows may be missing; files share them.
+        lost: rows that may be missing there.
         rows_left: share of the rows that must have a partner after a shift: few rows fit anything.
         most_files: files of which one alone may be late are tried among so many.
         most_landmarks: pairs of landmarks are exchanged only among so many (pairs grow with their
@@ -53,6 +55,8 @@ class ReadingOptions:
 
     shifts: int = 20
     drifts: int = 5
+    parts: int = 6
+    lost: int = 5
     rows_left: float = 0.33
     most_files: int = 20
     most_landmarks: int = 40
@@ -112,17 +116,34 @@ def _of_joints(arm: ArmModel) -> Iterator[tuple[str, Change]]:
         for angle in (90.0, -90.0, 180.0):
             shift = partial(_mapped, one, from_deg(angle) * one[k])
             yield f"{names[k]} reads {-angle:g}° too much", shift
-    for a, b in combinations(range(len(names)), 2):
-        swapped = one.copy()
-        swapped[[a, b]] = one[[b, a]]
-        sentence = f"the columns of {names[a]} and {names[b]} are exchanged"
-        yield sentence, partial(_mapped, swapped, 0.0)
-    # Of two columns that is their exchange, and of one nothing.
-    for step, other in ((1, "next"), (-1, "one before")) if len(names) > 2 else ():
-        sentence = f"the joints' columns each stand under the name of the {other}"
-        yield sentence, partial(_mapped, np.roll(one, -step, axis=1), 0.0)
+    for sentence, order in _orders(names):
+        yield sentence, partial(_mapped, one[list(order)], 0.0)
     in_degrees = one * np.where(turning, from_deg(1.0), 1.0)
     yield "the joints' columns are in degrees, not rad", partial(_mapped, in_degrees, 0.0)
+
+
+def _orders(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Which joint's readings each joint's column holds, in every way that columns are mixed up."""
+    rows = list(range(len(names)))
+    found = {tuple(rows)}
+    ways = list[tuple[str, list[int]]]()
+    for a, b in combinations(rows, 2):
+        swapped = [b if row == a else a if row == b else row for row in rows]
+        ways.append((f"the columns of {names[a]} and {names[b]} are exchanged", swapped))
+    for step, other in ((-1, "next"), (1, "one before")):
+        sentence = f"the joints' columns each stand under the name of the {other}"
+        ways.append((sentence, [*rows[step:], *rows[:step]]))
+    ways.append(("the joints' columns stand in the opposite order", rows[::-1]))
+    # As ROS lists joint states, whatever the order along the arm.
+    by_name = sorted(rows, key=lambda row: names[row])
+    sentence = "the joints' readings stand in the alphabetical order of the joints' names"
+    ways.append((sentence, by_name))
+    sentence = "the joints' names stand in alphabetical order, their readings in that of the arm"
+    ways.append((sentence, np.argsort(by_name).tolist()))
+    for sentence, way in ways:
+        if tuple(way) not in found:
+            found.add(tuple(way))
+            yield sentence, tuple(way)
 
 
 def _of_instrument(oriented: bool) -> Iterator[tuple[str, Change]]:
@@ -154,13 +175,35 @@ def _of_rows(samples: Sequence[Samples], options: ReadingOptions) -> Iterator[tu
             sentence = f"the clock of what was seen or touched runs {slow}: {late} at the end"
             yield sentence, partial(_drifted, sign * rows)
     files = dict.fromkeys(file for s in samples for file in _files(s).tolist())
-    if 1 < len(files) <= options.most_files:
+    if len(files) > options.most_files:
+        return
+    for file in files:
+        yield from _of_lost_rows(samples, file, max(options.parts // len(files), 2), options.lost)
+    if len(files) > 1:
         for file in files:
             for sentence, offset in (("late", 1), ("early", -1)):
                 yield (
                     f"what was seen or touched is one row {sentence} in {file}",
                     partial(_slid, offset, file),
                 )
+
+
+def _of_lost_rows(
+    samples: Sequence[Samples], file: str, parts: int, most: int
+) -> Iterator[tuple[str, Change]]:
+    """A file that is in step up to where rows are missing of what was read, or of what was seen."""
+    rows = next(rows for s in samples if (rows := np.flatnonzero(_files(s) == file)).size)
+    origin = next(s.origin for s in samples if file in _files(s))
+    if len(rows) < 2 * parts:
+        return
+    for count in range(1, most + 1):
+        are = "a row is" if count == 1 else f"{count} rows are"
+        # Behind the last part nothing would be out of step.
+        for part, within in enumerate(np.array_split(rows, parts)[:-1]):
+            where = f"between {origin[within[0]]} and {origin[within[-1]]}"
+            for what, offset in (("the joints' readings", count), ("what was observed", -count)):
+                change = partial(_out_of_step, offset, file, part, parts)
+                yield f"{are} missing among {what}, {where}", change
 
 
 def _of_landmarks(
@@ -301,22 +344,28 @@ def _renamed(names: Mapping[str, str], samples: Samples) -> Samples:
 
 
 def _slid(offset: int, file: str, samples: Samples) -> Samples:
-    """Readings paired with what was observed ``offset`` rows later, in all files or in one.
+    """Readings paired with what was observed ``offset`` rows later, in all files or in one."""
+    rows = np.arange(len(samples))
+    slid = _files(samples) == file if file else np.ones(len(rows), dtype=np.bool_)
+    return _partners(samples, rows + offset * slid, np.ones(len(rows), dtype=np.bool_))
 
-    Rows without a partner in their file are left out.
-    """
-    files, rows = _files(samples), np.arange(len(samples))
-    other = rows + offset * (files == file if file else np.ones(len(rows), dtype=np.intp))
-    inside = np.clip(other, 0, len(rows) - 1)
-    kept = rows[(other == inside) & (files[inside] == files)]
-    return _paired(samples, kept, other[kept])
+
+def _out_of_step(offset: int, file: str, part: int, parts: int, samples: Samples) -> Samples:
+    """The same from one of a file's ``parts`` on, which is left out: nobody knows where in it."""
+    other, mine = np.arange(len(samples)), np.flatnonzero(_files(samples) == file)
+    where = np.concatenate([np.full(len(p), k) for k, p in enumerate(np.array_split(mine, parts))])
+    other[mine[where > part]] += offset
+    sure = np.ones(len(samples), dtype=np.bool_)
+    # Nor have the first behind it a partner, if what was observed is what is missing.
+    first, last = np.flatnonzero(where == part)[[0, -1]]
+    sure[mine[first : last + 1 + max(-offset, 0)]] = False
+    return _partners(samples, other, sure)
 
 
 def _drifted(last: int, samples: Samples) -> Samples:
     """Readings paired with what was observed ever later in each file, by ``last`` rows at its end.
 
-    Rows without a partner in their file are left out, and those near which another row begins to be
-    the partner: nobody knows to a row where.
+    Rows near which another row begins to be the partner are left out: nobody knows to a row where.
     """
     files, rows = _files(samples), np.arange(len(samples))
     other, sure = rows.copy(), np.zeros(len(rows), dtype=np.bool_)
@@ -328,6 +377,15 @@ def _drifted(last: int, samples: Samples) -> Samples:
         # Before the first change, and after the last, there is nothing to be unsure of.
         change = np.clip(np.round(progress), 1, abs(last))
         sure[mine] = np.abs(progress - change) > UNSURE
+    return _partners(samples, other, sure)
+
+
+def _partners(samples: Samples, other: IntArray, sure: NDArray[np.bool_]) -> Samples:
+    """Readings paired with what was observed in row ``other`` (n,), where that is ``sure`` (n,).
+
+    Rows without a partner in their file are left out.
+    """
+    files, rows = _files(samples), np.arange(len(samples))
     inside = np.clip(other, 0, len(rows) - 1)
     kept = rows[(other == inside) & (files[inside] == files) & sure]
     return _paired(samples, kept, other[kept])

@@ -45,7 +45,7 @@ from suta_calib.diagnostics.held_out import (
     normal_squared,
     robust_level,
 )
-from suta_calib.diagnostics.odd_readings import rounded, sorted_alone
+from suta_calib.diagnostics.odd_readings import odd_where_nothing_fits, rounded
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact
 
@@ -234,7 +234,7 @@ def test_a_column_that_was_sorted_by_itself_is_named(scenes: tuple[Scene, Scene]
     assert not found.usable
     assert "readings of joint_3 stand in order, those of no other" in " ".join(found.notes)
     few = scenes[0].samples(NOISE, seed=0)[0].take(np.arange(5))
-    assert not [*sorted_alone([scenes[0].term(joint(2, np.sort)(few))])]
+    assert not [*odd_where_nothing_fits([scenes[0].term(joint(2, np.sort)(few))])]
 
 
 def to_the_degree(q: np.ndarray) -> np.ndarray:

@@ -1,0 +1,126 @@
+"""Every other reading undoes the mistake that it speaks of, to the last digit."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from simulated import Scene, Spread, arm_named, random_readings, tracked_scene
+
+from suta_calib import ArmPoses, Noise, Problem, Samples, Selection, SolverOptions, solve
+from suta_calib.diagnostics.odd_readings import odd_where_nothing_fits, rounded
+from suta_calib.diagnostics.other_readings import ReadingOptions, other_readings
+from suta_calib.robots import load
+
+Change = Callable[[Samples], Samples]
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    """Sixty rows of an arm, seen in two files."""
+    arm = arm_named("suta")
+    return tracked_scene(arm, {}, 60)
+
+
+@pytest.fixture(scope="module")
+def samples(scene: Scene) -> Samples:
+    found = scene.samples(Spread(position=1e-4), seed=3)[0]
+    origin = [f"{'first' if row < 36 else 'second'}.csv:{row + 2}" for row in range(len(found))]
+    return replace(found, origin=tuple(origin))
+
+
+def columns(*order: int) -> Change:
+    """Under the name of each joint the readings of another."""
+    return lambda s: replace(s, q=s.q[:, list(order)])
+
+
+def lost(rows: int, after: int, of_joints: bool) -> Change:
+    """Rows of the first file's readings, or of what was seen, that were never written."""
+
+    def changed(samples: Samples) -> Samples:
+        here = np.flatnonzero([o.startswith("first") for o in samples.origin])
+        there = np.arange(len(here), len(samples))
+        kept = here[: len(here) - rows]
+        other = kept + rows * (kept >= after)
+        read, seen = (other, kept) if of_joints else (kept, other)
+        q = samples.q[np.concatenate([read, there])]
+        return replace(samples.take(np.concatenate([seen, there])), q=q)
+
+    return changed
+
+
+UNDONE = {
+    "the columns of joint_2 and joint_5 are exchanged": columns(0, 4, 2, 3, 1, 5),
+    "the joints' columns each stand under the name of the next": columns(5, 0, 1, 2, 3, 4),
+    "the joints' columns each stand under the name of the one before": columns(1, 2, 3, 4, 5, 0),
+    "the joints' columns stand in the opposite order": columns(5, 4, 3, 2, 1, 0),
+    "a row is missing among the joints' readings, between first.csv:14 and first.csv:25": lost(
+        1, 20, True
+    ),
+    "3 rows are missing among what was observed, between first.csv:13 and first.csv:26": lost(
+        3, 20, False
+    ),
+}
+
+
+@pytest.mark.parametrize("sentence", UNDONE)
+def test_a_reading_undoes_its_mistake(scene: Scene, samples: Samples, sentence: str) -> None:
+    assert samples.position is not None
+    belongs = {tuple(q): tuple(p) for q, p in zip(samples.q, samples.position, strict=True)}
+    wrong = scene.term(UNDONE[sentence](samples), Noise())
+    read = dict(other_readings([wrong], ReadingOptions()))
+    (term,) = read[sentence]
+    found = term.poses.samples
+    assert found.position is not None
+    assert len(found) > 0.7 * len(samples)
+    for q, position in zip(found.q, found.position, strict=True):
+        assert belongs[tuple(q)] == tuple(position)
+
+
+def test_names_and_readings_in_two_orders_are_told_apart() -> None:
+    """ROS lists joints by name, an arm from base to tip."""
+    arm = load("romeo", tip="r_wrist")
+    names = list(arm.joints)
+    by_name = [names.index(name) for name in sorted(names)]
+    assert by_name != sorted(by_name)
+    q = random_readings(arm, np.random.default_rng(0), 12)
+    scene = tracked_scene(arm, {}, 12)
+    samples = replace(scene.samples()[0], q=q)
+    read = dict(other_readings([scene.term(samples, Noise())], ReadingOptions()))
+    sentences = [s for s in read if "alphabetical" in s]
+    assert sentences
+    for sentence in sentences:
+        (term,) = read[sentence]
+        assert isinstance(term.poses, ArmPoses)
+        order = by_name if sentence.startswith("the joints' readings") else np.argsort(by_name)
+        np.testing.assert_array_equal(term.poses.samples.q[:, order], q)
+
+
+def test_a_reading_that_ends_somewhere_is_named(scene: Scene, samples: Samples) -> None:
+    def saturated(end: float) -> Samples:
+        q = samples.q.copy()
+        q[:, 2] = np.minimum(q[:, 2], end)
+        return replace(samples, q=q)
+
+    (said,) = odd_where_nothing_fits([scene.term(saturated(1.0), Noise())])
+    assert said.startswith(f"{np.sum(samples.q[:, 2] >= 1.0)} of 60 readings of joint_3 are 57.29")
+    assert not [*odd_where_nothing_fits([scene.term(samples, Noise())])]
+
+
+def test_positions_that_were_rounded_are_told(scene: Scene, samples: Samples) -> None:
+    """Whole centimetres scatter by 2.9 mm; noise as large does not stand in steps."""
+    assert samples.position is not None
+    coarse = replace(samples, position=np.round(samples.position, 2))
+    noisy = scene.samples(Spread(position=2.9e-3), seed=4)[0]
+    offsets = scene.arm.select(Selection(("*.offset",), bound_rad=0.1))
+    once = SolverOptions(starts=1, max_iterations=30)
+    said, unsaid = (
+        [*rounded(solve(Problem([scene.term(each, Noise())], offsets), once))]
+        for each in (coarse, noisy)
+    )
+    assert len(said) == 1
+    assert "positions of tracked point are in steps of 10.000 mm" in said[0]
+    assert "scatter the tip by 2.887 mm" in said[0]
+    assert not unsaid
