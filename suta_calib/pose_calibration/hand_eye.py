@@ -26,6 +26,7 @@ from suta_calib.pose_calibration.distance_trend import DistanceTrend, distance_t
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
+from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
 from suta_calib.pose_calibration.robust_fit import RobustAnswer, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
@@ -55,6 +56,11 @@ FINEST_TURN: Final = from_deg(0.1)
 # of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
 FEW_PAIRS: Final = 8
 FINEST_POSITION: Final = 5e-4
+# What X and Z are another by, where it is moved.
+MAY_MOVE: Final[dict[EyeSetup, tuple[str, str]]] = {
+    EYE_IN_HAND: ("the eye on the hand (or the hand's tool frame)", "the target (or the base)"),
+    EYE_TO_HAND: ("the eye (or the base)", "the target on the hand (or the hand's tool frame)"),
+}
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -70,6 +76,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
         trend: of the residuals with the distance from the eye; the covariance allows for it.
+        moved: what stands elsewhere from some pair on; None where nothing does.
         length: m per unit of `solution`.
     """
 
@@ -81,6 +88,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     axes: FloatArray
     robot_noise_fraction: float
     trend: DistanceTrend
+    moved: Moved | None
     length: float
 
     @property
@@ -108,7 +116,9 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
                 f"Only {int(self.inliers.sum())} pairs: the standard deviations are guesses "
                 "themselves, and a wrong pair may not show; take a dozen or more."
             )
-        if self.unsure:
+        if self.moved:
+            caution.append(self.moved.sentence("pairs"))
+        elif self.unsure:
             caution.append(f"{self.unsure}: add poses, turned by 30° or more about different axes.")
         if self.trend.significant:
             caution.append(
@@ -222,6 +232,9 @@ def calibrate_hand_eye(
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
         robot_noise_fraction=noise.fraction,
         trend=trend,
+        moved=moved(
+            fit, dict(zip(MAY_MOVE[setup], (range(6), range(6, 12)), strict=True)), jacobian
+        ),
         solution=fit.solution,
         length=length,
     )

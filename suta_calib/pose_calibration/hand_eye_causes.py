@@ -1,4 +1,4 @@
-"""Why pairs of poses agree with no X: another order of a quaternion, poses the wrong way round.
+"""Why pairs of poses agree with no X: quaternions in another order, poses inverted, rows shifted.
 
 The angle by which hand and eye turn between two pairs is the same whatever X is, but it tells none
 of these: a pose and its inverse turn by the same angle, and so do quaternions whose numbers are
@@ -8,18 +8,21 @@ exchanged in the same way everywhere. What tells them is whether an X closes all
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from itertools import product
 from typing import Final
 
 import numpy as np
 
+from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.undetermined import undetermined_directions
-from suta_calib.terms.hand_eye_start import Poses, inverse_poses
+from suta_calib.terms.hand_eye_start import Poses, inverse_poses, some_poses
 from suta_calib.units import deg, from_deg, mm
+from suta_calib.words import listed
 
 # Scatter of the loops' ends, in units of the extent, of which instruments of use show less; and
 # that, with turns (rad) of some degrees, or turns alone, of pairs that do not belong together.
@@ -31,8 +34,11 @@ NO_AGREEMENT: Final = from_deg(10.0)
 # (rad) no worse than this.
 FAR_BETTER: Final = 5.0
 TURNS_AGREE: Final = from_deg(5.0)
-# Pairs that are enough to tell one reading from another.
+# Pairs that are enough to tell one reading from another; rows by which they may be shifted; and
+# pairs that must be left then, for of a few some shift may always seem to fit.
 MOST_PAIRS: Final = 200
+MOST_SHIFT: Final = 5
+LEAST_PAIRS: Final = 8
 CAUSES: Final = (
     "do the rows belong together, is the quaternion's order x y z w, is it the right setup, and do "
     "both poses map in the direction asked for?"
@@ -57,9 +63,11 @@ def refuse_misread(
     """
     if found.sigmas[0] < SUSPICIOUS:
         return
-    rows = np.unique(np.linspace(0, len(A[1]) - 1, MOST_PAIRS).astype(np.intp))
-    A, B = (A[0][rows], A[1][rows]), (B[0][rows], B[1][rows])
-    readings = _readings(A, B, other_setup)
+    rows = _some(np.arange(len(A[1])))
+    readings = [
+        *_readings(some_poses(A, rows), some_poses(B, rows), other_setup),
+        *_in_other_rows(A, B),
+    ]
     tried = [(start(hand, seen), change) for change, hand, seen in readings]
     best, change = min(tried, key=lambda pair: float(pair[0].sigmas[0]))
     if FAR_BETTER * best.sigmas[0] < found.sigmas[0] and best.sigmas[1] < TURNS_AGREE:
@@ -110,6 +118,39 @@ def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[tuple[str, Poses
         if order:
             yield order, hand, eye
         yield " and ".join(filter(None, (order, turned))), inverse_poses(hand), eye
+    for whose, hand, eye in (
+        ("the hand's", (np.swapaxes(A[0], 1, 2), A[1]), B),
+        ("the eye's", A, (np.swapaxes(B[0], 1, 2), B[1])),
+    ):
+        yield f"if {whose} rotations are transposed, its positions not", hand, eye
+    for signs in product((1.0, -1.0), repeat=3):
+        axes = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0.0]
+        # All three are what a left-handed frame makes of them, turned.
+        if 0 < len(axes) < 3:
+            told = f"if {listed(axes)} of the eye's positions {'have' if axes[1:] else 'has'}"
+            yield f"{told} the wrong sign, its rotations not", A, (B[0], B[1] * np.array(signs))
+    # That of the hand is the same, with X and Z mirrored.
+    mirror = np.array([-1.0, 1.0, 1.0])
+    seen = B[0] * np.outer(mirror, mirror), B[1] * mirror
+    yield "if the hand's or the eye's frame is left-handed", A, seen
+
+
+def _in_other_rows(A: Poses, B: Poses) -> Iterator[tuple[str, Poses, Poses]]:
+    """The same for pairs whose poses stand in other rows."""
+    count = len(A[1])
+    for rows in range(1, min(MOST_SHIFT, count - LEAST_PAIRS) + 1):
+        first, last = _some(np.arange(count - rows)), _some(np.arange(rows, count))
+        told = "a row" if rows == 1 else f"{rows} rows"
+        yield f"if what the eye saw is {told} late", some_poses(A, first), some_poses(B, last)
+        yield f"if what the eye saw is {told} early", some_poses(A, last), some_poses(B, first)
+    some = _some(np.arange(count))
+    backwards = some_poses(B, count - 1 - some)
+    yield "if what the eye saw is in the opposite order", some_poses(A, some), backwards
+
+
+def _some(rows: IntArray) -> IntArray:
+    """`MOST_PAIRS` of the rows at most."""
+    return rows[np.unique(np.linspace(0, len(rows) - 1, MOST_PAIRS).astype(np.intp))]
 
 
 def _reordered(poses: Poses) -> Poses:

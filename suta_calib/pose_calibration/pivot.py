@@ -16,6 +16,7 @@ from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
+from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.robust_fit import (
     LARGEST,
     LONGEST_TIP,
@@ -56,6 +57,7 @@ class PivotCalibration(Shown, RobustAnswer):
         sigma: scatter of one component of an inlier's residual, m.
         turn: root mean square turn of the inliers' orientations about their mean, as far as it
             tells the tip along the direction of the tool that they tell least about, rad.
+        moved: what is elsewhere from some pose on; None where nothing is.
         length: m per unit of `solution`.
     """
 
@@ -63,6 +65,7 @@ class PivotCalibration(Shown, RobustAnswer):
     posts: dict[str, FloatArray]
     sigma: float
     turn: float
+    moved: Moved | None
     length: float
 
     @property
@@ -95,6 +98,8 @@ class PivotCalibration(Shown, RobustAnswer):
                 f"The tool was turned too little ({deg(self.turn):.0f}° RMS where it "
                 "matters most): the tip is badly determined; turn it by 30° or more to every side."
             )
+        if self.moved:
+            caution.append(self.moved.sentence("poses"))
         unsure = float(np.linalg.norm(self.tip_std))
         if unsure > UNSURE:
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
@@ -213,6 +218,11 @@ def calibrate_pivot(
         suspects=fit.suspects,
         sigma=fit.sigmas[0] * length,
         turn=float(_turns(R[fit.inliers])[0]),
+        moved=moved(
+            fit,
+            {"the tip on the tool": order[:3], "the post": order[3:]},
+            length * np.eye(len(order)),
+        ),
         solution=fit.solution,
         length=length,
     )

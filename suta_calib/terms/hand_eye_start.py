@@ -11,7 +11,7 @@ from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion, skew
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
@@ -65,8 +65,8 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
     return R, np.einsum("...ij,...j->...i", solved, moment)
 
 
-def some_poses(poses: Poses, rows: BoolArray) -> Poses:
-    """Those of a set (n,) that are asked for."""
+def some_poses(poses: Poses, rows: BoolArray | IntArray) -> Poses:
+    """Those of a set (n,) that are asked for: which, or their rows."""
     return poses[0][rows], poses[1][rows]
 
 

@@ -168,6 +168,53 @@ def test_the_angles_between_poses_tell_none_of_it(which: str) -> None:
     np.testing.assert_allclose(of_hand, of_eye, atol=1e-7)
 
 
+def transposed(poses: Poses) -> Poses:
+    return np.swapaxes(poses[0], 1, 2), poses[1]
+
+
+def with_signs(poses: Poses, *signs: float) -> Poses:
+    return poses[0], poses[1] * np.array(signs)
+
+
+def mirrored(poses: Poses) -> Poses:
+    """As a game engine writes them: y has the other sense."""
+    M = np.diag([1.0, -1.0, 1.0])
+    return M @ poses[0] @ M, poses[1] @ M
+
+
+def rows_later(poses: Poses, rows: int) -> Poses:
+    return rows_of(poses, np.roll(np.arange(len(poses[1])), rows))
+
+
+WRITTEN: dict[str, tuple[Change, Change]] = {
+    "if the hand's rotations are transposed, its positions not": (transposed, same),
+    "if the eye's rotations are transposed, its positions not": (same, transposed),
+    "if y, z of the eye's positions have the wrong sign, its rotations not": (
+        same,
+        lambda poses: with_signs(poses, 1.0, -1.0, -1.0),
+    ),
+    "if the hand's or the eye's frame is left-handed": (mirrored, same),
+    "if what the eye saw is a row late": (same, lambda poses: rows_later(poses, 1)),
+    "if what the eye saw is 4 rows early": (same, lambda poses: rows_later(poses, -4)),
+    "if what the eye saw is in the opposite order": (
+        same,
+        lambda poses: rows_of(poses, np.arange(len(poses[1]))[::-1]),
+    ),
+}
+
+
+@pytest.mark.parametrize(
+    ("says", "count"),
+    [*((says, 20) for says in WRITTEN), ("if what the eye saw is a row late", 300)],
+)
+def test_poses_written_in_another_way_are_told_so(says: str, count: int) -> None:
+    data = noisy(count, seed=3)
+    of_hand, of_eye = WRITTEN[says]
+    with pytest.raises(SamplesError, match="do not agree with any X") as problem:
+        calibrate_hand_eye(of_hand(data.poses), of_eye(data.seen))
+    assert str(problem.value).endswith(says)
+
+
 @pytest.mark.parametrize("noise", [NOISE, PoseNoise(5e-3, 0.02)], ids=["fine", "coarse"])
 @pytest.mark.parametrize("count", [4, 6, 15])
 @pytest.mark.parametrize("share", [0.0, 0.3])
@@ -192,6 +239,7 @@ def said_of(data: Simulated[HandEye]) -> str:
 @pytest.mark.parametrize(("count", "seed"), [(5, 3), (8, 2), (12, 0), (30, 1)])
 def test_shuffled_pairs_are_not_blamed_on_how_the_hand_turned(count: int, seed: int) -> None:
     data = noisy(count, seed=seed)
+    mixed = np.random.default_rng(seed).permutation(count)
     with pytest.raises(SamplesError, match="do the rows belong together") as problem:
-        calibrate_hand_eye(data.poses, rows_of(data.seen, np.roll(np.arange(count), 1)))
+        calibrate_hand_eye(data.poses, rows_of(data.seen, mixed))
     assert "turn the hand" not in str(problem.value)

@@ -1,0 +1,135 @@
+"""Something that was moved between poses is named; noise, and a hand that is bent, are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from hand_eye_scenes import noisy, simulate
+
+from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
+from suta_calib.pose_calibration import moved as module
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
+from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup, Poses, inverse_poses
+
+BY = np.array([2e-3, -3e-3, 6e-3])
+
+
+def displaced(poses: Poses, since: int, turn: float = 0.0) -> Poses:
+    """``T_i D`` from a row on: what the second frame is fixed to was moved in it."""
+    R, p = poses[0].copy(), poses[1].copy()
+    p[since:] += R[since:] @ BY
+    R[since:] = R[since:] @ rotation_from_vector([0.0, 0.0, turn])
+    return R, p
+
+
+def with_eye_moved(setup: EyeSetup) -> HandEyeCalibration:
+    """A X D B = Z: the hand's poses as if their frame were another one."""
+    data = noisy(40, seed=5)
+    hand = displaced(data.poses, 25)
+    if setup == EYE_TO_HAND:
+        hand = inverse_poses(hand)
+    return calibrate_hand_eye(hand, data.seen, setup=setup)
+
+
+@pytest.mark.parametrize(
+    ("setup", "what"),
+    [(EYE_IN_HAND, "the eye on the hand"), (EYE_TO_HAND, "the eye (or the base)")],
+)
+def test_an_eye_that_was_bumped_is_named(setup: EyeSetup, what: str) -> None:
+    found = with_eye_moved(setup)
+    assert found.moved is not None
+    assert found.moved.what.startswith(what)
+    assert abs(found.moved.since - 25) <= 1
+    assert abs(found.moved.by - 7e-3) < 3 * found.moved.by_std
+    assert found.moved.turn < 3 * found.moved.turn_std
+    assert found.assessment.level == "care"
+    assert not any("add poses" in note for note in found.assessment.notes)
+
+
+def test_a_target_that_was_turned_is_named() -> None:
+    data = noisy(40, seed=6)
+    seen = displaced(data.seen, 20, turn=0.02)
+    found = calibrate_hand_eye(data.poses, seen)
+    assert found.moved is not None
+    assert found.moved.what.startswith("the target")
+    assert abs(found.moved.since - 20) <= 1
+    assert abs(found.moved.turn - 0.02) < 3 * found.moved.turn_std
+
+
+@pytest.mark.parametrize(("since", "told"), [(24, 24), (6, 6)])
+def test_a_change_early_or_late_leaves_a_run_of_rows_that_disagree(since: int, told: int) -> None:
+    data = noisy(30, seed=7)
+    hand = displaced(data.poses, since)
+    hand = hand[0], np.where(np.arange(30)[:, None] >= since, hand[1] + 0.1, hand[1])
+    found = calibrate_hand_eye(hand, data.seen)
+    assert found.moved is not None
+    assert found.moved.since == told
+    assert np.isnan(found.moved.by)
+    assert "all before row" in found.moved.sentence("pairs")
+
+
+@pytest.mark.parametrize("count", [8, 12, 40, 120])
+def test_noise_moves_nothing(count: int) -> None:
+    for seed in range(5):
+        data = noisy(count, seed=seed)
+        assert calibrate_hand_eye(data.poses, data.seen).moved is None
+
+
+def bent(count: int, seed: int) -> HandEyeCalibration:
+    """A hand that errs by 4 mm and 0.4°, alike in like poses, and goes from one to the next."""
+    data = simulate(count, seed=seed)
+    (R, p), random = data.poses, np.random.default_rng([seed, 7])
+    where = np.hstack([p, vector_from_rotation(R)])
+    shift, turn = (np.sin(2.0 * where @ random.standard_normal((6, 3))) for _ in range(2))
+    way = [0]
+    while len(way) < count:
+        far = np.linalg.norm(where - where[way[-1]], axis=1)
+        far[way] = np.inf
+        way.append(int(np.argmin(far)))
+    hand = R @ rotation_from_vector(np.radians(0.4) * turn), p + 4e-3 * shift
+    return calibrate_hand_eye((hand[0][way], hand[1][way]), (data.seen[0][way], data.seen[1][way]))
+
+
+def test_a_hand_that_is_bent_is_not_called_moved() -> None:
+    assert not any(bent(15, seed).moved for seed in range(6))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("count", [15, 30, 60])
+def test_a_hand_that_is_bent_is_hardly_ever_called_moved(count: int) -> None:
+    """If half of the squares were enough it would be some in a hundred."""
+    assert sum(bent(count, seed).moved is not None for seed in range(100)) <= 2
+
+
+# ── Pivot ────────────────────────────────────────────────────────────────────────────────────
+def pivoted(count: int, seed: int = 0, **changed: Any) -> PivotCalibration:
+    """A tool that pivots; its tip or the post another from a row on."""
+    random = np.random.default_rng(seed)
+    R = rotation_from_vector(random.uniform(-0.7, 0.7, (count, 3)))
+    tip, post = np.tile([0.01, 0.02, 0.16], (count, 1)), np.tile([0.1, -0.06, -1.4], (count, 1))
+    tip[count // 2 :] += changed.get("tip", 0.0)
+    post[count // 2 :] += changed.get("post", 0.0)
+    p = post - np.einsum("nij,nj->ni", R, tip) + random.normal(0.0, 2e-4, (count, 3))
+    return calibrate_pivot(R, p)
+
+
+@pytest.mark.parametrize("count", [20, 60, 1000])
+@pytest.mark.parametrize(("which", "what"), [("tip", "the tip on"), ("post", "the post")])
+def test_a_tip_that_bent_is_told_from_a_post_that_slid(which: str, what: str, count: int) -> None:
+    found = pivoted(count, **{which: np.array([0.0, 1e-3, 1e-3])})
+    assert found.moved is not None
+    assert found.moved.what.startswith(what)
+    assert abs(found.moved.since - count // 2) <= max(1, count // module.TIMES)
+    assert abs(found.moved.by - np.sqrt(2.0) * 1e-3) < 3 * found.moved.by_std
+    assert np.isnan(found.moved.turn)
+    assert "stands elsewhere" in " ".join(found.assessment.notes)
+    assert replace(found, moved=None).assessment != found.assessment
+
+
+@pytest.mark.parametrize("count", [10, 60, 600])
+def test_a_steady_pivot_moved_nowhere(count: int) -> None:
+    assert not any(pivoted(count, seed).moved for seed in range(5))
