@@ -106,6 +106,7 @@ def runs(line: str) -> bool:
 TRIED = [block for block in SHELL if any(map(runs, block.commands))]
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("block", TRIED, ids=lambda block: f"{block.page} {block.commands[0]}")
 def test_commands_run(block: Block, folder: Path) -> None:
     for name, text in re.findall(r"^cat > (\S+) <<'END'\n(.*?)^END$", block.text, re.M | re.S):

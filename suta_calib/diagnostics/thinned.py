@@ -38,8 +38,7 @@ def thinned(solution: Solution) -> Solution:
     if fewer.names != problem.names:
         return solution
     if solution.weights is not None:
-        fewer = fewer.with_priors_scaled(solution.weights.prior_scale)
-        fewer = fewer.with_thresholds(solution.weights.thresholds)
+        fewer = solution.weights.applied_to(fewer)
     return replace(solution, problem=fewer)
 
 

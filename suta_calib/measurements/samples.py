@@ -86,9 +86,12 @@ class Samples(Shown):
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
+        Whether readings can be rad or m only the arm can say: `ArmPoses` refuses degrees,
+        millimetres, and joints in another order than the arm's.
+
         Args:
             joints: names, each once.
-            q: (n, n_joints), n at least one.
+            q: (n, n_joints) rad, m for prismatic joints; n at least one.
             labels: each (n,), not empty strings.
             position: (n, 3).
             rotation: (n, 3, 3) orthonormal, right-handed.

@@ -215,7 +215,8 @@ def _restricted(
     # NumPy's for all of it: to import SciPy's triangular solver takes longer than it would save.
     factor = np.linalg.cholesky(covariance)
     columns = np.concatenate([slope.reshape(views, n, -1), mean], axis=2)
-    solved = np.linalg.solve(covariance, columns.transpose(1, 0, 2).reshape(n, -1))
+    # One matrix for all of them: NumPy before 2 takes (n, v) beside (k, n, n) for vectors.
+    solved = np.linalg.solve(covariance, columns.transpose(1, 0, 2).reshape(1, n, -1))
     solved = solved.reshape(len(covariance), n, *columns.shape[::2]).transpose(0, 2, 1, 3)
     ends = size * unknowns
     told = solved[..., :ends].reshape(len(covariance), views, n * size, unknowns)

@@ -70,8 +70,7 @@ def solve(
     if options.weights is not None and minimum.converged and weighed:
         inside = _inside(problem, minimum.x, estimated)
         weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
-        problem = problem.with_priors_scaled(weights.prior_scale)
-        problem = problem.with_thresholds(weights.thresholds)
+        problem = weights.applied_to(problem)
         sigmas = list(weights.sigmas)
         minimum, _, identification, estimated = _fit(
             problem, nominal, [minimum.x], identification, sigmas, options, None

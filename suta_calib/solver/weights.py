@@ -131,6 +131,13 @@ class Weights:
     prior_scale: FloatArray
     covariance: FloatArray
 
+    def applied_to(self, problem: Problem) -> Problem:
+        """The problem, over the same unknowns, with these priors and thresholds.
+
+        Noise levels belong to no problem: beside it go `sigmas`.
+        """
+        return problem.with_priors_scaled(self.prior_scale).with_thresholds(self.thresholds)
+
 
 def prior_groups(problem: Problem) -> list[str | None]:
     """Whose size is guessed together with that of a parameter's prior, for each of the problem.

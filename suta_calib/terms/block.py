@@ -182,24 +182,26 @@ def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
 
 def grouped_rows(members: IntArray) -> tuple[IntArray, IntArray]:
     """Which of the different sets of members (n, k) each row has, (n,), and how often each is."""
-    ordered, many = np.sort(members, axis=1), int(members.max(initial=0)) + 1
-    numbers: IntArray = ordered
-    axis: int | None = 0
-    if many ** members.shape[1] < np.iinfo(np.intp).max:
-        # Sorting numbers takes a tenth of sorting rows of them.
-        numbers, axis = ordered @ many ** np.arange(members.shape[1])[::-1], None
-    _, group, count = np.unique(numbers, axis=axis, return_inverse=True, return_counts=True)
+    numbers = _numbered(np.sort(members, axis=1))
+    _, group, count = np.unique(numbers, axis=0, return_inverse=True, return_counts=True)
     return group.reshape(-1).astype(np.intp), count.astype(np.intp)
 
 
 def first_of_each(rows: IntArray) -> IntArray:
     """(k,) where each of the different rows (n, w) of numbers from 0 on is met first."""
+    return np.unique(_numbered(rows), axis=0, return_index=True)[1].astype(np.intp)
+
+
+def _numbered(rows: IntArray) -> IntArray:
+    """Rows (n, w) of numbers from 0 on as one number (n,) each, in the order of the rows.
+
+    Sorting numbers takes a tenth of sorting rows; these are left where no number is so large.
+    """
     sizes = [int(most) + 1 for most in rows.max(axis=0, initial=0)]
-    numbers = rows
-    if math.prod(sizes) < np.iinfo(np.intp).max:
-        # As in `grouped_rows`, but in order: another order is another row.
-        numbers = rows @ np.cumprod([1, *sizes], dtype=np.intp)[:-1]
-    return np.unique(numbers, axis=0, return_index=True)[1].astype(np.intp)
+    if math.prod(sizes) >= np.iinfo(np.intp).max:
+        return rows
+    places = np.cumprod([1, *sizes[:0:-1]], dtype=np.intp)[::-1]
+    return np.asarray(rows @ places[: rows.shape[1]])
 
 
 def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:

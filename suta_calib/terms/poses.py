@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
 
@@ -117,12 +118,18 @@ class ArmPoses(PoseSource):
         samples: its readings, and what was observed beside them.
 
     Raises:
-        SamplesError: readings that can only be degrees, millimetres or whole turns off.
+        SamplesError: readings of other joints or of these in another order, and readings that can
+            only be degrees, millimetres or whole turns off.
     """
 
     def __init__(self, arm: ArmModel, samples: Samples) -> None:
-        if samples.joints == arm.joints:
-            check_readings(samples.q, joint_ranges(arm), samples.origin)
+        if samples.joints != arm.joints:
+            raise SamplesError(
+                f"readings of {', '.join(samples.joints) or 'no joints'}",
+                f"those of the arm, in its order: {', '.join(arm.joints)}",
+                where="samples",
+            )
+        check_readings(samples.q, joint_ranges(arm), samples.origin)
         self.arm = arm
         self.samples = samples
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // LEVERS])
@@ -156,8 +163,9 @@ class ArmPoses(PoseSource):
 
     def take(self, rows: ArrayLike) -> ArmPoses:
         """The poses of some samples of the same arm."""
-        found = ArmPoses(self.arm, self.samples.take(rows))
-        found._levers = self._levers
+        # A study takes thousands of times: what the constructor refuses is in none of these.
+        found = object.__new__(ArmPoses)
+        found.arm, found.samples, found._levers = self.arm, self.samples.take(rows), self._levers
         return found
 
 

@@ -15,7 +15,7 @@ from typing import Any
 import dask
 import pytest
 from cli_job import cli
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from study_scene import SUTA, planned, suta_job
 
@@ -63,6 +63,7 @@ def test_one_worker_two_workers_and_dask_give_the_same_numbers(kind: str, cluste
     assert run_study(plan, dask=cluster) == alone
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_the_command_prints_the_same_json_wherever_it_runs(
     cluster: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -115,6 +116,7 @@ def test_dask_is_an_extra(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 # ── The log ──────────────────────────────────────────────────────────────────────────────────
+@settings(max_examples=40)
 @given(
     trials=st.lists(
         st.builds(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -51,6 +52,7 @@ def test_another_unit_in_both_poses_is_no_answer() -> None:
 
 
 # ── Few pairs ────────────────────────────────────────────────────────────────────────────────
+@cache
 def of_a_bent_robot(count: int, seed: int) -> tuple[Simulated[HandEye], HandEyeCalibration]:
     """Some 4 mm and 0.4°, alike where the hand is alike: a geometry that errs, no wrong pair."""
     data = simulate(count, seed=seed)

@@ -22,6 +22,7 @@ from simulated import (
 
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.information import predicted_information, whitened_rows
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
@@ -30,6 +31,8 @@ from suta_calib.terms import Noise
 SEATING = Spread(position=1e-4)
 # A single parameter's ratio then scatters by 1/√200 = 7 %, and what is pooled by less.
 TRIALS = 100
+# Steps end where IPOPT does: in a hundred trials it is not asked.
+TRIAL = SolverOptions(confirm=False)
 
 
 @cache
@@ -70,7 +73,7 @@ def distances_alone() -> Trials:
     noise = Noise(np.sqrt(2) * SEATING.position)
     return Trials(
         [
-            solve(Problem([scene.term(samples, noise)], dh_parameters(scene.arm)))
+            solve(Problem([scene.term(samples, noise)], dh_parameters(scene.arm)), TRIAL)
             for samples in scene.samples(SEATING, seed=3, trials=TRIALS)
         ]
     )
@@ -91,7 +94,8 @@ def mixed() -> Trials:
             solve(
                 Problem(
                     [distances.term(a, noise), points.term(b, Noise(SEATING.position))], parameters
-                )
+                ),
+                TRIAL,
             )
             for a, b in repeated
         ]

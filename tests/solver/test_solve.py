@@ -370,3 +370,13 @@ def test_readings_in_degrees_are_refused_in_arrays_as_in_files() -> None:
     ArmPoses(arm, Samples.from_arrays(arm.joints, q))
     with pytest.raises(SamplesError, match=r"row 0, joint_.*looks like degrees"):
         ArmPoses(arm, Samples.from_arrays(arm.joints, np.degrees(q)))
+
+
+def test_readings_of_other_joints_are_refused() -> None:
+    arm = arm_named("suta")
+    backwards = arm.joints[::-1]
+    refused = rf"readings of {', '.join(backwards)}.*in its order: {', '.join(arm.joints)}"
+    with pytest.raises(SamplesError, match=refused):
+        ArmPoses(arm, Samples.from_arrays(backwards, np.zeros((1, len(backwards)))))
+    with pytest.raises(SamplesError, match="readings of no joints"):
+        ArmPoses(arm, Samples.from_arrays([], np.zeros((3, 0))))

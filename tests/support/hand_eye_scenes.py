@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -31,7 +32,17 @@ def noisy(count: int, **more: Any) -> Simulated[HandEye]:
 
 
 def calibrate(data: Simulated[HandEye], **more: Any) -> HandEyeCalibration:
-    return calibrate_hand_eye(data.poses, data.seen, **more)
+    """Of the same poses the same answer, found once for all tests that look at it."""
+    (RA, pA), (RB, pB) = data.poses, data.seen
+    flat = np.hstack([RA.reshape(-1, 9), pA, RB.reshape(-1, 9), pB])
+    return _calibrated(flat.tobytes(), tuple(sorted(more.items())))
+
+
+@lru_cache(maxsize=64)
+def _calibrated(flat: bytes, more: tuple[tuple[str, Any], ...]) -> HandEyeCalibration:
+    RA, pA, RB, pB = np.split(np.frombuffer(flat).reshape(-1, 24), [9, 12, 21], axis=1)
+    hand, seen = (RA.reshape(-1, 3, 3), pA), (RB.reshape(-1, 3, 3), pB)
+    return calibrate_hand_eye(hand, seen, **dict(more))
 
 
 def angle(first: FloatArray, second: FloatArray) -> float:

@@ -12,9 +12,13 @@ from simulated import (
 )
 from terms_cases import CASES, SIGMA, each_case, noises, problem_of, scene
 
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import pairwise_distance
+
+# Steps end where IPOPT does (`tests/solver/test_ipopt.py`): in a hundred trials it is not asked.
+TRIAL = SolverOptions(confirm=False)
 
 
 @cache
@@ -28,7 +32,7 @@ def told_alone(name: str) -> tuple[str, ...]:
 def error_of(name: str, spread: Spread, seed: int, robust: bool) -> float:
     """Root mean square error of those parameters, in units of the solver's scales."""
     problem = problem_of(name, spread, seed, robust)
-    values, truth = solve(problem).values, scene(name).truth
+    values, truth = solve(problem, TRIAL).values, scene(name).truth
     errors = [(values[n] - truth[n]) / problem.parameters[n].scale for n in told_alone(name)]
     assert len(errors) >= 5
     return float(np.sqrt(np.mean(np.square(errors))))
@@ -57,7 +61,7 @@ def spread_over_prediction(name: str, trials: int) -> float:
     values, predicted = [], []
     for samples in s.samples(SIGMA, seed=11, trials=trials):
         problem = Problem([s.term(samples, *noises(SIGMA, False))], dh_parameters(s.arm))
-        solution = solve(problem)
+        solution = solve(problem, TRIAL)
         assert solution.converged
         values.append(solution.x)
         predicted.append(np.diag(solution.covariance))
