@@ -121,6 +121,7 @@ STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
     "calibrate": ((JOB,), 153, ("scipy",)),
     "observe": ((JOB,), 120, ("jinja2", "scipy")),
+    "outliers --out": ((JOB,), 160, ()),
     "validate": (("urdf/suta.urdf", JOB), 123, ("jinja2", "scipy")),
     "pivot": (("data/poses/pivot.csv",), 80, NO_ARM),
     "hand-eye": (("data/poses/hand_eye.csv",), 88, NO_ARM),
