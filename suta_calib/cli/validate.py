@@ -30,7 +30,6 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     from suta_calib.analysis.comparison import check_calibrated, compare_arms
     from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.comparison import comparison_document
-    from suta_calib.tracking.uncertainty import read_uncertainty
 
     loaded = CalibrationJob.load(job)
     if not loaded.validation:
@@ -44,6 +43,8 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     other = arm.model_of(urdf)
     beside, uncertainty = dict[str, float](), None
     if result is not None:
+        from suta_calib.tracking.uncertainty import read_uncertainty
+
         found = read_uncertainty(result, other, anyway=anyway)
         check_calibrated(loaded.arm, other, found.values)
         names, factor = found.folded(other)

@@ -15,7 +15,6 @@ import numpy as np
 
 from suta_calib.assessment import Assessment, refuse_unusable
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
-from suta_calib.diagnostics.explanation import Explanation, explain_solution
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
@@ -38,6 +37,7 @@ from suta_calib.terms.poses import together
 from suta_calib.units import shown, unit_name
 
 if TYPE_CHECKING:
+    from suta_calib.diagnostics.explanation import Explanation
     from suta_calib.diagnostics.repeats import TouchRepeatability
     from suta_calib.plotting.scene import Scene
     from suta_calib.view.calibrated import Calibrated
@@ -226,6 +226,8 @@ class CalibrationResult(Shown):
     @property
     def explanations(self) -> tuple[Explanation, ...]:
         """Why parameters are held; empty where the solution may not be used."""
+        from suta_calib.diagnostics.explanation import explain_solution
+
         return explain_solution(self.solution)
 
     @property

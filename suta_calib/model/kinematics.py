@@ -139,7 +139,7 @@ class _Walk:
 
     def value(self, name: str) -> Symbol:
         k = self.index.get(name)
-        return self.theta[k] if k is not None else ca.SX(self.nominal.get(name, 0.0))
+        return self.theta[k] if k is not None else float(self.nominal.get(name, 0.0))
 
     def matters(self, name: str) -> bool:
         """Whether a parameter that is usually zero is unknown, or not zero."""
@@ -162,55 +162,57 @@ class _Walk:
             self._move(segment, q)
 
     def _shift(self, segment: Segment) -> None:
-        names, nominal = segment.names(*POSITION), ca.SX(_snapped(segment.rotation))
+        names, nominal = segment.names(*POSITION), _snapped(segment.rotation)
         if segment.climbed:
-            self.rotation = self.rotation @ nominal.T
-        stretch: Symbol = ca.SX(1)
+            self._rotate(nominal.T)
         axes = -self.rotation if segment.climbed else self.rotation
         along = axes @ ca.vertcat(*map(self.value, names))
-        warmth = ca.SX(0) if self.warmth is None else self.warmth
         # A joint that is called as all links are has no expansion of its own.
-        for expansion in dict.fromkeys(f"{owner}.{EXPANSION}" for owner in (LINKS, segment.owner)):
-            if self.matters(expansion):
-                stretch += self.value(expansion) * warmth
+        both = dict.fromkeys(f"{owner}.{EXPANSION}" for owner in (LINKS, segment.owner))
+        if grown := [expansion for expansion in both if self.matters(expansion)]:
+            warmth = ca.SX(0) if self.warmth is None else self.warmth
+            for expansion in grown:
                 self.note(expansion, along * warmth)
+            stretch = 1 + sum(map(self.value, grown)) * warmth
+            axes, along = axes * stretch, along * stretch
         for k, name in enumerate(names):
             if name in self.index:
-                self.note(name, axes[:, k] * stretch)
-        self.position += along * stretch
+                self.note(name, axes[:, k])
+        self.position += along
         if not segment.climbed:
-            self.rotation = self.rotation @ nominal
+            self._rotate(nominal)
+
+    def _rotate(self, nominal: FloatArray) -> None:
+        if not np.array_equal(nominal, np.eye(3)):
+            self.rotation = self.rotation @ ca.DM(nominal)
 
     def _turn(self, segment: Segment) -> None:
         names = segment.names(*ROTATION)
         if not any(map(self.matters, names)):
             return
-        turn, derivative = _turned()(ca.vertcat(*map(self.value, names)))
+        turn, axes = _turned()(ca.vertcat(*map(self.value, names)))
         if segment.climbed:
             self.rotation = self.rotation @ turn.T
+        about = (-self.rotation if segment.climbed else self.rotation) @ axes
         for k, name in enumerate(names):
-            # The axis in the frame before the turn, in which the turn's two sides are alike.
-            spin = ca.reshape(derivative[:, k], 3, 3) @ turn.T
-            axis = ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0])
-            way = -1 if segment.climbed else 1
-            self.note(name, way * self.rotation @ axis, self.position)
+            self.note(name, about[:, k], self.position)
         if not segment.climbed:
             self.rotation = self.rotation @ turn
 
     def _move(self, segment: Segment, q: Symbol) -> None:
         if segment.motion == "fixed":
             return
-        reading = segment.multiplier * q[segment.column] + segment.shift
-        axis, way = _snapped(segment.axis), -1 if segment.climbed else 1
-        # The axis is the same in the frames before and behind the motion.
-        along, point = self.rotation @ ca.SX(axis), self.position
-        before = self.rotation, self.position
-        (offset,) = segment.names(OFFSET)
-        amount, effects = reading + self.value(offset), {offset: ca.SX(1)}
+        reading = q[segment.column]
+        if (segment.multiplier, segment.shift) != (1.0, 0.0):
+            reading = segment.multiplier * reading + segment.shift
+        axis, way = ca.DM(_snapped(segment.axis)), -1 if segment.climbed else 1
+        point, before = self.position, (self.rotation, self.position)
+        turns = segment.motion == "revolute"
+        amount, effects = reading, dict[str, Symbol]()
         for name, effect in self._beside_the_reading(segment, reading, q):
             amount += self.value(name) * effect
             effects[name] = effect
-        turns = segment.motion == "revolute"
+        spun, along = _spun()(self.rotation, axis, way * amount)
         for name, effect in effects.items():
             if name in self.index:
                 self.note(name, way * along * effect, point if turns else None)
@@ -221,10 +223,7 @@ class _Walk:
                 pull = ca.jacobian(self.torques[segment.owner], self.value(name))
                 self.note(name, way * along * self.value(compliance) * pull, point)
         if turns:
-            # Rodrigues' formula; CasADi leaves out what is exactly zero.
-            outer = ca.SX(_snapped(np.outer(axis, axis)))
-            spin = ca.sin(way * amount) * ca.skew(ca.SX(axis))
-            self.rotation @= ca.cos(amount) * (ca.SX.eye(3) - outer) + spin + outer
+            self.rotation = spun
         else:
             self.position += way * along * amount
         behind = before if segment.climbed else (self.rotation, self.position)
@@ -233,8 +232,8 @@ class _Walk:
     def _beside_the_reading(
         self, segment: Segment, reading: Symbol, q: Symbol
     ) -> Iterator[tuple[str, Symbol]]:
-        """Names of errors that are no geometry, with the joint's turn per unit of each."""
-        turns: dict[str, Callable[[], Symbol]] = {GAIN: lambda: reading}
+        """Names of its offset and of errors that are no geometry, with its turn per unit."""
+        turns: dict[str, Callable[[], Symbol]] = {OFFSET: lambda: 1, GAIN: lambda: reading}
         if segment.motion == "revolute":
             turns |= {
                 "ecc_c1": lambda: ca.cos(reading),
@@ -259,14 +258,16 @@ class _Walk:
 
     def jacobian(self) -> Symbol:
         """(6, rows): linear over angular velocity of the tip in the base frame, per parameter."""
-        rows = []
+        twist, rows = _twist(), [ca.SX(6, 0)]
         for k in range(self.rows):
-            angular, linear = ca.SX(3, 1), ca.SX(3, 1)
-            for direction, point in self.columns[k]:
-                linear += direction if point is None else ca.cross(direction, self.position - point)
-                angular += ca.SX(3, 1) if point is None else direction
-            rows.append(ca.vertcat(linear, angular))
-        return ca.horzcat(*rows) if rows else ca.SX(6, 0)
+            parts = [
+                ca.vertcat(direction, ca.SX(3, 1))
+                if point is None
+                else twist(direction, self.position - point)
+                for direction, point in self.columns[k]
+            ]
+            rows.append(sum(parts[1:], parts[0]) if parts else ca.SX(6, 1))
+        return ca.horzcat(*rows)
 
 
 def forward_kinematics(
@@ -326,7 +327,6 @@ def forward_kinematics(
         [ca.densify(o) for o in outputs],
         list(inputs),
         ["rotation", "position", "jacobian"],
-        {"cse": True},
     )
 
 
@@ -336,12 +336,42 @@ def _walked(segments: Sequence[Segment], walk: _Walk, q: Symbol) -> _Walk:
     return walk
 
 
+# What is done with every segment is composed once: an operation on symbols takes some 20 µs from
+# Python, however small it is, and so does a whole function of them. CasADi leaves out what is zero.
+
+
 @cache
 def _turned() -> Symbol:
-    """CasADi function (rotation vector (3)) → rotation (3, 3), its derivative (9, 3)."""
+    """CasADi function (rotation vector (3)) → rotation (3, 3), axes (3, 3) of its components.
+
+    A column is the angular velocity for unit change of a component, in the frame before the turn,
+    in which the turn's two sides are alike.
+    """
     vector = ca.SX.sym("r", 3)
     turn = symbolic_rotation(vector)
-    return ca.Function("turned", [vector], [turn, ca.jacobian(ca.vec(turn), vector)])
+    derivative = ca.jacobian(ca.vec(turn), vector)
+    spins = [ca.reshape(derivative[:, k], 3, 3) @ turn.T for k in range(3)]
+    axes = [ca.vertcat(spin[2, 1], spin[0, 2], spin[1, 0]) for spin in spins]
+    return ca.Function("turned", [vector], [turn, ca.horzcat(*axes)])
+
+
+@cache
+def _spun() -> Symbol:
+    """CasADi function (rotation (3, 3), axis (3), angle) → rotation (3, 3), its axis (3).
+
+    By Rodrigues' formula; the axis, where the rotation has brought it, is the same behind the turn.
+    """
+    rotation, axis, angle = ca.SX.sym("R", 3, 3), ca.SX.sym("a", 3), ca.SX.sym("t")
+    outer = axis @ axis.T
+    spin = ca.cos(angle) * (ca.SX.eye(3) - outer) + ca.sin(angle) * ca.skew(axis) + outer
+    return ca.Function("spun", [rotation, axis, angle], [rotation @ spin, rotation @ axis])
+
+
+@cache
+def _twist() -> Symbol:
+    """CasADi function (axis (3), lever (3)) → linear and angular velocity (6) of a turn."""
+    axis, lever = ca.SX.sym("a", 3), ca.SX.sym("p", 3)
+    return ca.Function("twist", [axis, lever], [ca.vertcat(ca.cross(axis, lever), axis)])
 
 
 def _snapped(array: FloatArray) -> FloatArray:

@@ -91,14 +91,15 @@ class Points:
     Attributes:
         x, y: (n,) their middles.
         size: points across, or (n,) of each.
-        shape, fill, edge, label: of all; no fill where it is empty.
+        fill: a colour, or of each; empty for none.
+        shape, edge, label: of all.
     """
 
     x: FloatArray
     y: FloatArray
     size: float | FloatArray = 5.0
     shape: Shape = "circle"
-    fill: str = ""
+    fill: str | Sequence[str] = ""
     edge: str = BLACK
     label: str = ""
 

@@ -95,11 +95,11 @@ def _draw(axes: Any, mark: Mark, x: Axis, y: Axis, order: int) -> Any:
         line: dict[str, Any] = {"colors": mark.colour, "linewidths": mark.width}
         line |= {"linestyles": _DASHES[mark.dash], "label": mark.label, "zorder": order}
         return axes.add_collection(LineCollection([*lines], **line))
-    if isinstance(mark, Points) and isinstance(mark.size, np.ndarray):
-        of_each: dict[str, Any] = {"facecolors": mark.fill or "none", "edgecolors": mark.edge}
-        of_each |= {"marker": _SHAPES[mark.shape], "label": mark.label, "zorder": order}
-        return axes.scatter(mark.x, mark.y, mark.size**2, clip_on=False, **of_each)
     if isinstance(mark, Points):
+        if isinstance(mark.size, np.ndarray) or not isinstance(mark.fill, str):
+            of_each: dict[str, Any] = {"facecolors": mark.fill or "none", "edgecolors": mark.edge}
+            of_each |= {"marker": _SHAPES[mark.shape], "label": mark.label, "zorder": order}
+            return axes.scatter(mark.x, mark.y, np.square(mark.size), clip_on=False, **of_each)
         point: dict[str, Any] = {"markerfacecolor": mark.fill or "none", "clip_on": False}
         point |= {"markeredgecolor": mark.edge, "markersize": mark.size, "label": mark.label}
         return axes.plot(mark.x, mark.y, _SHAPES[mark.shape], zorder=order, **point)[0]

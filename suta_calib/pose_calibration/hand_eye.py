@@ -36,6 +36,7 @@ from suta_calib.terms.hand_eye_start import (
     EYE_TO_HAND,
     EyeSetup,
     Poses,
+    chordal_mean,
     close_the_loop,
     inverse_poses,
     loop_closures,
@@ -46,8 +47,6 @@ from suta_calib.units import deg, from_deg, text
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
 NEEDED: Final = 3
 SAMPLE: Final = 4
-# Loops that may be the middle one: some of them are good ones, however many are outliers.
-CANDIDATES: Final = 25
 LEAST_POSES: Final = 3
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.
@@ -278,12 +277,24 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
 
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     """Distance (m, n, 2) of every loop from the middle of all, in length and in angle."""
-    R, p = loop_closures(A, X, B)
-    middle = np.median(p, axis=-2, keepdims=True)
-    # Of some of the rotations the one that is nearest to all: a median.
-    some = R[:, :: 1 + R.shape[1] // CANDIDATES]
-    trace = some.reshape(len(R), -1, 9) @ np.swapaxes(R.reshape(len(R), -1, 9), 1, 2)
-    best = np.argmax(np.median(trace, axis=2), axis=1)
-    cosine = (trace[np.arange(len(R)), best] - 1.0) / 2.0
+    R, p = _loops(A, B, X)
+    middle = np.median(p, axis=-1, keepdims=True)
+    # Of every number of the rotations the median, and the rotation next to these.
+    centre = chordal_mean(np.median(R, axis=-1).reshape(-1, 1, 3, 3)).reshape(-1, 1, 9)
+    cosine = ((centre @ R)[:, 0] - 1.0) / 2.0
     turned = np.arccos(np.clip(cosine, -1.0, 1.0))
-    return np.stack([np.linalg.norm(p - middle, axis=-1), turned], axis=-1)
+    return np.stack([np.linalg.norm(p - middle, axis=1), turned], axis=-1)
+
+
+def _loops(A: Poses, B: Poses, X: Poses) -> Poses:
+    """Every ``A_i X B_i`` for every X, number by number: rotations (m, 9, n), positions (m, 3, n).
+
+    They are linear in X: one product of matrices makes them all.
+    """
+    n, unknown = len(A[1]), X[0].reshape(-1, 9)
+    turning = np.einsum("nab,ncd->bcadn", A[0], B[0]).reshape(9, -1)
+    reaching = np.einsum("nab,nc->bcan", A[0], B[1]).reshape(9, -1)
+    shifting = np.einsum("nab->ban", A[0]).reshape(3, -1)
+    R = (unknown @ turning).reshape(-1, 9, n)
+    p = (unknown @ reaching + X[1] @ shifting).reshape(-1, 3, n) + A[1].T
+    return R, p

@@ -12,7 +12,16 @@ from suta_calib.plotting.change import Change
 from suta_calib.plotting.chart import Axis, Boxes, Chart, Lines, Mark, Words, ends
 from suta_calib.plotting.errors import error_histogram, grouped_errors
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_WRITTEN
-from suta_calib.plotting.look import BLACK, BLUE, ORANGE, ROW_HEIGHT, WHITE, shortened
+from suta_calib.plotting.look import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    ROW_HEIGHT,
+    SHADES,
+    WHITE,
+    shade,
+    shortened,
+)
 from suta_calib.plotting.parameters import parameter_changes
 from suta_calib.report.chart_svg import chart_svg
 from suta_calib.units import Unit
@@ -26,11 +35,6 @@ _LEAST_BOXES: Final = 50.0
 _CELL: Final = 17.5
 _LEAST_MAP: Final = 150.0
 _SCALE: Final = 11.0
-# ColorBrewer's Blues (Brewer, 2003, https://colorbrewer2.org), in ten steps: sizes of correlations.
-_SHADES: Final = (
-    *("#f7fbff", "#e3eef8", "#d0e1f2", "#b7d4ea", "#94c4df"),
-    *("#6aaed6", "#4a98c9", "#2e7ebc", "#1764ab", "#08306b"),
-)
 
 
 def histogram_svg(
@@ -145,16 +149,16 @@ def correlations_svg(names: Sequence[str], matrix: FloatArray, name: str) -> str
     last = len(keep) - 0.5
     cells = Chart(
         [
-            Boxes(column - 0.5, column + 0.5, row - 0.5, row + 0.5, [*map(_shade, value)]),
+            Boxes(column - 0.5, column + 0.5, row - 0.5, row + 0.5, [*map(shade, np.abs(value))]),
             Words(column[written], row[written], texts, colours),
         ],
         Axis("", -0.5, last, names=at, size=7.0),
         Axis("", last, -0.5, names=at, size=7.0),
     )
-    sizes = np.arange(len(_SHADES)) / len(_SHADES)
+    sizes = np.arange(len(SHADES)) / len(SHADES)
     nothing, one = np.zeros(len(sizes)), np.ones(len(sizes))
     scale = Chart(
-        [Boxes(nothing, one, sizes, sizes + 1.0 / len(sizes), _SHADES)],
+        [Boxes(nothing, one, sizes, sizes + 1.0 / len(sizes), SHADES)],
         Axis("", 0.0, 1.0, names=[]),
         Axis(
             "size of the correlation (no unit)",
@@ -165,8 +169,3 @@ def correlations_svg(names: Sequence[str], matrix: FloatArray, name: str) -> str
     side = max(_CELL * len(keep), _LEAST_MAP)
     description = "Correlations of the estimated parameters"
     return chart_svg([cells, scale], name, description, side, [side, _SCALE])
-
-
-def _shade(correlation: float) -> str:
-    """The colour of its size."""
-    return _SHADES[min(int(abs(correlation) * len(_SHADES)), len(_SHADES) - 1)]

@@ -251,9 +251,11 @@ class _Panel:
         elif isinstance(mark, Points):
             shapes = _shapes(mark, self._x(mark.x), self._y(mark.y))
             # What is in one path has all its edges above all its faces.
-            paths = ["".join(shapes)] if isinstance(mark.size, float) else shapes
-            for path in paths:
-                yield _path(path, _points(mark))
+            if isinstance(mark.size, float) and isinstance(mark.fill, str):
+                shapes = {k: "".join(shapes.values()) for k in list(shapes)[:1]}
+            for k, path in shapes.items():
+                fill = mark.fill if isinstance(mark.fill, str) else mark.fill[k]
+                yield _path(path, _points(mark, fill))
         else:
             for x, y, text, colour in zip(
                 self._x(mark.x), self._y(mark.y), mark.texts, mark.colours, strict=True
@@ -330,10 +332,10 @@ def _sample(mark: Labelled, left: float, middle: float, hatched: dict[str, str])
     """What a mark looks like, for the legend."""
     if isinstance(mark, Lines):
         return _path(f"M{left:.1f} {middle:.1f}h{_SAMPLE}", _stroke(mark))
+    fill = mark.fill if isinstance(mark.fill, str) else mark.fill[0]
     if isinstance(mark, Points):
         size = float(np.mean(mark.size)) if len(mark.x) else _LEGEND
-        return _path(_shape(mark, size, left + _SAMPLE / 2, middle), _points(mark))
-    fill = mark.fill if isinstance(mark.fill, str) else mark.fill[0]
+        return _path(_shape(mark, size, left + _SAMPLE / 2, middle), _points(mark, fill))
     half = 0.35 * _LEGEND
     box = _box(left, left + _SAMPLE, middle - half, middle + half)
     return _path(box, _face(mark, fill, hatched, 1.0))
@@ -348,12 +350,12 @@ def _stroke(mark: Lines) -> str:
     return f"fill: none;stroke: {mark.colour};stroke-width: {mark.width:g}{_DASHES[mark.dash]}"
 
 
-def _points(mark: Points) -> str:
-    return f"fill: {mark.fill or 'none'};stroke: {mark.edge}"
+def _points(mark: Points, fill: str) -> str:
+    return f"fill: {fill or 'none'};stroke: {mark.edge}"
 
 
-def _shapes(mark: Points, x: FloatArray, y: FloatArray) -> list[str]:
-    """The outlines of all points at places of the figure, in their order."""
+def _shapes(mark: Points, x: FloatArray, y: FloatArray) -> dict[int, str]:
+    """The outlines of points at places of the figure, by their number."""
     sizes = np.broadcast_to(mark.size, x.shape)
     chosen = np.arange(len(x))
     if len(x) > _MANY:
@@ -361,7 +363,8 @@ def _shapes(mark: Points, x: FloatArray, y: FloatArray) -> list[str]:
         cell = np.stack([x, y]) // (_HIDDEN * sizes)
         chosen = np.sort(np.unique(cell, axis=1, return_index=True)[1])
     places = zip(sizes[chosen].tolist(), x[chosen].tolist(), y[chosen].tolist(), strict=True)
-    return [_shape(mark, *each) for each in places]
+    outlines = (_shape(mark, *each) for each in places)
+    return dict(zip(chosen.tolist(), outlines, strict=True))
 
 
 def _shape(mark: Points, size: float, x: float, y: float) -> str:

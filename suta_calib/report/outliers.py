@@ -24,11 +24,10 @@ from suta_calib.analysis.outliers import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.analysis.outliers.plots import TOLD, draw_metrics
-from suta_calib.plotting.style import WIDTH
+from suta_calib.analysis.outliers.plots import PANEL, TOLD, metric_charts
+from suta_calib.report.chart_svg import Row, rows_svg
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.report.svg import Margins, picture, svg_text
 from suta_calib.units import NOTHING, key, shown, text, unit_name
 
 NAME: Final = "outliers"
@@ -268,8 +267,6 @@ def _figures(found: Outliers) -> list[Figure]:
 
 
 def _metrics_plot(term: TermOutliers, name: str) -> str:
-    height = WIDTH * (1.06 if term.position is not None else 0.9)
-    margins = Margins(bottom=0.5, top=0.3, between=0.7, below=0.7)
-    with picture(name, (WIDTH * 1.25, height), margins, 2, 2) as figure:
-        draw_metrics(figure, term)
-        return svg_text(figure, name, f"The four outlier metrics {term.drawn_over}") + "\n"
+    charts = metric_charts(term)
+    rows = [Row(charts[:2], PANEL), Row(charts[2:], PANEL)]
+    return rows_svg(rows, name, f"The four outlier metrics {term.drawn_over}") + "\n"

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
+import yaml
 from hypothesis import given
 from hypothesis import strategies as st
 
 from suta_calib.errors import InputError, JobError
-from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements import YamlSection, read_yaml, yaml_nodes
 
 
 @pytest.fixture(scope="session")
@@ -105,6 +107,42 @@ tokens = st.sampled_from([*"-:?[]{},&*!|>%@`#'\"~ \n\t", "a", "1", "...", "---",
 @given(parts=st.lists(tokens, max_size=30))
 def test_arbitrary_yaml_tokens(scratch: Path, parts: list[str]) -> None:
     test_arbitrary_content.hypothesis.inner_test(scratch, "".join(parts).encode())
+
+
+numbers = st.text("0123456789abefoxinINF+-._~nulTRUE:", max_size=8)
+
+
+@given(parts=st.lists(st.one_of(tokens, numbers), max_size=20))
+def test_what_both_libraries_read_they_read_alike(scratch: Path, parts: list[str]) -> None:
+    text = "a: " + "".join(parts)
+    quick = yaml_nodes._quickly(text)
+    if quick is None:
+        return
+    with suppress(InputError):
+        careful = yaml_nodes._carefully(scratch, text, InputError)
+        told = [{}, {}]
+        found = [
+            yaml_nodes._Plain(scratch, InputError, lines).value(node, (), ())
+            for node, lines in zip((quick, careful), told, strict=True)
+        ]
+        assert repr(found[0]) == repr(found[1])
+        assert told[0] == told[1]
+
+
+@pytest.mark.parametrize("text", ["a: " + "[" * 100_000, "- " * 100_000 + "a", "{a: " * 100_000])
+def test_what_is_nested_in_thousands_ends_nothing(tmp_path: Path, text: str) -> None:
+    with pytest.raises(InputError, match="nested too deeply"):
+        read_yaml(write(tmp_path, text))
+
+
+def test_without_libyaml_the_same_is_read(
+    repository: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for file in sorted((repository / "data" / "suta").glob("*.yaml")):
+        quick = read_yaml(file)
+        with monkeypatch.context() as patched:
+            patched.setattr(yaml, "__with_libyaml__", False)
+            assert read_yaml(file) == quick
 
 
 def test_files_are_those_of_all_patterns_each_once(tmp_path: Path) -> None:

@@ -110,6 +110,7 @@ def test_matplotlib_draws_every_mark_between_the_same_ends() -> None:
             Points(one, one, label="point"),
             Words(one, one, ["word"], ["#000000"], haloed=True),
             Points(2 * one, one, np.array([3.0]), "cross"),
+            Points(3 * one, one, 4.0, fill=["#00ff00"]),
         ],
         Axis("x, mm", 0.5, 4.0, log=True),
         Axis("y", 3.5, 0.0, names=[(1.0, "one"), (2.0, "two")], grid=True),
@@ -127,6 +128,8 @@ def test_matplotlib_draws_every_mark_between_the_same_ends() -> None:
     np.testing.assert_allclose(axes.collections[0].get_segments(), [[[0.5, 1.0], [4.0, 1.0]]])
     assert [text.get_text() for text in axes.texts] == ["word"]
     assert axes.collections[1].get_sizes() == pytest.approx([9.0])
+    assert axes.collections[2].get_sizes() == pytest.approx([16.0])
+    np.testing.assert_allclose(axes.collections[2].get_facecolor(), [[0.0, 1.0, 0.0, 1.0]])
     assert axes.get_title() == "title"
     assert not any(each.get_visible() for each in axes.spines.values())
 

@@ -140,6 +140,17 @@ def test_marks_have_sizes_of_their_own() -> None:
     assert [np.ptp(each[:, 0]) for each in corners] == pytest.approx([2.0, 4.0, 8.0], abs=0.11)
 
 
+def test_marks_have_colours_of_their_own() -> None:
+    x, colours = np.array([2.0, 5.0, 8.0]), [BLUE, ORANGE, "#123456"]
+    for size in (4.0, np.array([4.0, 5.0, 6.0])):
+        root = drawn(Chart([Points(x, x / 4, size, fill=colours, label="marks")], X, Y))
+        found = [paths(root, f"fill: {colour}") for colour in colours]
+        # The legend's sample has the first one's.
+        assert [len(each) for each in found] == [2, 1, 1]
+        lefts = [numbers(each[0])[0] for each in found]
+        assert lefts == sorted(lefts)
+
+
 def test_of_many_marks_those_are_drawn_that_are_seen() -> None:
     random = np.random.default_rng(0)
     x = np.concatenate([random.normal(5.0, 0.01, 100_000), [1.0, 9.0]])
