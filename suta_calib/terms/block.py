@@ -173,11 +173,17 @@ def joined(*groupings: IntArray) -> IntArray:
 
 def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
     """Distinct labels in order of first appearance, and which of them each row has."""
-    names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    names, number = numbered(labels)
+    return [str(name) for name in names], number
+
+
+def numbered(values: NDArray[Any]) -> tuple[NDArray[Any], IntArray]:
+    """Distinct values (k,) in order of first appearance, and which of them each row (n,) has."""
+    distinct, first, inverse = np.unique(values, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return [str(names[i]) for i in order], rank[inverse].astype(np.intp)
+    return distinct[order], rank[inverse].astype(np.intp)
 
 
 def grouped_rows(members: IntArray) -> tuple[IntArray, IntArray]:
