@@ -132,7 +132,7 @@ class Identification:
     @cached_property
     def singular_values(self) -> FloatArray:
         """Of the root of what is `told`, descending."""
-        return np.sqrt(np.maximum(np.linalg.eigvalsh(self.told)[::-1], 0.0))
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.told)[::-1], 0.0)))
 
     def given(self, name: str) -> tuple[str, ...]:
         """Fixed parameters relative to which this one's value has its meaning."""

@@ -53,6 +53,8 @@ class Noise:
     fixed: bool = False
 
 
+# Numbers from which on a sparse product is worth importing SciPy's.
+SUMMED: Final = 1_000_000
 # Least squares, and a scatter that is learnt.
 LEARNT: Final = Noise()
 
@@ -210,6 +212,11 @@ def first_of_each(rows: IntArray) -> IntArray:
 
 def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
     """Sums (count, w) of rows (n, w) over each of ``count`` groups (n,)."""
+    if rows.size > SUMMED:
+        from scipy.sparse import csc_array
+
+        ones, pointer = np.ones(len(rows)), np.arange(len(rows) + 1)
+        return np.asarray(csc_array((ones, group, pointer), (count, len(rows))) @ rows)
     # A column at a time: `np.add.at` takes ten times as long.
     columns = [np.bincount(group, column, count) for column in rows.T]
     return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
