@@ -274,7 +274,8 @@ def landmark_pairs(samples: Samples) -> IntArray:
         ),
     ]
     pairs = np.concatenate(found).astype(np.intp)
-    return pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]]
+    different = landmark[pairs[:, 0]] != landmark[pairs[:, 1]]
+    return np.asarray(pairs[different])
 
 
 def _original(numbers: FloatArray, origin: Sequence[str]) -> BoolArray:
