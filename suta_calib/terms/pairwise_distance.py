@@ -260,19 +260,16 @@ def landmark_pairs(samples: Samples) -> IntArray:
     sets = placement * (repeat.max(initial=0) + 1) + repeat
     original = _original(np.column_stack([sets, landmark, samples.q]), samples.origin)
     thinned = _possible_pairs(np.bincount(sets[original])) > MOST_PAIRS
-    partners = max(1, MOST_PAIRS // len(sets)) if thinned else len(sets)
     kept = np.flatnonzero(original)
     kept = kept[np.argsort(sets[kept], kind="stable")]
-    size = np.bincount(sets[kept])[sets[kept]]
-    large = size - 1 > 2 * partners
-    some, small = kept[large], kept[~large]
-    found = [
-        some[_some_pairs(sets[some], landmark[some], partners)],
-        *(
-            rows[_all_pairs(len(rows))]
-            for rows in np.split(small, np.flatnonzero(np.diff(sets[small])) + 1)
-        ),
-    ]
+    found = [np.zeros((0, 2), dtype=np.intp)]
+    if thinned:
+        partners = max(1, MOST_PAIRS // len(sets))
+        large = np.bincount(sets[kept])[sets[kept]] - 1 > 2 * partners
+        some, kept = kept[large], kept[~large]
+        found.append(some[_some_pairs(sets[some], landmark[some], partners)])
+    for rows in np.split(kept, np.flatnonzero(np.diff(sets[kept])) + 1):
+        found.append(rows[_all_pairs(len(rows))])
     pairs = np.concatenate(found).astype(np.intp)
     different = landmark[pairs[:, 0]] != landmark[pairs[:, 1]]
     return np.asarray(pairs[different])
