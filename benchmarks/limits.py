@@ -78,6 +78,7 @@ LIMITS: Final = (
     Limit("plan", "`plan -n 4`, shipped job", 4.0, "s", "bench_commands.py"),
     Limit("tip-map", "`tip-map`, shipped job", 4.0, "s", "bench_commands.py"),
     Limit("study", "1,000 calibrations of a study, one process", 10, "s", "bench_study.py"),
+    Limit("study-two", "the same on two processes, wall time", 5, "s", "bench_study.py"),
     Limit("trf-posed", "SciPy's TRF, 13 unknowns", 20, "× ours", "bench_solver.py", least=True),
     Limit("trf-found", "SciPy's TRF, 10 unknowns", 8, "× ours", "bench_solver.py", least=True),
     Limit("trf-nine-posed", "SciPy's TRF, 9 unknowns", 10, "× ours", "bench_solver.py", least=True),
@@ -91,6 +92,14 @@ LIMITS: Final = (
     ),
     Limit("trf-jacobian", "TRF, our Jacobian", 1, "× ours", "bench_solver.py", least=True),
     Limit("live", "frame to published pose, p99, 768 Hz", 1, "ms", "bench_tracking.py"),
+    Limit(
+        "bulk",
+        "readings decoded in bulk, the slowest format",
+        20,
+        "× 768 Hz",
+        "bench_device.py",
+        least=True,
+    ),
 )
 BY_KEY: Final = {limit.key: limit for limit in LIMITS}
 

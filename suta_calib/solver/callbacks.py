@@ -42,6 +42,9 @@ def ipopt_options(max_iterations: int, scaling: float) -> dict[str, Any]:
         "ipopt.bound_push": 1e-8,
         "ipopt.bound_frac": 1e-8,
         "ipopt.mu_init": 1e-6,
+        # Nor with multipliers of one, which no bound asks for: at a minimum it would go on until
+        # they have vanished, and its line search would look for what rounding leaves of the cost.
+        "ipopt.bound_mult_init_method": "mu-based",
         "ipopt.bound_relax_factor": 0.0,
     }
 

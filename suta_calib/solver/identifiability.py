@@ -8,7 +8,9 @@ that tells what moves with it. Rank is never asked for: with noise no direction 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -48,19 +50,89 @@ class Combination:
 
 
 @dataclass(frozen=True, eq=False)
+class _LeftOpen:
+    """What the data leave open among some parameters.
+
+    Attributes:
+        names: (n,) of the parameters.
+        unit: (n,) what is plausible of each.
+        chosen: which of them are fixed for it, from 0.
+        weak: (n, chosen) the directions, in plausible units.
+        curvature: (n, n) information with priors, in plausible units.
+        noise_induced: (n, n) what noise makes up of it.
+    """
+
+    names: NDArray[np.str_]
+    unit: FloatArray
+    chosen: list[int]
+    weak: FloatArray
+    curvature: FloatArray
+    noise_induced: FloatArray
+
+    def combinations(self) -> Iterator[Combination]:
+        """The directions by name, in physical units per unit of the fixed parameter."""
+        if not self.chosen:
+            return
+        for column, index in zip(self._echelon().T, self.chosen, strict=True):
+            physical = column * self.unit / self.unit[index]
+            direction = {str(self.names[i]): float(physical[i]) for i in np.flatnonzero(physical)}
+            yield Combination(str(self.names[index]), direction)
+
+    def _echelon(self) -> FloatArray:
+        """The weak directions with one fixed parameter each, and nothing that noise put there.
+
+        Entries are dropped while the direction stays as weak as it was: an exact null direction
+        keeps all of its true parts, one that is only weak keeps those that make it so.
+        """
+        curvature, noise_induced = self.curvature, self.noise_induced
+        echelon = self.weak @ np.linalg.inv(self.weak[self.chosen])
+        floor = 1e3 * ROUNDING * max(float(np.linalg.eigvalsh(curvature)[-1]), 1e-300)
+        for column in echelon.T:
+            along = curvature @ column
+            known = left = float(column @ along)
+            exact = known <= floor
+            still_weak = max(4.0 * known, 1e-3 * floor if exact else 0.25 / WEAK**2)
+            parts = np.argsort(np.abs(column))
+            for i in parts[:-1]:
+                # What is left without this part, and what noise made of it.
+                part, column[i] = column[i], 0.0
+                left += part * (part * curvature[i, i] - 2.0 * along[i])
+                by_noise = (
+                    0.0 if exact else float(column @ noise_induced @ column) / NOISE_INDUCED_SHARE
+                )
+                if left > max(still_weak, by_noise):
+                    column[i] = part
+                    break
+                along -= part * curvature[:, i]
+        return echelon
+
+
+@dataclass(frozen=True, eq=False)
 class Identification:
     """The verdict on a set of parameters.
 
+    What is fixed is all that a refit asks for, and half the work: the rest is done when asked for.
+
     Attributes:
         fixed: indices of the parameters that must stay at nominal.
-        combinations: one for each of them, in the same order.
-        singular_values: of the arm's information root with parameters in plausible units,
-            descending (of the own ones where there is no arm).
+        left_open: the directions for which they do: the arm's, then the terms' own.
+        told: information (n, n) in plausible units on the arm (on the own ones where there is
+            none).
     """
 
     fixed: IntArray
-    combinations: tuple[Combination, ...]
-    singular_values: FloatArray
+    left_open: tuple[_LeftOpen, ...]
+    told: FloatArray
+
+    @cached_property
+    def combinations(self) -> tuple[Combination, ...]:
+        """One for each fixed parameter, in the same order."""
+        return tuple(each for group in self.left_open for each in group.combinations())
+
+    @cached_property
+    def singular_values(self) -> FloatArray:
+        """Of the root of what is `told`, descending."""
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.told)[::-1], 0.0)))
 
     def given(self, name: str) -> tuple[str, ...]:
         """Fixed parameters relative to which this one's value has its meaning."""
@@ -92,8 +164,7 @@ def identify(
     prior = precision * unit**2
     arm, own = np.flatnonzero(free[:arm_count]), np.flatnonzero(free[arm_count:]) + arm_count
     reduced = schur_complement(scaled, prior, arm, own)
-    spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(reduced[0])[::-1], 0.0))
-    fixed, combinations = list[int](), list[Combination]()
+    fixed, left_open = list[int](), list[_LeftOpen]()
     rank = _preference(parameters)
     for members, of_members in ((arm, reduced), (own, [m[np.ix_(own, own)] for m in scaled])):
         if not len(members):
@@ -101,11 +172,11 @@ def identify(
         chosen, directions = _choose_fixed(of_members, prior[members], rank[members])
         fixed += [int(members[i]) for i in chosen]
         known = of_members[0] + np.diag(prior[members])
-        sparse = _echelon(directions, chosen, known, of_members[2])
-        combinations += _combinations(names[members], unit[members], chosen, sparse)
-    if not len(arm):
-        spectrum = np.sqrt(np.maximum(np.linalg.eigvalsh(scaled[0])[::-1], 0.0))
-    return Identification(np.array(fixed, dtype=np.intp), tuple(combinations), spectrum)
+        left_open.append(
+            _LeftOpen(names[members], unit[members], chosen, directions, known, of_members[2])
+        )
+    told = reduced[0] if len(arm) else scaled[0]
+    return Identification(np.array(fixed, dtype=np.intp), tuple(left_open), told)
 
 
 def schur_complement(
@@ -171,51 +242,6 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
     by_noise = along[1] * NOISE_INDUCED_SHARE**-1 > np.maximum(values - known, floor)
     weak = (values < floor) | (spread > WEAK) | (by_noise & (known <= 0))
     return np.asarray(vectors[:, weak])
-
-
-def _echelon(
-    weak: FloatArray, chosen: list[int], curvature: FloatArray, noise_induced: FloatArray
-) -> FloatArray:
-    """The weak directions with one fixed parameter each, and nothing in them that noise put there.
-
-    Entries are dropped while the direction stays as weak as it was: an exact null direction keeps
-    all of its true parts, one that is only weak keeps those that make it so.
-    """
-    if not chosen:
-        return weak
-    echelon = weak @ np.linalg.inv(weak[chosen])
-    floor = 1e3 * ROUNDING * max(float(np.linalg.eigvalsh(curvature)[-1]), 1e-300)
-    for column in echelon.T:
-        along = curvature @ column
-        known = left = float(column @ along)
-        exact = known <= floor
-        still_weak = max(4.0 * known, 1e-3 * floor if exact else 0.25 / WEAK**2)
-        parts = np.argsort(np.abs(column))
-        for i in parts[:-1]:
-            # What is left without this part, and what noise made of it.
-            part, column[i] = column[i], 0.0
-            left += part * (part * curvature[i, i] - 2.0 * along[i])
-            by_noise = (
-                0.0 if exact else float(column @ noise_induced @ column) / NOISE_INDUCED_SHARE
-            )
-            if left > max(still_weak, by_noise):
-                column[i] = part
-                break
-            along -= part * curvature[:, i]
-    return echelon
-
-
-def _combinations(
-    names: NDArray[np.str_], unit: FloatArray, chosen: list[int], echelon: FloatArray
-) -> list[Combination]:
-    """The directions by name, in physical units per unit of the fixed parameter."""
-    found = []
-    for column, index in enumerate(chosen):
-        physical = echelon[:, column] * unit / unit[index]
-        parts = np.flatnonzero(physical)
-        direction = {str(names[i]): float(physical[i]) for i in parts}
-        found.append(Combination(str(names[index]), direction))
-    return found
 
 
 def _preference(parameters: ParameterSet) -> FloatArray:

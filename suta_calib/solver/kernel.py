@@ -254,7 +254,7 @@ def _compiled(
     value = residual(moved, own_symbol, data_symbol)
     at_rest = [
         ca.substitute(e, velocity, ca.SX.zeros(6 * poses, 1))
-        for e in (value, ca.jacobian(value, velocity), ca.jacobian(value, own_symbol))
+        for e in (value, ca.jacobian(value, velocity), _by_own(value, own_symbol))
     ]
     columns = np.flatnonzero(np.diff(at_rest[1].sparsity().colind())).astype(np.intp)
     symbols = [s for pair in zip(rotations, positions, strict=True) for s in pair]
@@ -269,6 +269,20 @@ def _compiled(
     if value.shape != (size, 1):
         raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
     return function, columns, used
+
+
+def _by_own(value: Symbol, own: Symbol) -> Symbol:
+    """Jacobian by own parameters, by way of what is made of these alone, such as a rotation matrix.
+
+    How that changes with them is computed once where all rows look at the same ones; and in any
+    case no row's derivative is taken back through the formula of a rotation vector.
+    """
+    rest, names, expressions = ca.extract_parametric(value, own, {})
+    if not names:
+        return ca.jacobian(value, own)
+    made, of_own = ca.vertcat(*names), ca.vertcat(*expressions)
+    chained = ca.jacobian(rest, made) @ ca.jacobian(of_own, own)
+    return ca.substitute(ca.jacobian(rest, own) + chained, made, of_own)
 
 
 def _looked_at(symbols: Sequence[Symbol], values: Symbol) -> tuple[int, ...]:

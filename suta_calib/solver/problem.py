@@ -104,7 +104,7 @@ class Problem:
     def prior_precision(self) -> FloatArray:
         """1/prior² per parameter (n,), zero where nothing is known beforehand."""
         prior = self.parameters.array("prior") * self._prior_scale
-        return np.nan_to_num(prior**-2.0, nan=0.0, posinf=np.inf)
+        return np.where(np.isnan(prior), 0.0, prior**-2.0)
 
     def stated_precision(self) -> FloatArray:
         """1/prior² per parameter (n,) of what may be said to be known before any data.

@@ -53,6 +53,8 @@ class Noise:
     fixed: bool = False
 
 
+# Numbers from which on a sparse product is worth importing SciPy's.
+SUMMED: Final = 1_000_000
 # Least squares, and a scatter that is learnt.
 LEARNT: Final = Noise()
 
@@ -173,11 +175,17 @@ def joined(*groupings: IntArray) -> IntArray:
 
 def grouped(labels: NDArray[Any]) -> tuple[list[str], IntArray]:
     """Distinct labels in order of first appearance, and which of them each row has."""
-    names, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    names, number = numbered(labels)
+    return [str(name) for name in names], number
+
+
+def numbered(values: NDArray[Any]) -> tuple[NDArray[Any], IntArray]:
+    """Distinct values (k,) in order of first appearance, and which of them each row (n,) has."""
+    distinct, first, inverse = np.unique(values, return_index=True, return_inverse=True)
     order = np.argsort(first)
     rank = np.empty_like(order)
     rank[order] = np.arange(len(order))
-    return [str(names[i]) for i in order], rank[inverse].astype(np.intp)
+    return distinct[order], rank[inverse].astype(np.intp)
 
 
 def grouped_rows(members: IntArray) -> tuple[IntArray, IntArray]:
@@ -206,6 +214,11 @@ def _numbered(rows: IntArray) -> IntArray:
 
 def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
     """Sums (count, w) of rows (n, w) over each of ``count`` groups (n,)."""
+    if rows.size > SUMMED:
+        from scipy.sparse import csc_array
+
+        ones, pointer = np.ones(len(rows)), np.arange(len(rows) + 1)
+        return np.asarray(csc_array((ones, group, pointer), (count, len(rows))) @ rows)
     # A column at a time: `np.add.at` takes ten times as long.
     columns = [np.bincount(group, column, count) for column in rows.T]
     return np.stack(columns, axis=1) if columns else np.zeros((count, 0))

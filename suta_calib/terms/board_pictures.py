@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
@@ -71,6 +72,30 @@ class BoardPictures:
     def poses(self) -> Poses:
         """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
         return board_poses(self.points, undistorted(self.pixels, self.camera.intrinsics))
+
+    def of(self, board: Board, camera: Camera, pixels: FloatArray) -> bool:
+        """Whether these are the very same."""
+        return self.board is board and self.camera is camera and self.pixels is pixels
+
+    def take(self, rows: ArrayLike, pixels: FloatArray | None) -> BoardPictures | None:
+        """Some of the pictures, of which these are the pixels; what is known of them is kept."""
+        if pixels is None:
+            return None
+        some = BoardPictures(self.board, self.camera, pixels)
+        if "poses" in vars(self):
+            rotation, position = self.poses
+            chosen = np.asarray(rows)
+            vars(some)["poses"] = rotation[chosen], position[chosen]
+        return some
+
+    @property
+    def pixel(self) -> float | None:
+        """Length, m, that a pixel covers where the board typically is; None if nothing tells."""
+        _, position = self.poses
+        depth = position[:, 2]
+        seen = depth[np.isfinite(depth) & (depth > 0)]
+        focal = float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
+        return float(np.median(seen)) / focal if len(seen) else None
 
     @property
     def told(self) -> BoolArray:

@@ -102,7 +102,7 @@ def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, Float
         return rotation, position
     middle = _middle(np.broadcast_to(points, (len(rows), *points.shape)), there[rows])
     apart = np.where(there[rows, :, None], points - middle[:, None], 0.0)
-    _, size, axes = np.linalg.svd(apart, full_matrices=False)
+    _, size, axes = np.linalg.svd(np.linalg.qr(apart, mode="r"))
     axes = axes * np.stack([np.ones(len(rows))] * 2 + [np.linalg.det(axes)], axis=1)[:, :, None]
     line, flat = size[:, 1] <= _LINE * size[:, 0], size[:, 2] <= _FLAT * size[:, 0]
     for kind, dimension in ((flat & ~line, 2), (~flat & ~line, 3)):
@@ -218,7 +218,8 @@ def _linear_of_each(points: FloatArray, seen: FloatArray, there: BoolArray) -> F
     found = np.full((n, 3, width), np.nan)
     told = there.sum(axis=1) >= (PLANAR if dimension == 2 else SPATIAL)
     told &= np.isfinite(rows).all(axis=(1, 2))
-    _, singular, vectors = np.linalg.svd(rows[told], full_matrices=False)
+    # Of the many rows nothing but their triangle is looked at.
+    _, singular, vectors = np.linalg.svd(np.linalg.qr(rows[told], mode="r"))
     several = singular[:, 3 * width - 2] <= _SINGULAR * singular[:, 0]
     matrix = np.linalg.solve(to_seen[told], vectors[:, -1].reshape(-1, 3, width) @ to_points[told])
     matrix[several] = np.nan

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
@@ -88,6 +89,7 @@ class CameraView(FramedTerm):
         label: terms with the same label share the camera.
         target: terms with the same one share the board.
         prior: of the intrinsics (9,), standard deviations.
+        known_pictures: perhaps those of this board, camera and corners, with what is known of them.
 
     Raises:
         SamplesError: no corner in any picture, or corners of another board.
@@ -145,6 +147,7 @@ class CameraView(FramedTerm):
     label: str = "default"
     target: str = "default"
     prior: FloatArray | None = None
+    known_pictures: BoardPictures | None = field(default=None, kw_only=True, compare=False)
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> CameraView:
@@ -176,10 +179,8 @@ class CameraView(FramedTerm):
             given.get("target", "default"),
             given.get("prior"),
         )
-        if "pixel" not in given and poses.samples.pixels is not None:
-            term = term.at_its_distance()
-        noise: Noise | None = given.get("noise")
-        return term if noise is None else term.with_noise(noise)
+        told = None if "pixel" in given or poses.samples.pixels is None else term.pictures.pixel
+        return term.where_pixels_cover(told or term.pixel, given.get("noise"))
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
@@ -205,16 +206,25 @@ class CameraView(FramedTerm):
 
     def with_noise(self, noise: Noise) -> Self:
         """The same with another noise, in px."""
-        sigma = None if noise.sigma is None else noise.sigma * self.pixel
-        return replace(self, noise=Noise(sigma, noise.huber * self.pixel, noise.fixed))
+        return self.where_pixels_cover(self.pixel, noise)
 
     def at_its_distance(self) -> Self:
         """The same with the length that a pixel covers where the board typically is."""
-        _, position = self.seen_poses
-        depth = position[:, 2]
-        focal = float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
-        told = depth[np.isfinite(depth) & (depth > 0)]
-        return replace(self, pixel=float(np.median(told)) / focal) if len(told) else self
+        return self.where_pixels_cover(self.pictures.pixel or self.pixel)
+
+    def where_pixels_cover(self, pixel: float, noise: Noise | None = None) -> Self:
+        """The same where a pixel covers this length, m, and with this noise, in px, if any."""
+        if noise is not None:
+            sigma = None if noise.sigma is None else noise.sigma * pixel
+            noise = Noise(sigma, noise.huber * pixel, noise.fixed)
+        return replace(self, pixel=pixel, noise=noise or self.noise, known_pictures=self.pictures)
+
+    def take(self, rows: ArrayLike) -> Self:
+        """The term over some of its samples, of which all that pictures tell is known."""
+        poses = self.poses.take(rows)
+        return replace(
+            self, poses=poses, known_pictures=self.pictures.take(rows, poses.samples.pixels)
+        )
 
     @property
     def owners(self) -> tuple[str, str, str]:
@@ -275,7 +285,7 @@ class CameraView(FramedTerm):
             return None
         prior = UNCALIBRATED.stds(self.camera)
         prior[len(FOCAL) + len(CENTRE) :] = 0.0
-        return replace(self, free=True, prior=prior)
+        return replace(self, free=True, prior=prior, known_pictures=self.pictures)
 
     @cached_property
     def pixels(self) -> FloatArray:
@@ -293,7 +303,9 @@ class CameraView(FramedTerm):
     @cached_property
     def pictures(self) -> BoardPictures:
         """What the corners tell without the poses of any hand."""
-        return BoardPictures(self.board, self.camera, self.pixels)
+        known = self.known_pictures
+        same = (self.board, self.camera, self.pixels)
+        return known if known is not None and known.of(*same) else BoardPictures(*same)
 
     @property
     def points(self) -> FloatArray:

@@ -258,20 +258,21 @@ def landmark_pairs(samples: Samples) -> IntArray:
     columns = ("landmark", "placement", "repeat")
     landmark, placement, repeat = (grouped(samples.labels[name])[1] for name in columns)
     sets = placement * (repeat.max(initial=0) + 1) + repeat
-    found = [np.zeros((0, 2), dtype=np.intp)]
     original = _original(np.column_stack([sets, landmark, samples.q]), samples.origin)
     thinned = _possible_pairs(np.bincount(sets[original])) > MOST_PAIRS
-    partners = max(1, MOST_PAIRS // len(sets)) if thinned else len(sets)
-    random = np.random.default_rng(0)
     kept = np.flatnonzero(original)
     kept = kept[np.argsort(sets[kept], kind="stable")]
+    found = [np.zeros((0, 2), dtype=np.intp)]
+    if thinned:
+        partners = max(1, MOST_PAIRS // len(sets))
+        large = np.bincount(sets[kept])[sets[kept]] - 1 > 2 * partners
+        some, kept = kept[large], kept[~large]
+        found.append(some[_some_pairs(sets[some], landmark[some], partners)])
     for rows in np.split(kept, np.flatnonzero(np.diff(sets[kept])) + 1):
-        if len(rows) - 1 > 2 * partners:
-            pairs = rows[_some_pairs(landmark[rows], partners, random)]
-        else:
-            pairs = rows[_all_pairs(len(rows))]
-        found.append(pairs[landmark[pairs[:, 0]] != landmark[pairs[:, 1]]])
-    return np.concatenate(found).astype(np.intp)
+        found.append(rows[_all_pairs(len(rows))])
+    pairs = np.concatenate(found).astype(np.intp)
+    different = landmark[pairs[:, 0]] != landmark[pairs[:, 1]]
+    return np.asarray(pairs[different])
 
 
 def _original(numbers: FloatArray, origin: Sequence[str]) -> BoolArray:
@@ -314,13 +315,20 @@ def _possible_pairs(sizes: IntArray) -> int:
     return int(np.sum(sizes * (sizes - 1) // 2))
 
 
-def _some_pairs(landmark: IntArray, partners: int, random: np.random.Generator) -> IntArray:
-    """(n, 2) different pairs of rows, each row with so many rows of other landmarks, or fewer."""
-    order = np.argsort(landmark, kind="stable")
-    # In this order the rows of a landmark stand together, and those of all others behind them.
-    ends = np.searchsorted(landmark[order], landmark[order], side="right")
-    others = len(order) - np.bincount(landmark)[landmark[order]]
-    chosen = np.floor(random.random((len(order), partners)) * others[:, None]).astype(np.intp)
-    second = order[(ends[:, None] + chosen) % len(order)]
+def _some_pairs(sets: IntArray, landmark: IntArray, partners: int) -> IntArray:
+    """(n, 2) different pairs of rows of one set, each with so many of other landmarks, or fewer.
+
+    Rows stand set by set; all sets are looked at together.
+    """
+    order = np.lexsort((landmark, sets))
+    # In this order the rows of a landmark stand together, and those of all others of the set behind
+    # them, or at its beginning.
+    of_set, of_mark = sets[order], sets[order] * (landmark.max(initial=0) + 1) + landmark[order]
+    begin, end = (np.searchsorted(of_set, of_set, side) for side in ("left", "right"))
+    first, behind = (np.searchsorted(of_mark, of_mark, side) for side in ("left", "right"))
+    others = (end - begin) - (behind - first)
+    drawn = np.random.default_rng(0).random((len(order), partners))
+    chosen = (behind - begin)[:, None] + np.floor(drawn * others[:, None]).astype(np.intp)
+    second = order[begin[:, None] + chosen % (end - begin)[:, None]]
     low, high = np.minimum(order[:, None], second), np.maximum(order[:, None], second)
-    return np.column_stack(np.divmod(np.unique(low * len(order) + high), len(order)))
+    return np.column_stack(np.divmod(np.unique(low * len(order) + high), max(len(order), 1)))

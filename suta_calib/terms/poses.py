@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
 from typing import TYPE_CHECKING, Final
@@ -20,6 +20,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
+from suta_calib.terms.block import numbered
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
@@ -133,6 +134,7 @@ class ArmPoses(PoseSource):
         self.arm = arm
         self.samples = samples
         self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // LEVERS])
+        self._standing = _Standing(samples.q)
 
     @property
     def reach(self) -> float:
@@ -145,13 +147,16 @@ class ArmPoses(PoseSource):
 
     @cached_property
     def rests(self) -> IntArray:
-        """Rows whose readings differ by no more than encoders do at rest, in order or not."""
-        return together(self.samples.q)
+        """Rows whose readings differ by no more than encoders do at rest, in order or not.
+
+        Some of the samples stood still where all of them tell so.
+        """
+        return self._standing.rests
 
     @cached_property
     def postures(self) -> IntArray:
-        """Rows whose readings hardly differ."""
-        return together(self.samples.q, SAME_POSTURE)
+        """Rows whose readings hardly differ, as those of all samples tell."""
+        return self._standing.postures
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
@@ -165,7 +170,8 @@ class ArmPoses(PoseSource):
         """The poses of some samples of the same arm."""
         # A study takes thousands of times: what the constructor refuses is in none of these.
         found = object.__new__(ArmPoses)
-        found.arm, found.samples, found._levers = self.arm, self.samples.take(rows), self._levers
+        found.arm, found.samples = self.arm, self.samples.take(rows)
+        found._levers, found._standing = self._levers, self._standing.take(rows)
         return found
 
 
@@ -185,6 +191,39 @@ class _Levers:
         rest, *turned = position.reshape(-1, len(self.q), 3)
         levers = (np.array(turned) - rest) / step
         return float(np.sqrt(np.sum(levers**2) / len(self.q))) or 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Standing:
+    """Which rows of readings q (n, joints) are alike; asked about some (k,) of them, or all.
+
+    What all tell is found once, however many subsets are looked at.
+    """
+
+    q: FloatArray
+    rows: IntArray | None = None
+    whole: dict[float, IntArray] = field(default_factory=dict)
+
+    @property
+    def rests(self) -> IntArray:
+        """See `ArmPoses.rests`."""
+        return self._apart(WANDER)
+
+    @property
+    def postures(self) -> IntArray:
+        """See `ArmPoses.postures`."""
+        return self._apart(SAME_POSTURE)
+
+    def take(self, rows: ArrayLike) -> _Standing:
+        """Those of some rows, by number or by boolean mask."""
+        before = np.arange(len(self.q)) if self.rows is None else self.rows
+        return _Standing(self.q, before[np.asarray(rows)], self.whole)
+
+    def _apart(self, apart: float) -> IntArray:
+        if apart not in self.whole:
+            self.whole[apart] = together(self.q, apart)
+        of_all = self.whole[apart]
+        return of_all if self.rows is None else numbered(of_all[self.rows])[1]
 
 
 class MeasuredPoses(PoseSource):

@@ -13,7 +13,6 @@ outliers, plans, guided measuring and explanations ask the kind, and name none.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -28,7 +27,7 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import POSITION, Parameter
-from suta_calib.terms.block import Block, first_of_each, grouped, joined
+from suta_calib.terms.block import Block, first_of_each, grouped, joined, numbered
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
@@ -410,13 +409,16 @@ class Term(ABC):
         labels = self.poses.samples.labels
         if not {"placement", "repeat", "landmark"} <= set(labels):
             return np.arange(len(self.poses), dtype=np.intp)
-        seen: Counter[tuple[str, str, str]] = Counter()
-        touches = []
-        for row in zip(labels["placement"], labels["landmark"], labels["repeat"], strict=True):
-            touches.append((row[0], row[1], seen[row]))
-            seen[row] += 1
-        index = {touch: k for k, touch in enumerate(dict.fromkeys(touches))}
-        return np.array([index[touch] for touch in touches], dtype=np.intp)
+        columns = (labels[name] for name in ("placement", "landmark", "repeat"))
+        placement, landmark, repeat = (numbered(column)[1] for column in columns)
+        mark = placement * (landmark.max(initial=0) + 1) + landmark
+        # Rows of one mark and repeat one after the other, each with its place among them.
+        order = np.lexsort((repeat, mark))
+        same = (np.diff(mark[order]) == 0) & (np.diff(repeat[order]) == 0)
+        began = np.flatnonzero(np.concatenate([[True], ~same]))
+        place = np.empty_like(order)
+        place[order] = np.arange(len(order)) - np.repeat(began, np.diff([*began, len(order)]))
+        return numbered(mark * (place.max(initial=0) + 1) + place)[1]
 
     @cached_property
     def witnesses(self) -> IntArray:

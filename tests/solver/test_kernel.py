@@ -5,9 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from suta_calib.elementwise import formula
 from suta_calib.solver import kernel
 from suta_calib.solver.kernel import RowPattern
 from suta_calib.terms.block import Block, Noise
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND
+from suta_calib.terms.reprojection import REPROJECTION
 
 SAMPLES, ROWS, SIZE = 7, 40, 2
 
@@ -60,3 +63,15 @@ def test_what_is_gathered_is_the_sparse_product(
     matrix = pattern.by_velocity(by_pose).toarray()
     np.testing.assert_allclose(gathered[0], matrix @ velocity, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(gathered[2], matrix.T @ rows, rtol=1e-12, atol=1e-14)
+
+
+@pytest.mark.parametrize("free", [False, True])
+def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) -> None:
+    residual, own = REPROJECTION[EYE_IN_HAND, free], 21 if free else 12
+    function, *_ = kernel._compiled(residual, 1, own, 15, 2)
+    rule = formula(function, (function.n_in() - 2,))
+    assert rule is not None
+    assert np.sqrt in {operation for operation, _ in rule.once}
+    assert np.sqrt not in {operation for operation, _ in rule.each}
+    # By hand it is some 350: three products with matrices for each derivative of a pixel.
+    assert len(rule.each) < 700

@@ -104,6 +104,18 @@ def test_a_coarse_encoder_flickers_over_its_steps() -> None:
     np.testing.assert_array_equal(rests_of(q), order)
 
 
+def test_some_of_the_samples_stood_still_where_all_tell_so() -> None:
+    rng = np.random.default_rng(4)
+    q = postures(30)[rng.permutation(np.repeat(np.arange(30), 4))]
+    whole = ArmPoses(arm_named("suta"), Samples.from_arrays(arm_named("suta").joints, q))
+    rows = rng.integers(0, len(q), 50)
+    part = whole.take(rows).take(np.arange(50) % 3 > 0)
+    chosen = rows[np.arange(50) % 3 > 0]
+    np.testing.assert_array_equal(part.rests, grouped(whole.rests[chosen])[1])
+    np.testing.assert_array_equal(part.rests, rests_of(q[chosen]))
+    np.testing.assert_array_equal(part.postures, part.rests)
+
+
 def test_postures_on_round_numbers_are_no_steps_of_an_encoder() -> None:
     q = 0.01 * np.random.default_rng(0).integers(0, 3, (200, 6))
     assert rests_of(q).max() + 1 == len(np.unique(q, axis=0))
