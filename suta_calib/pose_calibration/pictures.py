@@ -197,7 +197,7 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
         target=view.target,
         prior=prior,
     )
-    return term.at_its_distance()
+    return term.numbered_alike(view.corners.path).at_its_distance()
 
 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:

@@ -176,6 +176,8 @@ class CameraView(FramedTerm):
             given.get("target", "default"),
             given.get("prior"),
         )
+        if corners is not None:
+            term = term.numbered_alike(corners)
         if "pixel" not in given and poses.samples.pixels is not None:
             term = term.at_its_distance()
         noise: Noise | None = given.get("noise")
@@ -215,6 +217,14 @@ class CameraView(FramedTerm):
         focal = float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
         told = depth[np.isfinite(depth) & (depth > 0)]
         return replace(self, pixel=float(np.median(told)) / focal) if len(told) else self
+
+    def numbered_alike(self, source: Path | None) -> Self:
+        """The same with the board numbered from one end in all pictures (`BoardPictures`)."""
+        pixels = self.pictures.numbered_alike(self.poses.at({}), self._names, source)
+        if pixels is self.pixels:
+            return self
+        samples = replace(self.poses.samples, pixels=pixels)
+        return replace(self, poses=self.poses.with_samples(samples))
 
     @property
     def owners(self) -> tuple[str, str, str]:

@@ -18,6 +18,7 @@ from suta_calib.measurements import (
     Camera,
     Charuco,
     Chessboard,
+    SutaCalibWarning,
     corners_of,
     read_camera,
     write_camera,
@@ -247,6 +248,21 @@ def test_boards_turned_by_half_a_turn_and_wrong_poses_are_left_out() -> None:
     assert found.outliers == (3, 7, 11)
     assert np.linalg.norm(errors(seen)[:3]) < 1e-3
     assert "In 003.png, 011.png the board is turned by half a turn" in found.assessment.notes[0]
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_a_board_that_looks_the_same_turned_is_numbered_as_the_poses_tell(setup: str) -> None:
+    """However many pictures are numbered from the other end."""
+    board = Chessboard(6, 4, 0.03)
+    scene = pictures(20, setup=setup, pixel=0.1, robot=(1e-4, 2e-4), board=board)
+    corners = scene.views[0].corners
+    turned = np.isin(corners.image, [f"{k:03d}.png" for k in range(1, 20, 2)])
+    point = np.where(turned, len(board.points) - 1 - corners.point, corners.point)
+    with pytest.warns(SutaCalibWarning, match="looks the same after half a turn; in"):
+        (seen,) = solved(other(scene, replace(corners, point=point)), setup=setup).cameras
+    (known,) = solved(scene, setup=setup).cameras
+    assert seen.inliers.all()
+    assert np.allclose(seen.X, known.X, rtol=0.0, atol=1e-7)
 
 
 def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> None:
