@@ -18,7 +18,6 @@ from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
 from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.terms.camera_start import board_poses, columns_exchanged
-from suta_calib.terms.half_turns import HALF_TURN, half_turned
 from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
 from suta_calib.words import listed
 
@@ -45,6 +44,8 @@ MIRRORED: Final = (
 QUOTED: Final = 5
 # Relative difference that is none.
 ROUNDING: Final = 1e-9
+# About the normal of a board, and the axis of a camera.
+HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 # By what is turned: how pictures are told of which the others say that they are upside down.
 TURNED: Final = {
     "board": "the board is turned by half a turn: its corners are numbered from the other end.",
@@ -156,15 +157,33 @@ class BoardPictures:
                 hint="corners, board.yaml and camera.yaml belong together",
             )
 
+    @staticmethod
+    def _last_row(board: Board) -> BoolArray:
+        """(points,) which have the largest y."""
+        y = np.array(list(board.points.values()))[:, 1]
+        return np.asarray(y > y.max() - ROUNDING)
+
     def _others(self) -> Iterator[tuple[BoardPictures, SamplesError]]:
         """The same corners of another board, or by a camera of another size, and what it means."""
         exchanged = self.board.exchanged
-        if exchanged is not None:
-            yield (
-                replace(self, board=exchanged),
-                columns_exchanged(),
-            )
-        corners = self.pixels[np.isfinite(self.pixels).all(axis=2)]
+        found = np.asarray(np.isfinite(self.pixels).all(axis=2))
+        # A board of fewer rows has as many columns as this one exchanged, but never its last row.
+        if exchanged is not None and found[:, self._last_row(exchanged)].any():
+            yield replace(self, board=exchanged), columns_exchanged()
+        if self.misfit > NO_BOARD:
+            for other in self.board.recounted:
+                more = len(other.points) - self.pixels.shape[1]
+                pixels = np.pad(self.pixels, ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+                yield (
+                    replace(self, board=other, pixels=pixels),
+                    SamplesError(
+                        f"corners that are numbered along rows of {other.columns}",
+                        "corners of the board as its file has it",
+                        hint="corners and board.yaml belong together; it counts inner corners: "
+                        "columns first, then rows",
+                    ),
+                )
+        corners = self.pixels[found]
         for factor in RESIZED:
             camera = self.camera.resized(factor)
             if not camera.inside(corners).all():
@@ -191,8 +210,11 @@ class BoardPictures:
         """
         if not self.board.symmetric:
             return self.pixels
+        from suta_calib.terms.half_turns import half_turned
+
+        seen = self.poses[0][self.told]
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
-        turned[self.told] = half_turned(hand[0][self.told], self.poses[0][self.told])
+        turned[self.told] = half_turned(hand[0][self.told], seen, seen @ HALF_TURN)
         if not turned.any():
             return self.pixels
         warnings.warn(

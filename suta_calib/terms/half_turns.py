@@ -15,15 +15,13 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation
 
-# About the normal of the board.
-HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 # Pictures that are held against each other; the rest are held against these.
 COMPARED: Final = 300
 # Middle difference of the angles, rad, from which on hand and pictures belong to other motions.
 OTHER_MOTIONS: Final = np.radians(10.0)
 
 
-def half_turned(hand: FloatArray, seen: FloatArray) -> BoolArray:
+def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> BoolArray:
     """(n,) which boards agree with most of the others once they are turned by half a turn.
 
     None where hand and pictures do not move alike even so: something else is wrong.
@@ -31,6 +29,7 @@ def half_turned(hand: FloatArray, seen: FloatArray) -> BoolArray:
     Args:
         hand: (n, 3, 3) rotations of the hand in the base, or of the base in the hand.
         seen: (n, 3, 3) of the board in the eye.
+        otherwise: (n, 3, 3) the same, of the board numbered from its other end.
     """
     n = len(hand)
     if n < 2:
@@ -38,7 +37,7 @@ def half_turned(hand: FloatArray, seen: FloatArray) -> BoolArray:
     some = np.unique(np.linspace(0, n - 1, min(n, COMPARED)).astype(np.intp))
     moved = _angles(hand, hand[some])
     same = np.abs(_angles(seen, seen[some]) - moved)
-    other = np.abs(_angles(seen @ HALF_TURN, seen[some]) - moved)
+    other = np.abs(_angles(otherwise, seen[some]) - moved)
     said = other - same
     # A picture says nothing of itself.
     said[some, np.arange(len(some))] = 0.0

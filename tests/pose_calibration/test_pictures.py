@@ -325,6 +325,29 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
             solved(wrong)
 
 
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize(("size", "level"), [(1.0, "good"), (1.02, "care"), (1.1, "bad")])
+def test_a_board_that_was_printed_larger_or_smaller_is_named(
+    setup: str, size: float, level: str
+) -> None:
+    """The robot's errors would explain what is left of it, and ± grow, but not as far as X."""
+    scene = pictures(24, setup=setup, pixel=0.1, robot=(5e-4, 5e-4))
+    found = solved(other(scene, scene.views[0].corners, board=BOARD.scaled(size)), setup=setup)
+    (seen,) = found.cameras
+    assert found.assessment.level == level
+    assert seen.board_scale * size == pytest.approx(1.0, rel=0.01)
+    assert any("as the pictures show by the size" in n for n in found.assessment.notes) == (
+        size != 1.0
+    )
+
+
+def test_a_board_of_other_counts_is_named_by_its_columns() -> None:
+    scene = pictures(pixel=0.1)
+    wrong = Chessboard(BOARD.columns + 1, BOARD.rows + 1, BOARD.square)
+    with pytest.raises(SamplesError, match=f"numbered along rows of {BOARD.columns}"):
+        solved(other(scene, scene.views[0].corners, board=wrong))
+
+
 def test_a_board_of_other_counts_is_named_without_a_camera_too() -> None:
     """A camera that is found from the corners must not be blamed for the board's file."""
     scene = pictures(pixel=0.1)

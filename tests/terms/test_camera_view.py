@@ -12,6 +12,7 @@ import pytest
 from cli_job import answer, cli
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import projected
 from suta_calib.job.calibration import CalibrationJob
@@ -27,6 +28,7 @@ from suta_calib.simulation import read_simulation, simulate
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms.camera_start import board_poses, closed_form_intrinsics
+from suta_calib.terms.seen_corners import with_corners
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -220,6 +222,21 @@ def test_a_board_that_looks_the_same_turned_is_numbered_from_one_end(folder: Pat
     # Of two halves either may be the one that is turned.
     same = np.array_equal(first, second, equal_nan=True)
     assert same or np.array_equal(first, second[:, ::-1], equal_nan=True)
+
+
+def test_a_picture_that_is_named_twice_was_taken_at_one_posture(folder: Path) -> None:
+    (term,) = CalibrationJob.load(folder / "job.yaml").observations
+    corners = read_corners(folder / "corners" / "calibration.csv")
+    poses, board = term.poses, read_board(folder / "board.yaml")
+    again = with_corners(poses.take([0, 1, 1]), corners, board)
+    assert len(again) == 3
+    images = poses.samples.labels["image"].copy()
+    images[3] = images[2]
+    wrong = poses.with_samples(
+        replace(poses.samples, labels={**poses.samples.labels, "image": images})
+    )
+    with pytest.raises(SamplesError, match="at another posture than in"):
+        with_corners(wrong, corners, board)
 
 
 def test_a_picture_is_one_witness(folder: Path) -> None:

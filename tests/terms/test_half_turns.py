@@ -8,7 +8,9 @@ from camera_scenes import X, Z
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.terms.half_turns import COMPARED, HALF_TURN, half_turned
+from suta_calib.terms.half_turns import COMPARED, half_turned
+
+HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 
 
 def turns(n: int, noise: float, seed: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -29,7 +31,7 @@ def test_the_fewer_are_found(count: int, wrong: int, share: float) -> None:
     seen[flipped] = seen[flipped] @ HALF_TURN
     strange = random.choice(count, wrong, replace=False)
     hand[strange] = rotation_from_vector(random.uniform(-2, 2, (wrong, 3)))
-    found = half_turned(hand, seen)
+    found = half_turned(hand, seen, seen @ HALF_TURN)
     fine = ~np.isin(np.arange(count), strange)
     if 2 * found.sum() == count or share == 0.5:
         # Either half may be the one that is turned.
@@ -40,5 +42,5 @@ def test_the_fewer_are_found(count: int, wrong: int, share: float) -> None:
 def test_what_moves_otherwise_is_left_alone() -> None:
     hand, seen = turns(30, 0.0)
     other, _ = turns(30, 0.0, seed=1)
-    assert not half_turned(other, seen).any()
-    assert not half_turned(hand[:1], seen[:1]).any()
+    assert not half_turned(other, seen, seen @ HALF_TURN).any()
+    assert not half_turned(hand[:1], seen[:1], seen[:1]).any()
