@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -118,6 +118,11 @@ class Board(ABC):
         return None
 
     @property
+    def recounted(self) -> Iterator[Chessboard]:
+        """Boards of as many points, or a few more, in rows of other lengths: a file miscounted."""
+        yield from ()
+
+    @property
     def symmetric(self) -> bool:
         """Whether it looks the same after half a turn, so that no picture tells which way."""
         return False
@@ -160,6 +165,14 @@ class Chessboard(Board):
         """Columns for rows."""
         other = replace(self, columns=self.rows, rows=self.columns)
         return other if self.rows != self.columns else None
+
+    @property
+    def recounted(self) -> Iterator[Chessboard]:
+        """Rows of two corners to twice as many as the file says."""
+        for columns in range(2, 2 * self.columns + 1):
+            if columns != self.columns:
+                rows = -(-self.columns * self.rows // columns)
+                yield replace(self, columns=columns, rows=rows)
 
     @property
     def symmetric(self) -> bool:

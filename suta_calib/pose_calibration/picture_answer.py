@@ -29,6 +29,8 @@ from suta_calib.words import listed
 ROBOTS: Final = 2.0
 # Relative departure of a focal length that no calibration of the same pictures has.
 OTHER_PICTURES: Final = 0.1
+# Share by which a board is of another size than its file says, from which on X is of no use.
+RESCALED: Final = 0.05
 # Focal lengths and principal point among the intrinsics.
 PAIRS: Final = (slice(0, 2), slice(2, 4))
 COUNTED: Final = "Pixels are counted from 0 at the centre of the first one."
@@ -57,6 +59,8 @@ class SeenCamera(EyePoses):
         corners: (m, 7) of every corner: picture, point, u, v, and error in u, in v (px), and
             whether its picture was fitted.
         behind: whether the board is seen from behind, which its numbering alone decides.
+        board_scale: how many times as large as its file says the board would be with which poses
+            and pictures agree far better; 1 where that is none.
         other_size: what in the camera's file denies the size of picture that it says, in a
             sentence, or empty.
         turned: pictures that were left out and agree with the others once the ``board`` or the
@@ -80,6 +84,7 @@ class SeenCamera(EyePoses):
     turns: FloatArray
     corners: FloatArray
     behind: bool
+    board_scale: float
     other_size: str
     turned: Mapping[str, tuple[str, ...]]
 
@@ -240,6 +245,14 @@ def _judged(seen: SeenCamera) -> tuple[list[str], list[str]]:
     fitted, count = int(seen.inliers.sum()), len(seen.inliers)
     if count - fitted > MANY_OUTLIERS * count:
         bad.append(f"{count - fitted} of {count} pictures do not agree with the rest.")
+    if seen.board_scale != 1.0:
+        sentence = (
+            f"The hand moves {seen.board_scale:.3f} times as far as the pictures show by the size "
+            "of the board, and all agree far better with one of so many times the size: measure "
+            "the squares or markers as they were printed, and look for a wrong focal length or a "
+            "wrong unit of the hand's positions."
+        )
+        (bad if abs(seen.board_scale - 1.0) > RESCALED else care).append(sentence)
     if fitted < ENOUGH:
         care.append(
             f"Only {fitted} pictures: the standard deviations are guesses themselves, and a wrong "

@@ -31,7 +31,7 @@ from suta_calib.pose_calibration.eye_poses import Model
 from suta_calib.pose_calibration.hand_eye import FEW_PAIRS, calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
-from suta_calib.pose_calibration.picture_causes import cause_of_disagreement
+from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, size_of_board
 from suta_calib.pose_calibration.picture_errors import picture_errors
 from suta_calib.pose_calibration.picture_noise import FINEST, Weighed, weigh_pictures
 from suta_calib.solver.losses import huber_threshold
@@ -197,7 +197,7 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
         target=view.target,
         prior=prior,
     )
-    return term.at_its_distance()
+    return term.numbered_alike(view.corners.path).at_its_distance()
 
 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
@@ -292,7 +292,8 @@ def _seen(
     refined = replace(term, camera=found)
     A = hand.pose if term.setup == EYE_IN_HAND else inverse_poses(hand.pose)
     rows = np.array([int(origin) for origin in term.poses.samples.origin], dtype=np.intp)
-    R, p = loop_closures((A[0][rows], A[1][rows]), X, refined.seen_poses)
+    A = A[0][rows], A[1][rows]
+    R, p = loop_closures(A, X, refined.seen_poses)
     posed = np.isfinite(p[:, 0])
     turns = np.full(p.shape, np.nan)
     turns[posed] = vector_from_rotation(Z[0].T @ R[posed])
@@ -309,7 +310,7 @@ def _seen(
         ]
     )
     images = term.poses.samples.labels["image"]
-    upside_down = refined.pictures.upside_down((A[0][rows], A[1][rows]))
+    upside_down = refined.pictures.upside_down(A)
     return SeenCamera(
         label=view.label,
         setup=term.setup,
@@ -328,6 +329,9 @@ def _seen(
         turns=turns,
         corners=corners,
         behind=refined.pictures.behind,
+        board_scale=size_of_board(
+            some_poses(A, posed & good), some_poses(refined.seen_poses, posed & good)
+        ),
         other_size=term.pictures.other_size,
         turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
     )

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 from typing import Final
 
 import numpy as np
@@ -15,8 +17,10 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
+from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.terms.camera_start import board_poses, columns_exchanged
 from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
+from suta_calib.words import listed
 
 # Corners that are off by this part of the board's extent in a picture are of no such board.
 NO_BOARD: Final = 0.1
@@ -41,12 +45,13 @@ MIRRORED: Final = (
 QUOTED: Final = 5
 # Relative difference that is none.
 ROUNDING: Final = 1e-9
+# About the normal of a board, and the axis of a camera.
+HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 # By what is turned: how pictures are told of which the others say that they are upside down.
 TURNED: Final = {
     "board": "the board is turned by half a turn: its corners are numbered from the other end.",
     "picture": "the picture is turned by half a turn: the camera was, or what wrote its file.",
 }
-_HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,15 +182,33 @@ class BoardPictures:
                 hint="corners, board.yaml and camera.yaml belong together",
             )
 
+    @staticmethod
+    def _last_row(board: Board) -> BoolArray:
+        """(points,) which have the largest y."""
+        y = np.array(list(board.points.values()))[:, 1]
+        return np.asarray(y > y.max() - ROUNDING)
+
     def _others(self) -> Iterator[tuple[BoardPictures, SamplesError]]:
         """The same corners of another board, or by a camera of another size, and what it means."""
         exchanged = self.board.exchanged
-        if exchanged is not None:
-            yield (
-                replace(self, board=exchanged),
-                columns_exchanged(),
-            )
-        corners = self.pixels[np.isfinite(self.pixels).all(axis=2)]
+        found = np.asarray(np.isfinite(self.pixels).all(axis=2))
+        # A board of fewer rows has as many columns as this one exchanged, but never its last row.
+        if exchanged is not None and found[:, self._last_row(exchanged)].any():
+            yield replace(self, board=exchanged), columns_exchanged()
+        if self.misfit > NO_BOARD:
+            for other in self.board.recounted:
+                more = len(other.points) - self.pixels.shape[1]
+                pixels = np.pad(self.pixels, ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+                yield (
+                    replace(self, board=other, pixels=pixels),
+                    SamplesError(
+                        f"corners that are numbered along rows of {other.columns}",
+                        "corners of the board as its file has it",
+                        hint="corners and board.yaml belong together; it counts inner corners: "
+                        "columns first, then rows",
+                    ),
+                )
+        corners = self.pixels[found]
         for factor in RESIZED:
             camera = self.camera.resized(factor)
             if not camera.inside(corners).all():
@@ -198,6 +221,37 @@ class BoardPictures:
                     hint="calibrate the camera on pictures of the same size, or scale its file",
                 ),
             )
+
+    def numbered_alike(self, hand: Poses, names: Sequence[str], source: Path | None) -> FloatArray:
+        """The pixels, a board that looks the same after half a turn numbered from one end in all.
+
+        Args:
+            hand: ``T_base_hand``, rotations (n, 3, 3) and positions (n, 3), or their inverses.
+            names: (n,) of the pictures.
+            source: the file of the corners.
+
+        Warns:
+            SutaCalibWarning: in some pictures it was numbered from the other end.
+        """
+        if not self.board.symmetric:
+            return self.pixels
+        from suta_calib.terms.half_turns import half_turned
+
+        seen = self.poses[0][self.told]
+        turned = np.zeros(len(self.pixels), dtype=np.bool_)
+        turned[self.told] = half_turned(hand[0][self.told], seen, seen @ HALF_TURN)
+        if not turned.any():
+            return self.pixels
+        warnings.warn(
+            f"{source or 'corners'}: the board looks the same after half a turn; in "
+            f"{listed(np.array(names)[turned].tolist(), QUOTED)} its corners are numbered from the "
+            "other end than in most pictures, by the turns of the hand between them: they are "
+            "taken the other way round there",
+            SutaCalibWarning,
+            stacklevel=2,
+        )
+        # Half a turn brings the first point onto the last.
+        return np.where(turned[:, None, None], self.pixels[:, ::-1], self.pixels)
 
     def upside_down(self, hand: Poses) -> dict[str, BoolArray]:
         """Pictures (n,) that agree with the others once they are turned by half a turn.
@@ -224,8 +278,8 @@ class BoardPictures:
 
         # About the board's middle, and about the camera's axis.
         middle = self.points.mean(axis=0)
-        board = off((B[0] @ _HALF_TURN, B[1] + B[0] @ (middle - _HALF_TURN @ middle)))
-        picture = off((_HALF_TURN @ B[0], B[1] @ _HALF_TURN))
+        board = off((B[0] @ HALF_TURN, B[1] + B[0] @ (middle - HALF_TURN @ middle)))
+        picture = off((HALF_TURN @ B[0], B[1] @ HALF_TURN))
         strange = off(B)[0] > HALF_TURNED
         # Of a board straight ahead of the camera the two are one, but for rounding.
         nearer = sum(board) <= (1.0 + ROUNDING) * sum(picture)

@@ -21,7 +21,6 @@ from suta_calib.measurements import Board, Camera, Corners
 # Part of a board's extent that no lens bends the picture of a plane by, and how many times less
 # another board must leave to be the cause.
 _NO_PLANE: Final = 0.1
-_FAR_BETTER: Final = 2.0
 
 # Points of a plane that determine a homography, and points of a body that determine a projection.
 PLANAR: Final = 4
@@ -291,7 +290,7 @@ def _check_board(pictures: Sequence[Corners], board: Board) -> None:
     off, other = _off_plane(pictures, board), board.exchanged
     if off <= _NO_PLANE:
         return
-    if other is not None and _FAR_BETTER * _off_plane(pictures, other) < off:
+    if other is not None and _off_plane(pictures, other) <= _NO_PLANE:
         raise columns_exchanged()
     raise SamplesError(
         f"corners that are {off:.0%} of the board's extent off from where a plane board has them",

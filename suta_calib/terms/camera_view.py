@@ -179,6 +179,8 @@ class CameraView(FramedTerm):
             given.get("target", "default"),
             given.get("prior"),
         )
+        if corners is not None:
+            term = term.numbered_alike(corners)
         told = None if "pixel" in given or poses.samples.pixels is None else term.pictures.pixel
         return term.where_pixels_cover(told or term.pixel, given.get("noise"))
 
@@ -225,6 +227,14 @@ class CameraView(FramedTerm):
         return replace(
             self, poses=poses, known_pictures=self.pictures.take(rows, poses.samples.pixels)
         )
+
+    def numbered_alike(self, source: Path | None) -> Self:
+        """The same with the board numbered from one end in all pictures (`BoardPictures`)."""
+        pixels = self.pictures.numbered_alike(self.poses.at({}), self._names, source)
+        if pixels is self.pixels:
+            return self
+        samples = replace(self.poses.samples, pixels=pixels)
+        return replace(self, poses=self.poses.with_samples(samples), known_pictures=None)
 
     @property
     def owners(self) -> tuple[str, str, str]:

@@ -34,7 +34,7 @@ def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSourc
         SutaCalibWarning: some pictures have none.
 
     Raises:
-        SamplesError: no picture has any.
+        SamplesError: no picture has any, or one was taken at two postures.
     """
     images: NDArray[np.str_] = poses.samples.labels["image"]
     names = list(dict.fromkeys(images.tolist()))
@@ -58,6 +58,7 @@ def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSourc
             stacklevel=2,
         )
         poses, images = poses.take(there), images[there]
+    _check_postures(poses)
     points = np.array(list(board.points), dtype=np.intp)
     order = np.argsort(points)
     column = order[np.searchsorted(points[order], corners.point)]
@@ -65,6 +66,23 @@ def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSourc
     table[row[row >= 0], column[row >= 0]] = corners.pixel[row >= 0]
     pixels = table[[number[name] for name in images.tolist()]]
     return poses.with_samples(replace(poses.samples, pixels=pixels))
+
+
+def _check_postures(poses: PoseSource) -> None:
+    """Refuse a picture that is named at two postures; one of them is not its own."""
+    images: NDArray[np.str_] = poses.samples.labels["image"]
+    if len(np.unique(images)) == len(images):
+        return
+    first: dict[str, int] = {}
+    for row, name in enumerate(images.tolist()):
+        before = first.setdefault(name, row)
+        if poses.postures[row] != poses.postures[before]:
+            origin = poses.samples.origin
+            raise SamplesError(
+                f"picture {name} at another posture than in {origin[before]}",
+                "each picture where it was taken",
+                where=origin[row],
+            )
 
 
 def _quoted(names: NDArray[np.str_]) -> str:

@@ -33,6 +33,8 @@ from suta_calib.words import listed
 
 Progress = Callable[[int, int], None]
 _MOST_TOLD: Final = 3
+# Share of the pictures in which a board lies on its side from which on it may be miscounted.
+_NEARLY_ALL: Final = 0.9
 
 
 @dataclass(frozen=True)
@@ -176,7 +178,7 @@ def detect(
     if fit is not None:
         sentence += f" {fit.assessment.sentence}"
         (bad if not fit.assessment.usable else notes).extend(fit.assessment.notes)
-    assessment = Assessment.of(sentence, bad=bad, care=notes)
+    assessment = Assessment.of(sentence, bad=bad, care=notes, known=_on_its_side(board, views))
     return Detection(board, views, corners, camera, fit, residuals, assessment)
 
 
@@ -284,8 +286,39 @@ def _symmetry(board: Board) -> list[str]:
         return []
     return [
         "The board looks the same after half a turn: its corners are numbered as if it stood "
-        "upright in every picture; use one with an odd and an even number of corners."
+        "upright in every picture; poses of the hand tell where it did not, and nothing else does: "
+        "use one with an odd and an even number of corners."
     ]
+
+
+def _on_its_side(board: Board, views: Sequence[View]) -> list[str]:
+    """That a chessboard's columns may have been counted as its rows, which no picture tells.
+
+    The squares are the same ones, and so are their colours; a board that lies in nearly every
+    picture as it would lie with the counts exchanged is what there is to be seen of it.
+    """
+    if not isinstance(board, Chessboard) or board.exchanged is None:
+        return []
+    lying = [_lies(board, view.found) for view in views if view.found is not None]
+    if sum(lying) < _NEARLY_ALL * len(lying):
+        return []
+    which = "the picture" if len(lying) == 1 else f"{sum(lying)} of {len(lying)} pictures"
+    return [
+        f"In {which} the board lies on its side: rows of {board.columns} corners run up and down, "
+        f"as the file says (corners: [{board.columns}, {board.rows}]). Were columns and rows "
+        "exchanged in it, the same corners would be found, numbered along the other side, and the "
+        "board's frame would be a quarter turn off, but not the camera: see the numbers in the "
+        "pictures (--report DIR --pictures)."
+    ]
+
+
+def _lies(board: Chessboard, found: Found) -> bool:
+    """Whether the board's x runs rather up or down in a picture, and its y to a side."""
+    place = board.positions(found.point)[:, :2]
+    across, along = np.linalg.lstsq(
+        place - place.mean(axis=0), found.pixel - found.pixel.mean(axis=0), rcond=None
+    )[0]
+    return bool(abs(across[1]) > abs(across[0]) and abs(along[0]) > abs(along[1]))
 
 
 def _left_out(views: Sequence[View]) -> list[str]:

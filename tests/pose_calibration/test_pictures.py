@@ -18,6 +18,7 @@ from suta_calib.measurements import (
     Camera,
     Charuco,
     Chessboard,
+    SutaCalibWarning,
     corners_of,
     read_camera,
     write_camera,
@@ -249,6 +250,21 @@ def test_boards_turned_by_half_a_turn_and_wrong_poses_are_left_out() -> None:
     assert "In 003.png, 011.png the board is turned by half a turn" in found.assessment.notes[0]
 
 
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_a_board_that_looks_the_same_turned_is_numbered_as_the_poses_tell(setup: str) -> None:
+    """However many pictures are numbered from the other end."""
+    board = Chessboard(6, 4, 0.03)
+    scene = pictures(20, setup=setup, pixel=0.1, robot=(1e-4, 2e-4), board=board)
+    corners = scene.views[0].corners
+    turned = np.isin(corners.image, [f"{k:03d}.png" for k in range(1, 20, 2)])
+    point = np.where(turned, len(board.points) - 1 - corners.point, corners.point)
+    with pytest.warns(SutaCalibWarning, match="looks the same after half a turn; in"):
+        (seen,) = solved(other(scene, replace(corners, point=point)), setup=setup).cameras
+    (known,) = solved(scene, setup=setup).cameras
+    assert seen.inliers.all()
+    assert np.allclose(seen.X, known.X, rtol=0.0, atol=1e-7)
+
+
 def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> None:
     scene = pictures(20, pixel=0.1)
     corners = scene.views[0].corners
@@ -307,6 +323,29 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
     ):
         with pytest.raises(SamplesError, match=said):
             solved(wrong)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+@pytest.mark.parametrize(("size", "level"), [(1.0, "good"), (1.02, "care"), (1.1, "bad")])
+def test_a_board_that_was_printed_larger_or_smaller_is_named(
+    setup: str, size: float, level: str
+) -> None:
+    """The robot's errors would explain what is left of it, and ± grow, but not as far as X."""
+    scene = pictures(24, setup=setup, pixel=0.1, robot=(5e-4, 5e-4))
+    found = solved(other(scene, scene.views[0].corners, board=BOARD.scaled(size)), setup=setup)
+    (seen,) = found.cameras
+    assert found.assessment.level == level
+    assert seen.board_scale * size == pytest.approx(1.0, rel=0.01)
+    assert any("as the pictures show by the size" in n for n in found.assessment.notes) == (
+        size != 1.0
+    )
+
+
+def test_a_board_of_other_counts_is_named_by_its_columns() -> None:
+    scene = pictures(pixel=0.1)
+    wrong = Chessboard(BOARD.columns + 1, BOARD.rows + 1, BOARD.square)
+    with pytest.raises(SamplesError, match=f"numbered along rows of {BOARD.columns}"):
+        solved(other(scene, scene.views[0].corners, board=wrong))
 
 
 def test_a_board_of_other_counts_is_named_without_a_camera_too() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,25 @@ import pytest
 from cli_job import answer, cli
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import projected
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import Chessboard, read_board, read_camera
+from suta_calib.measurements import (
+    Chessboard,
+    SutaCalibWarning,
+    read_board,
+    read_camera,
+    read_corners,
+    write_corners,
+)
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms.block import Noise
 from suta_calib.terms.camera_start import board_poses, closed_form_intrinsics
 from suta_calib.terms.camera_view import CameraView
+from suta_calib.terms.seen_corners import with_corners
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -192,6 +202,43 @@ def test_a_row_that_cannot_be_used_is_refused(
     capsys.readouterr()
     assert cli("observe", folder / "bad.yaml") == 2
     assert said in capsys.readouterr().err
+
+
+def test_a_board_that_looks_the_same_turned_is_numbered_from_one_end(folder: Path) -> None:
+    """Two of the board's rows: by the turns of the arm, whichever end a picture begins from."""
+    (folder / "same.yaml").write_text(BOARD.replace("[4, 3]", "[4, 2]"))
+    corners = read_corners(folder / "corners" / "calibration.csv")
+    corners = corners.take(corners.point < 8)
+    turned = np.isin(corners.image, corners.images[::2])
+    other = np.where(turned, 7 - corners.point, corners.point)
+    seen = []
+    for name, point in (("one", corners.point), ("both", other)):
+        write_corners(folder / "corners" / f"{name}.csv", replace(corners, point=point))
+        row = JOB.replace("corners/calibration", f"corners/{name}", 1)
+        job = folder / f"{name}.yaml"
+        job.write_text(row.replace("board.yaml", "same.yaml").split("validation: [")[0])
+        with nullcontext() if name == "one" else pytest.warns(SutaCalibWarning, match="half a tur"):
+            (term,) = CalibrationJob.load(job).observations
+        seen.append(term.pixels)
+    first, second = seen
+    # Of two halves either may be the one that is turned.
+    same = np.array_equal(first, second, equal_nan=True)
+    assert same or np.array_equal(first, second[:, ::-1], equal_nan=True)
+
+
+def test_a_picture_that_is_named_twice_was_taken_at_one_posture(folder: Path) -> None:
+    (term,) = CalibrationJob.load(folder / "job.yaml").observations
+    corners = read_corners(folder / "corners" / "calibration.csv")
+    poses, board = term.poses, read_board(folder / "board.yaml")
+    again = with_corners(poses.take([0, 1, 1]), corners, board)
+    assert len(again) == 3
+    images = poses.samples.labels["image"].copy()
+    images[3] = images[2]
+    wrong = poses.with_samples(
+        replace(poses.samples, labels={**poses.samples.labels, "image": images})
+    )
+    with pytest.raises(SamplesError, match="at another posture than in"):
+        with_corners(wrong, corners, board)
 
 
 def test_a_picture_is_one_witness(folder: Path) -> None:

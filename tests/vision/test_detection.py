@@ -128,6 +128,22 @@ def test_no_board_anywhere_says_what_there_was(folder: Path):
         detect(find_pictures([folder / "good_0.png"]), Chessboard(7, 4, 0.03))
 
 
+def test_columns_for_rows_are_the_same_board_on_its_side(folder: Path):
+    """No picture tells which of them was meant, so that it is said once."""
+    pictures = find_pictures([folder / f"good_{k}.png" for k in range(5)])
+    right = detect(pictures, CHESSBOARD, CAMERA)
+    exchanged = detect(pictures, CHESSBOARD.exchanged, CAMERA)
+    assert not any("on its side" in note for note in right.assessment.notes)
+    (note,) = exchanged.assessment.notes
+    assert note.startswith("In 5 of 5 pictures the board lies on its side: rows of 5 corners run")
+    assert exchanged.assessment.level == right.assessment.level == "good"
+    # The same corners, numbered along the other side.
+    grid = right.corners.pixel[:30].reshape(CHESSBOARD.rows, CHESSBOARD.columns, 2)
+    turned = exchanged.corners.pixel[:30].reshape(CHESSBOARD.columns, CHESSBOARD.rows, 2)
+    ways = [np.abs(np.rot90(grid, way) - turned).max() for way in (1, 3)]
+    assert min(ways) < 1e-3
+
+
 def test_names_of_pictures(tmp_path: Path):
     for side in ("left", "right"):
         (tmp_path / side).mkdir()

@@ -1,0 +1,57 @@
+"""Which pictures of a board that looks the same after half a turn are numbered from its other end.
+
+A hand and the eye on it, or the board on it, turn by the same angle between two pictures, whatever
+X and Z are. So every pair of pictures says whether both are numbered from the same end, the louder
+the more the two angles differ; the signs that most of what is said agrees with are those of the
+leading eigenvector (Singer 2011, doi:10.1016/j.acha.2010.02.001, for two elements).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.geometry.numbers import quaternion_from_rotation
+
+# Pictures that are held against each other; the rest are held against these.
+COMPARED: Final = 300
+# Middle difference of the angles, rad, from which on hand and pictures belong to other motions.
+OTHER_MOTIONS: Final = np.radians(10.0)
+
+
+def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> BoolArray:
+    """(n,) which boards agree with most of the others once they are turned by half a turn.
+
+    None where hand and pictures do not move alike even so: something else is wrong.
+
+    Args:
+        hand: (n, 3, 3) rotations of the hand in the base, or of the base in the hand.
+        seen: (n, 3, 3) of the board in the eye.
+        otherwise: (n, 3, 3) the same, of the board numbered from its other end.
+    """
+    n = len(hand)
+    if n < 2:
+        return np.zeros(n, dtype=np.bool_)
+    some = np.unique(np.linspace(0, n - 1, min(n, COMPARED)).astype(np.intp))
+    moved = _angles(hand, hand[some])
+    same = np.abs(_angles(seen, seen[some]) - moved)
+    other = np.abs(_angles(otherwise, seen[some]) - moved)
+    said = other - same
+    # A picture says nothing of itself.
+    said[some, np.arange(len(some))] = 0.0
+    vector = np.linalg.eigh(said[some])[1][:, -1]
+    alike = np.where(vector < 0.0, -1.0, 1.0)
+    sign = np.where(said @ alike < 0.0, -1.0, 1.0)
+    left = np.where(sign[:, None] * alike > 0.0, same, other)
+    if np.median(left) > OTHER_MOTIONS:
+        return np.zeros(n, dtype=np.bool_)
+    turned = sign < 0.0
+    return turned if 2 * turned.sum() <= n else ~turned
+
+
+def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Angles (n, m) of the turns between rotations (n, 3, 3) and (m, 3, 3), rad."""
+    cosine = np.abs(quaternion_from_rotation(a) @ quaternion_from_rotation(b).T)
+    return np.asarray(2.0 * np.arccos(np.minimum(cosine, 1.0)))
