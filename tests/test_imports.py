@@ -119,7 +119,7 @@ JOB = "data/suta/calibration.yaml"
 NO_ARM = ("jinja2", "scipy", "pinocchio", "lxml", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB,), 153, ("scipy",)),
+    "calibrate": ((JOB,), 155, ("scipy",)),
     "observe": ((JOB,), 120, ("jinja2", "scipy")),
     "validate": (("urdf/suta.urdf", JOB), 123, ("jinja2", "scipy")),
     "pivot": (("data/poses/pivot.csv",), 80, NO_ARM),
