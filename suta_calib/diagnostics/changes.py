@@ -23,7 +23,13 @@ from suta_calib.diagnostics.following import (
     gained,
     whitened,
 )
-from suta_calib.diagnostics.suspects import Telling, most_telling, stretches, suspects
+from suta_calib.diagnostics.suspects import (
+    Telling,
+    most_telling,
+    stretches,
+    suspects,
+    waves,
+)
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, text
@@ -200,7 +206,7 @@ def _chance(fit: Following, where: Telling) -> float:
         if suspect.kind != "travel" or joint != suspect.joint
     ]
     velocity = suspect.within(where.first, where.end)
-    return chance_beside_shared_errors(fit, velocity, lacking)
+    return chance_beside_shared_errors(fit, velocity, lacking, waves(fit, suspect))
 
 
 def _change(fit: Following, where: Telling, done: Followed, p: float) -> Change:

@@ -40,7 +40,7 @@ ENOUGH_ROWS: Final = 400
 
 
 def chance_beside_shared_errors(
-    fit: Following, velocity: FloatArray, lacking: Sequence[IntArray]
+    fit: Following, velocity: FloatArray, lacking: Sequence[IntArray], waves: FloatArray
 ) -> float:
     """Chance that errors which neighbours share look so much like what moves the tips so.
 
@@ -48,6 +48,7 @@ def chance_beside_shared_errors(
         fit: beside which it is asked.
         velocity: (6·samples, k) of the tips.
         lacking: indices of parameters by which the model may be off.
+        waves: (6·samples, m) velocity of the tips by what else it may be, as far as is plausible.
     """
     white = _Correlation(0.0, 1.0, np.inf)
     random = np.concatenate([*lacking, np.zeros(0, dtype=np.intp)])
@@ -55,10 +56,8 @@ def chance_beside_shared_errors(
     left = alone.fitted(white)
     # What is known beforehand counts in units of the noise that the change leaves.
     level = float(np.sqrt(left.scatter / max(left.equations - left.spent, 1.0)))
-    sources = [alone]
-    if len(random):
-        sources += [_Rows.of(fit.beside(random, share), velocity) for share in LACKING]
-    sources = [each.scaled(level) for each in sources]
+    beside = [_Rows.of(fit.beside(random, share), velocity, share * waves) for share in LACKING]
+    sources = [each.scaled(level) for each in (alone, *beside)]
     rows = min(sources, key=lambda each: each.fitted(white).of_this_noise)
     tried = [white, *(_Correlation(*each) for each in product(COMMON, NEAR, SOON))]
     fits = [rows.fitted(each) for each in tried]
@@ -140,13 +139,16 @@ class _Rows:
     equations: int
 
     @classmethod
-    def of(cls, fit: Following, velocity: FloatArray) -> _Rows:
-        """Some of each block's rows, as the fit leaves them."""
-        count, more = len(fit.problem.names), velocity.shape[1]
-        free = np.concatenate([fit.free, np.arange(count, count + more)])
-        prior, away = (np.concatenate([v, np.zeros(more)])[free] for v in (fit.prior, fit.away))
+    def of(cls, fit: Following, velocity: FloatArray, waves: FloatArray | None = None) -> _Rows:
+        """Some of each block's rows, as the fit leaves them, beside waves of a size of one."""
+        waves = np.zeros((len(velocity), 0)) if waves is None else waves
+        count, known = len(fit.problem.names), np.ones(waves.shape[1])
+        prior = np.concatenate([fit.prior, known, np.zeros(velocity.shape[1])])
+        away = np.concatenate([fit.away, np.zeros(len(prior) - count)])
+        free = np.concatenate([fit.free, np.arange(count, len(prior))])
+        prior, away = prior[free], away[free]
         blocks, random = [], np.random.default_rng(0)
-        for r in widened(fit.rows, velocity):
+        for r in widened(fit.rows, np.hstack([waves, velocity])):
             n, size = r.line.residual.shape
             some = np.sort(random.permutation(n)[:ENOUGH_ROWS])
             sample = r.line.view.block.samples[some, 0] + r.line.view.first_sample

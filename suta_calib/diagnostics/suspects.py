@@ -26,6 +26,8 @@ from suta_calib.solver.information import scaled_inverse
 TURN: Final = 0.01
 TRAVEL: Final = 2e-3
 SHIFT: Final = 5e-3
+# Errors of an encoder come so often in a turn, beside those that an eccentric one has.
+WAVES: Final = 3, 4, 5, 6
 # Times at which something may have changed within one term, at first.
 TIMES: Final = 40
 
@@ -133,6 +135,24 @@ def suspects(fit: Following) -> Iterator[Suspect]:
     for (joint, family), at in fit.lacking.items():
         name = f"{joint} {family}"
         yield Suspect("model", name, table.velocity[:, at], plausible[at], False)
+
+
+def waves(fit: Following, suspect: Suspect) -> FloatArray:
+    """(6·samples, m) velocity of the tips by other errors of the same encoder, per plausible one.
+
+    Poses in the order of a joint's readings make them come and go in time.
+    """
+    slips = (each for each in suspects(fit) if each.kind == "slip")
+    slip = next((each for each in slips if each.joint == suspect.joint), None)
+    if slip is None:
+        return np.zeros((len(suspect.motion), 0))
+    arm = fit.problem.arm
+    assert arm is not None
+    joint = arm.joints.index(suspect.joint)
+    q = np.concatenate([t.poses.samples.q[:, joint] for t in fit.problem.terms])
+    turns = np.outer(q, WAVES)
+    shapes = np.repeat(np.hstack([np.cos(turns), np.sin(turns)]), 6, axis=0)
+    return np.asarray(TURN * slip.motion * shapes)
 
 
 def _so_far(first: IntArray) -> Iterator[FloatArray]:

@@ -40,7 +40,7 @@ from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.changes import Change, changes
 from suta_calib.diagnostics.following import everything_follows
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
-from suta_calib.diagnostics.suspects import suspects
+from suta_calib.diagnostics.suspects import suspects, waves
 from suta_calib.solver.solution import Solution
 
 NOISE = Spread(position=1e-4, rotation=1e-3)
@@ -254,16 +254,19 @@ def test_sound_data_have_not_changed(kind: str) -> None:
             assert not found(scene, unchanged, seed)
 
 
-def wavy(samples: Samples) -> Samples:
+def wavy(samples: Samples, size: float = 5e-4) -> Samples:
     """Encoders with an error that no model has: three waves in a turn."""
-    return replace(samples, q=samples.q + 5e-4 * np.sin(3 * samples.q + np.arange(6)))
+    return replace(samples, q=samples.q + size * np.sin(3 * samples.q + np.arange(6)))
 
 
+@pytest.mark.parametrize("size", [5e-4, 2e-3])
 @pytest.mark.parametrize("joint", range(4))
-def test_what_a_model_lacks_is_no_change_where_poses_stand_in_order(joint: int) -> None:
+def test_what_a_model_lacks_is_no_change_where_poses_stand_in_order(
+    joint: int, size: float
+) -> None:
     """In the order of one joint what the model gets wrong there comes and goes like a change."""
-    for seed in range(3):
-        assert not found(TRACKED, lambda s: wavy(s.take(np.argsort(s.q[:, joint]))), seed)
+    for seed in range(2):
+        assert not found(TRACKED, lambda s: wavy(s.take(np.argsort(s.q[:, joint])), size), seed)
 
 
 def test_a_slip_beside_what_a_model_lacks_is_still_named() -> None:
@@ -279,7 +282,8 @@ def test_chances_beside_shared_errors_are_even() -> None:
         fit = everything_follows(solved(TRACKED, lambda s: wavy(s.take(ordered)), seed))
         slip = next(s for s in suspects(fit) if (s.kind, s.joint) == ("slip", ARM.joints[2]))
         velocity = slip.within(20 + seed % 20, 60)
-        chances.append(chance_beside_shared_errors(fit, velocity, [*fit.lacking.values()]))
+        beside = [*fit.lacking.values()], waves(fit, slip)
+        chances.append(chance_beside_shared_errors(fit, velocity, *beside))
     # Binomial with 24 trials: more than six below a tenth has a chance of 1 %.
     assert np.sum(np.array(chances) < 0.1) <= 6
     assert np.median(chances) > 0.15
