@@ -281,7 +281,7 @@ def _twice(terms: Sequence[Term]) -> Iterator[Contradiction]:
     for number, term in enumerate(terms):
         samples = term.poses.samples
         visits = np.cumsum(np.diff(term.poses.rests, prepend=-1) != 0).tolist()
-        rows = zip(samples.as_keys(), _labels(samples), _files(samples), visits, strict=True)
+        rows = zip(samples.as_keys(), _labels(samples), samples.files(), visits, strict=True)
         for key, label, (file, name), visit in rows:
             place = _Place(number, file, name, visit, set())
             original = first.setdefault((term.kind, key), place)
@@ -342,18 +342,6 @@ class _Place:
 def _labels(samples: Samples) -> list[tuple[str, ...]]:
     columns = [values.tolist() for values in samples.labels.values()]
     return [tuple(values[row] for values in columns) for row in range(len(samples))]
-
-
-def _files(samples: Samples) -> Iterator[tuple[int, str]]:
-    """Number and name of the file of every row."""
-    file, last, line = 0, "", 0
-    for origin in samples.origin:
-        name, _, number = origin.rpartition(":")
-        at = int(number) if number.isdigit() else line + 1
-        # Files of one name in two folders are told by their lines, which begin again.
-        file += name != last or at <= line
-        last, line = name, at
-        yield file, name or "the samples"
 
 
 def may_read_alike(samples: Samples) -> bool:

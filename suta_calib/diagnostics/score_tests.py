@@ -371,28 +371,19 @@ def scores_of(
     rows: Sequence[Rows],
     columns: IntArray,
     known: IntArray,
-    beside: FloatArray | None = None,
-    away: FloatArray | None = None,
 ) -> Scores:
     """Of ``columns``, with every other parameter free to follow but the ``known`` ones.
 
     Args:
         problem: whose rows these are.
-        rows: at the fit, with a column for each parameter and then for whatever else is tested.
+        rows: at the fit, with a column for each parameter.
         columns: (k,) to be tested.
         known: that stay.
-        beside: how large is plausible of what else there is a column for.
-        away: (n,) from what is known of each parameter beforehand, which pulls it back; by default
-            they are there.
     """
     plausible = problem.parameters.array("plausible")
-    if beside is not None:
-        plausible = np.concatenate([plausible, beside])
     others = np.setdiff1d(np.arange(len(plausible)), np.concatenate([columns, known]))
     curvature = np.asarray(sum(j.T @ j for j in map(robust_jacobian, rows)))
-    prior = np.diag_indices(len(problem.names))
-    beforehand = known_beforehand(problem)
-    curvature[prior] += beforehand
+    curvature[np.diag_indices(len(plausible))] += known_beforehand(problem)
     follow = _solved(curvature[np.ix_(others, others)], curvature[np.ix_(others, columns)])
     left = np.zeros((len(plausible), len(columns)))
     left[columns, np.arange(len(columns))] = 1.0
@@ -401,8 +392,6 @@ def scores_of(
     plausible = plausible[columns]
     telling = np.diag(reduced) * (TELLING * plausible) ** 2 > 1.0
     score, variance, touches = np.zeros(len(columns)), np.zeros_like(reduced), 0
-    if away is not None:
-        score -= left[: len(away)].T @ (beforehand * away)
     for term in problem.terms:
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
         touch = term.witnesses

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
@@ -188,6 +188,17 @@ class Samples(Shown):
     def as_keys(self) -> list[bytes]:
         """Readings and what was seen with them, row by row, as something to compare."""
         return [row.tobytes() for row in self._compared]
+
+    def files(self) -> Iterator[tuple[int, str]]:
+        """Number and name of the file of every row."""
+        file, last, line = 0, "", 0
+        for origin in self.origin:
+            name, _, number = origin.rpartition(":")
+            at = int(number) if number.isdigit() else line + 1
+            # Files of one name in two folders are told by their lines, which begin again.
+            file += name != last or at <= line
+            last, line = name, at
+            yield file, name or "the samples"
 
     def hashes(self) -> NDArray[np.uint64]:
         """(n,) equal where `as_keys` are, and hardly ever elsewhere; much faster."""

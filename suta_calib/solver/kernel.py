@@ -20,9 +20,10 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Block, Pose, Residual, flat, summed
 from suta_calib.terms.term import Term
 
-# Multiplications of a normal matrix up to which an array beats a sparse matrix: these take a
-# millisecond, and so does what SciPy checks in a sparse product.
-DENSE: Final = 2_000_000
+# Multiplications of a normal matrix up to which it is made of an array: at the most that takes a
+# quarter longer than of a sparse matrix, some tenths of a millisecond, but SciPy would have to be
+# imported for that one, which takes hundreds of them.
+DENSE: Final = 6_000_000
 # Numbers up to which they are gathered: a sparse product is up to twice as fast, by less than a
 # millisecond, but SciPy would have to be imported for it, which takes a hundred of them.
 GATHERED: Final = 2_000_000
