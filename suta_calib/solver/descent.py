@@ -200,7 +200,7 @@ def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     if not len(gradient):
         return np.zeros(0)  # Every bound is met.
     scale = _unit(hessian)
-    unit, along = hessian / np.outer(scale, scale), gradient / scale
+    unit, along = hessian / (scale[:, None] * scale), gradient / scale
     try:
         root = np.linalg.cholesky(unit)
         if np.min(np.diag(root)) ** 2 > SINGULAR:

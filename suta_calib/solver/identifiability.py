@@ -166,9 +166,10 @@ def identify(
     reduced = schur_complement(scaled, prior, arm, own)
     fixed, left_open = list[int](), list[_LeftOpen]()
     rank = _preference(parameters)
-    for members, of_members in ((arm, reduced), (own, [m[np.ix_(own, own)] for m in scaled])):
-        if not len(members):
-            continue
+    groups = [(arm, reduced)] if len(arm) else []
+    if len(own):
+        groups.append((own, [m[np.ix_(own, own)] for m in scaled]))
+    for members, of_members in groups:
         chosen, directions = _choose_fixed(of_members, prior[members], rank[members])
         fixed += [int(members[i]) for i in chosen]
         known = of_members[0] + np.diag(prior[members])
@@ -191,8 +192,10 @@ def schur_complement(
         arm: indices to keep.
         own: indices to eliminate.
     """
+    if not len(own):
+        return [m[np.ix_(arm, arm)] for m in matrices]
     curvature = matrices[0] + np.diag(prior)
-    inverse = np.linalg.pinv(curvature[np.ix_(own, own)], 1e-11, True) if len(own) else np.eye(0)
+    inverse = np.linalg.pinv(curvature[np.ix_(own, own)], 1e-11, True)
     follow = np.vstack([np.eye(len(arm)), -inverse @ curvature[np.ix_(own, arm)]])
     both = np.concatenate([arm, own])
     known = np.diag(np.concatenate([np.zeros(len(arm)), prior[own]]))

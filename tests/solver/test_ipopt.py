@@ -36,6 +36,23 @@ def test_an_answer_is_ipopts(spread: Spread) -> None:
     np.testing.assert_allclose((found.x - by_steps.x)[found.free] / std, 0.0, atol=1e-3)
 
 
+@pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])
+def test_a_minimum_is_confirmed_where_it_stands(
+    spread: Spread, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not by a line search for what rounding leaves of the cost."""
+    scene = distances()
+    problem = Problem([scene.term(scene.samples(spread)[0], HUBER)], dh_parameters(scene.arm))
+    lowest = solve(problem, SolverOptions(confirm=False))
+    nlp = RobustNlp(problem, lowest.free, lowest.sigmas, SolverOptions())
+    asked: list[FloatArray] = []
+    evaluate = nlp.cost_gradient_hessian
+    monkeypatch.setattr(nlp, "cost_gradient_hessian", lambda z: asked.append(z) or evaluate(z))
+    found = nlp.confirmed(lowest.minimum)
+    assert (found.solver, found.converged) == ("IPOPT", True)
+    assert len(asked) <= 3
+
+
 def test_where_steps_stopped_short_ipopt_goes_on() -> None:
     scene = distances()
     problem = Problem([scene.term(scene.samples()[0], HUBER)], dh_parameters(scene.arm))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -21,8 +22,8 @@ from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
-from suta_calib.terms import ArmPoses, MeasuredPoses, poses
-from suta_calib.terms.block import grouped, joined
+from suta_calib.terms import ArmPoses, FixedPoint, MeasuredPoses, block, poses
+from suta_calib.terms.block import grouped, joined, summed
 
 KINDS = ("landmark", "landmark with seats", "fixed_point", "plane", "tracked_point", "hand_eye")
 
@@ -89,6 +90,31 @@ def test_groups_of_either_sort_are_joined(count: int) -> None:
         whole = connected_components(links, directed=False)[1][a]
         found = joined(a, b)
         np.testing.assert_array_equal(found, grouped(whole)[1])
+
+
+@pytest.mark.parametrize("width", [0, 1, 5])
+def test_many_rows_are_summed_as_few_are(width: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(5)
+    rows, group = rng.standard_normal((90, width)), rng.integers(0, 12, 90)
+    few = summed(rows, group, 14)
+    monkeypatch.setattr(block, "SUMMED", -1)
+    many = summed(rows, group, 14)
+    np.testing.assert_allclose(many, few, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(few, (np.arange(14)[:, None] == group) @ rows, rtol=0, atol=1e-13)
+
+
+def test_repeats_count_the_touches_of_a_landmark_in_each_repeat() -> None:
+    rng, arm = np.random.default_rng(6), arm_named("suta")
+    names = ("placement", "landmark", "repeat")
+    columns = {name: rng.integers(0, 3, 80).astype(str) for name in names}
+    labels = columns | {"point": np.full(80, "P")}
+    term = FixedPoint(ArmPoses(arm, Samples.from_arrays(arm.joints, postures(80), labels=labels)))
+    seen, touches = Counter[tuple[str, ...]](), []
+    for row in zip(*columns.values(), strict=True):
+        touches.append((*row[:2], seen[row]))
+        seen[row] += 1
+    expected = np.array(["/".join(map(str, touch)) for touch in touches])
+    np.testing.assert_array_equal(term.repeats(), grouped(expected)[1])
 
 
 def test_a_long_chain_of_groups_is_one() -> None:
