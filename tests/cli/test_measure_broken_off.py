@@ -120,7 +120,8 @@ def test_killed_at_any_moment_nothing_confirmed_is_lost(bench: Bench, kills: int
         left = names[max(0, len(done) - 1) :] if killed else names
         if killed:
             command = bench.command("--placement", "P1", "--yes", "--resume", seconds=0.2)
-        with EmulatedArm(bench.emulation(bench.stops(",".join(left), 0.6, 0.25))) as emulator:
+        hand = bench.emulation(bench.stops(",".join(left), 0.6, 0.25))
+        with EmulatedArm(hand, patient=True) as emulator:
             emulator.write_device(bench.folder / "device.yaml")
             process = started(command)
             said = waited_for(process, "recorded")
@@ -136,7 +137,8 @@ def test_killed_at_any_moment_nothing_confirmed_is_lost(bench: Bench, kills: int
     last = recorded(bench)[-1]
     sequence = f"{','.join(names[: len(recorded(bench)) + 1])}"
     left = names[names.index(last) : names.index(last) + 2]
-    with EmulatedArm(bench.emulation(bench.stops(",".join(left), 0.6, 0.25))) as emulator:
+    hand = bench.emulation(bench.stops(",".join(left), 0.6, 0.25))
+    with EmulatedArm(hand, patient=True) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         more = ("--placement", "P1", "--yes", "--resume", "--sequence", sequence)
         assert cli(*bench.command(*more, seconds=0.2)) == 0
