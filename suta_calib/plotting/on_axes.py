@@ -87,6 +87,8 @@ def _draw(axes: Any, mark: Mark, x: Axis, y: Axis, order: int) -> Any:
         }
         if isinstance(mark, Steps):
             return axes.stairs(mark.heights, mark.edges, fill=True, linewidth=1.0, **look)
+        # Matplotlib 3.7 knows the colours of several bars by this name alone.
+        look["color"] = look.pop("facecolor")
         left, right = _within(mark.left, x), _within(mark.right, x)
         bottom, top = _within(mark.bottom, y), _within(mark.top, y)
         return axes.bar(left, top - bottom, right - left, bottom, align="edge", **look)

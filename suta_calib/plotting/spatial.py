@@ -58,15 +58,14 @@ def _arrows(axes: Any, part: Arrows, look: dict[str, Any]) -> None:
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
     times = f", × {part.factor:g}" if part.factor != 1 else ""
-    axes.add_collection3d(
-        Line3DCollection(
-            mm(np.stack([part.points, part.ends], axis=1)),
-            colors=look["color"],
-            linewidths=look["linewidth"],
-            label=f"{part.name}{times}",
-        ),
-        autolim=False,
+    lines = Line3DCollection(
+        mm(np.stack([part.points, part.ends], axis=1)),
+        colors=look["color"],
+        linewidths=look["linewidth"],
+        label=f"{part.name}{times}",
     )
+    # `_frame` sets the limits, which `add_collection3d` of Matplotlib 3.7 cannot be told.
+    axes.add_collection(lines, autolim=False)
 
 
 def _frame(axes: Any, scene: Scene) -> None:

@@ -112,7 +112,7 @@ def test_pivoting_is_sampled_while_it_moves(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
     emulation = bench.emulation(bench.stops("O,M1,L1,S1", rest=0.01, move=0.5))
-    with EmulatedArm(emulation) as emulator:
+    with EmulatedArm(emulation, patient=True) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         more = ("--point", "F1", "--continuous", 1.2, "--every", 0.05)
         assert cli(*bench.command(*more)) == 0

@@ -107,6 +107,10 @@ def test_a_number_that_is_none_is_refused(
     assert f"Invalid value for '{option}': found 'nan'" in capsys.readouterr().err
 
 
+# Of it a busy computer takes its time until it believes the readings to be fresh.
+REST = 1.2
+
+
 @pytest.mark.parametrize("kills", [1, pytest.param(10, marks=pytest.mark.slow)])
 def test_killed_at_any_moment_nothing_confirmed_is_lost(bench: Bench, kills: int) -> None:
     names = list(bench.postures)
@@ -120,7 +124,8 @@ def test_killed_at_any_moment_nothing_confirmed_is_lost(bench: Bench, kills: int
         left = names[max(0, len(done) - 1) :] if killed else names
         if killed:
             command = bench.command("--placement", "P1", "--yes", "--resume", seconds=0.2)
-        with EmulatedArm(bench.emulation(bench.stops(",".join(left), 0.6, 0.25))) as emulator:
+        hand = bench.emulation(bench.stops(",".join(left), REST, 0.25))
+        with EmulatedArm(hand, patient=True) as emulator:
             emulator.write_device(bench.folder / "device.yaml")
             process = started(command)
             said = waited_for(process, "recorded")
@@ -136,7 +141,8 @@ def test_killed_at_any_moment_nothing_confirmed_is_lost(bench: Bench, kills: int
     last = recorded(bench)[-1]
     sequence = f"{','.join(names[: len(recorded(bench)) + 1])}"
     left = names[names.index(last) : names.index(last) + 2]
-    with EmulatedArm(bench.emulation(bench.stops(",".join(left), 0.6, 0.25))) as emulator:
+    hand = bench.emulation(bench.stops(",".join(left), REST, 0.25))
+    with EmulatedArm(hand, patient=True) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         more = ("--placement", "P1", "--yes", "--resume", "--sequence", sequence)
         assert cli(*bench.command(*more, seconds=0.2)) == 0

@@ -208,5 +208,7 @@ def test_a_basis_spans_what_singular_values_say_and_no_more() -> None:
     u, back = _orthonormal(basis)
     assert u.shape == kept.shape < basis.shape
     np.testing.assert_allclose(u.T @ u, np.eye(u.shape[1]), atol=1e-12)
-    np.testing.assert_allclose(u @ u.T, kept @ kept.T, atol=1e-9)
+    # What rounding of the squares may turn the smallest direction by (Davis and Kahan 1970).
+    turned = np.finfo(float).eps * (size[0] / size[kept.shape[1] - 1]) ** 2
+    assert np.linalg.norm(u @ u.T - kept @ kept.T, 2) < turned < 1e-4
     np.testing.assert_allclose(basis @ back, u, atol=1e-8)

@@ -130,7 +130,8 @@ def test_planes_are_measured(
         "kind: fixed_point, samples: 'fixed_point", "kind: plane, samples: 'planes"
     )
     bench.job.write_text(text)
-    with EmulatedArm(bench.emulation(bench.stops("O,M1,L1,S1", rest=0.01, move=0.5))) as emulator:
+    hand = bench.emulation(bench.stops("O,M1,L1,S1", rest=0.01, move=0.5))
+    with EmulatedArm(hand, patient=True) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         assert cli(*bench.command("--plane", "S1", "--continuous", 1, "--every", 0.1)) == 0
     capsys.readouterr()
