@@ -289,9 +289,13 @@ def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
 def _loops(A: Poses, B: Poses, X: Poses) -> Poses:
     """Every ``A_i X B_i`` for every X, number by number: rotations (m, 9, n), positions (m, 3, n).
 
-    They are linear in X: one product of matrices makes them all.
+    They are linear in X: one product of matrices makes them all. For a single X, with which all
+    rows are tried, that matrix would be nine times as large as what it makes.
     """
     n, unknown = len(A[1]), X[0].reshape(-1, 9)
+    if len(unknown) == 1:
+        R, p = loop_closures(A, X, B)
+        return np.swapaxes(R.reshape(1, n, 9), 1, 2), np.swapaxes(p, 1, 2)
     turning = np.einsum("nab,ncd->bcadn", A[0], B[0]).reshape(9, -1)
     reaching = np.einsum("nab,nc->bcan", A[0], B[1]).reshape(9, -1)
     shifting = np.einsum("nab->ban", A[0]).reshape(3, -1)

@@ -19,8 +19,12 @@ from hand_eye_scenes import (
 )
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
-from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.geometry.numbers import (
+    random_rotations,
+    rotation_from_vector,
+    vector_from_rotation,
+)
+from suta_calib.pose_calibration.hand_eye import _loops, calibrate_hand_eye
 from suta_calib.pose_calibration.robot_noise import estimate_robot_noise_fraction
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -160,3 +164,17 @@ def test_the_share_is_a_regression() -> None:
     assert estimate_robot_noise_fraction(swept, np.zeros((200, 3))) == 0.5
     swamped = 1e3 * np.random.default_rng(1).standard_normal((200, 3))
     assert estimate_robot_noise_fraction(swamped, swept) == pytest.approx(0.5, abs=0.05)
+
+
+def test_loops_of_many_answers_are_those_of_each() -> None:
+    data, random = HandEye.simulate(20, seed=0), np.random.default_rng(0)
+    X = random_rotations(random, 5), random.normal(size=(5, 3))
+    R, p = _loops(data.poses, data.seen, X)
+    for k in range(5):
+        one = X[0][k], X[1][k]
+        rotation, position = loop_closures(data.poses, one, data.seen)
+        np.testing.assert_allclose(R[k].T.reshape(-1, 3, 3), rotation, atol=1e-14)
+        np.testing.assert_allclose(p[k].T, position, atol=1e-14)
+        alone = _loops(data.poses, data.seen, (X[0][[k]], X[1][[k]]))
+        np.testing.assert_allclose(alone[0][0], R[k], atol=1e-14)
+        np.testing.assert_allclose(alone[1][0], p[k], atol=1e-14)
