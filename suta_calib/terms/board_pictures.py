@@ -18,7 +18,7 @@ from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
 from suta_calib.measurements.csv_table import SutaCalibWarning
-from suta_calib.terms.camera_start import board_poses, columns_exchanged
+from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
 from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
 from suta_calib.words import listed
 
@@ -45,6 +45,9 @@ MIRRORED: Final = (
 QUOTED: Final = 5
 # Relative difference that is none.
 ROUNDING: Final = 1e-9
+# Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
+FAR_OFF: Final = 10.0
+SEEN: Final = 2.0
 # About the normal of a board, and the axis of a camera.
 HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 # By what is turned: how pictures are told of which the others say that they are upside down.
@@ -140,22 +143,69 @@ class BoardPictures:
         )
 
     @cached_property
+    def errors(self) -> FloatArray:
+        """(n, points, 2) of the corners about their picture's own pose of the board, px.
+
+        NaN where a corner was not found, and in pictures that tell no pose before the camera.
+        """
+        rotation, position = self.poses
+        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
+        ahead = (points[..., 2] > 0).all(axis=1)
+        points[~ahead] = [0.0, 0.0, 1.0]
+        off = projected(points, self.camera.intrinsics) - self.pixels
+        off[~ahead] = np.nan
+        return np.asarray(off)
+
+    def strange(self, names: Sequence[str]) -> list[str]:
+        """Pictures whose corners are far from where they are in any pose of the board; which.
+
+        Args:
+            names: (n,) of the pictures.
+        """
+        off = _root_mean_square(self.errors)
+        limit = max(FAR_OFF * float(np.nanmedian(off)), SEEN) if np.isfinite(off).any() else np.inf
+        nowhere = self.told & np.isnan(off)
+        said = []
+        for k in np.flatnonzero(nowhere | (off > limit)).tolist():
+            what = "" if nowhere[k] else self._blunder(k, limit)
+            how_far = "" if nowhere[k] else f" {off[k]:.0f} px"
+            said.append(
+                f"In {names[k]} {what or f'the corners are{how_far}'} off where the board has them "
+                "in any pose: leave the picture out (exclude)."
+            )
+        return said
+
+    def _blunder(self, picture: int, limit: float) -> str:
+        """The corner without which all others are within ``limit`` px; empty if there is none."""
+        found = np.flatnonzero(np.isfinite(self.pixels[picture]).all(axis=1))
+        if len(found) <= PLANAR:
+            return ""
+        pixels = np.repeat(self.pixels[picture][None], len(found), axis=0)
+        pixels[np.arange(len(found)), found] = np.nan
+        without = replace(self, pixels=pixels)
+        off = _root_mean_square(without.errors)
+        if not np.isfinite(off).any() or np.nanmin(off) > limit:
+            return ""
+        best = int(np.nanargmin(off))
+        rotation, position = (part[best] for part in without.poses)
+        place = rotation @ self.points[found[best]] + position
+        seen = self.pixels[picture, found[best]]
+        away = float(np.linalg.norm(projected(place, self.camera.intrinsics) - seen))
+        return f"corner {list(self.board.points)[found[best]]} is {away:.0f} px"
+
+    @cached_property
     def misfit(self) -> float:
         """Error of the corners about their picture's own pose of the board, part of its extent.
 
         Root mean squares; of the middle one of the pictures. Infinite where half of the
         poses have corners behind the camera.
         """
-        rotation, position = some_poses(self.poses, self.told)
-        seen = self.pixels[self.told]
-        points = np.einsum("nij,kj->nki", rotation, self.points) + position[:, None]
-        ahead = (points[..., 2] > 0).all(axis=1)
-        if 2 * ahead.sum() <= len(ahead):
+        ahead = np.isfinite(self.errors).any(axis=(1, 2))
+        if 2 * ahead.sum() <= self.told.sum():
             return np.inf
-        points, seen = points[ahead], seen[ahead]
-        off = projected(points, self.camera.intrinsics) - seen
+        seen = self.pixels[ahead]
         apart = seen - np.nanmean(seen, axis=1, keepdims=True)
-        squares = (np.nansum(each**2, axis=(1, 2)) for each in (off, apart))
+        squares = (np.nansum(each**2, axis=(1, 2)) for each in (self.errors[ahead], apart))
         return float(np.sqrt(np.median(np.divide(*squares))))
 
     def check(self) -> None:
@@ -286,3 +336,10 @@ class BoardPictures:
         for name, (turned, _), mine in (("board", board, nearer), ("picture", picture, ~nearer)):
             found[name][rows[strange & mine & (turned < UPRIGHT)]] = True
         return found
+
+
+def _root_mean_square(errors: FloatArray) -> FloatArray:
+    """(n,) of the corners (n, points, 2) that were found; NaN where none was."""
+    squared = np.sum(errors**2, axis=2)
+    count = np.isfinite(squared).sum(axis=1)
+    return np.asarray(np.sqrt(np.nansum(squared, axis=1) / np.where(count > 0, count, np.nan)))

@@ -480,6 +480,9 @@ class CameraView(FramedTerm):
             found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
         if other := self.pictures.other_size:
             found[other] = "care"
+        # Those that pull no harder than others spoil nothing.
+        told: Level = "care" if np.isfinite(self.noise.huber) else "bad"
+        found |= dict.fromkeys(self.pictures.strange(self._names), told)
         turned = self.pictures.upside_down(
             inverse_poses(hand) if self.setup == EYE_TO_HAND else hand
         )

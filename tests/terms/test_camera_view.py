@@ -241,6 +241,22 @@ def test_a_picture_that_is_named_twice_was_taken_at_one_posture(folder: Path) ->
         with_corners(wrong, corners, board)
 
 
+def test_a_corner_that_is_no_corner_of_the_board_is_named(folder: Path) -> None:
+    (term,) = CalibrationJob.load(folder / "job.yaml").observations
+    assert not term.doubts
+    names = term.poses.samples.labels["image"].tolist()
+    pixels = term.pixels.copy()
+    pixels[2, 5, 0] += 80.0
+    pixels[4] = np.random.default_rng(0).permutation(pixels[4])
+    samples = replace(term.poses.samples, pixels=pixels)
+    wrong = replace(term, poses=term.poses.with_samples(samples))
+    said = list(wrong.doubts.items())
+    assert said[0][0].startswith(f"In {names[2]} corner 5 is 8")
+    assert said[1][0].startswith(f"In {names[4]} the corners are ")
+    assert {level for _, level in said} == {"care"}
+    assert set(replace(wrong, noise=Noise(1e-3)).doubts.values()) == {"bad"}
+
+
 def test_a_picture_is_one_witness(folder: Path) -> None:
     (term,) = CalibrationJob.load(folder / "job.yaml").observations
     assert len(np.unique(term.witnesses)) == 16
