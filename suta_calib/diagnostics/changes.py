@@ -47,6 +47,7 @@ class ChangeOptions:
             cause.
         worth_a_look: times that share, from which on the row is looked for at which it happened:
             at the rows that are tried first, it seems to explain less.
+        alike: squares, in units of the noise, by which what explains data as well differs at most.
         tried: so many of what may have changed are told apart by what they leave.
         rounds: so often, at most, the row at which each of these happened is looked for anew.
     """
@@ -55,6 +56,7 @@ class ChangeOptions:
     level: float = 1e-3
     share: float = 0.25
     worth_a_look: float = 0.3
+    alike: float = 9.0
     tried: int = 3
     rounds: int = 4
 
@@ -69,6 +71,7 @@ class Change:
         joint: whose encoder it is; empty otherwise.
         since: file and row from which on it is so; empty where it is so all along.
         until: file and row until which it is so; empty where that is the last.
+        instead: sentences of what explains these data as well.
         size, std: by how much, and its standard deviation: rad of a slip, and of a drift until the
             last row; a number of a travel; metres of what was moved or crept until the last row.
         p: chance of residuals so suspicious, allowing for the number of tests.
@@ -81,10 +84,15 @@ class Change:
     std: float
     p: float
     until: str = ""
+    instead: tuple[str, ...] = ()
 
     @property
     def sentence(self) -> str:
-        """What it is, and what to look at."""
+        """What it is, and what to look at; and what these data cannot tell from it."""
+        return " Or, which these data cannot tell from it: ".join([self._alone, *self.instead])
+
+    @property
+    def _alone(self) -> str:
         if self.kind == "travel":
             return (
                 f"{self.joint} reads {100 * self.size:+.3f} ± {100 * self.std:.3f} % of its travel "
@@ -138,12 +146,20 @@ def changes(solution: Solution, options: ChangeOptions = ChangeOptions()) -> tup
         return ()
     # A large change saturates residuals of what is like it too: what it leaves tells them apart,
     # each at the row where it explains most.
-    where, done = _told_apart(fit, telling[: options.tried], options)
+    (where, done), *others = _told_apart(fit, telling[: options.tried], options)
     lowered = followed(fit).left - done.left
     if where.suspect.kind == "model" or lowered < _needed(fit, where, options):
         return ()
     p = min(1.0, tried * _chance(fit, where))
-    return (_change(fit, where, done, p),) if p < options.level else ()
+    if p >= options.level:
+        return ()
+    noise = done.scatter / max(fit.equations - done.spent, 1.0)
+    instead = tuple(
+        _change(fit, *each, p).sentence
+        for each in others
+        if each[0].suspect.kind != "model" and each[1].left < done.left + options.alike * noise
+    )
+    return (replace(_change(fit, where, done, p), instead=instead),)
 
 
 def _needed(fit: Following, each: Telling, options: ChangeOptions) -> float:
@@ -156,8 +172,8 @@ def _needed(fit: Following, each: Telling, options: ChangeOptions) -> float:
 
 def _told_apart(
     fit: Following, telling: Sequence[Telling], options: ChangeOptions
-) -> tuple[Telling, Followed]:
-    """What explains most for its few numbers, at the row where it does (Schwarz's criterion)."""
+) -> list[tuple[Telling, Followed]]:
+    """Each at its row, what explains most for its few numbers first (Schwarz's criterion)."""
     tried = [_where(fit, each, options) for each in telling]
     noise = min(done.scatter / max(fit.equations - done.spent, 1.0) for _, done in tried)
 
@@ -166,7 +182,7 @@ def _told_apart(
         told = done.spent - fit.spent + where.suspect.at_once
         return done.left / noise + told * float(np.log(fit.equations))
 
-    return min(tried, key=criterion)
+    return sorted(tried, key=criterion)
 
 
 def _where(fit: Following, where: Telling, options: ChangeOptions) -> tuple[Telling, Followed]:

@@ -35,6 +35,8 @@ Change = Callable[[Samples], Samples]
 LANDMARK: Final = "landmark"
 # Part of the rows that are a whole row late, beside which a clock has made it another row.
 UNSURE: Final = 0.1
+# Where in a file a clock may have been set anew, give or take half of the way to the next.
+SET_AT: Final = {0.25: "the first quarter", 0.5: "the middle", 0.75: "the last quarter"}
 
 
 @dataclass(frozen=True)
@@ -172,8 +174,12 @@ def _of_rows(samples: Sequence[Samples], options: ReadingOptions) -> Iterator[tu
     for rows in range(1, options.drifts + 1):
         for sign, slow in ((1, "slow"), (-1, "fast")):
             late = f"{rows} row{'s' * (rows > 1)} {'late' if sign > 0 else 'early'}"
-            sentence = f"the clock of what was seen or touched runs {slow}: {late} at the end"
+            clock = "the clock of what was seen or touched"
+            sentence = f"{clock} runs {slow}: {late} at the end"
             yield sentence, partial(_drifted, sign * rows)
+            for share, where in SET_AT.items():
+                sentence = f"{clock} was set about {where} of a file: {late} from there on"
+                yield sentence, partial(_set_anew, sign * rows, share)
     files = dict.fromkeys(file for s in samples for file in _files(s).tolist())
     if len(files) > options.most_files:
         return
@@ -387,6 +393,23 @@ def _partners(samples: Samples, other: IntArray, sure: NDArray[np.bool_]) -> Sam
     """
     files, rows = _files(samples), np.arange(len(samples))
     inside = np.clip(other, 0, len(rows) - 1)
+    kept = rows[(other == inside) & (files[inside] == files) & sure]
+    return _paired(samples, kept, other[kept])
+
+
+def _set_anew(offset: int, share: float, samples: Samples) -> Samples:
+    """Readings paired with what was observed ``offset`` rows later, after a share of each file.
+
+    Rows without a partner in their file are left out, and those among which it may have begun.
+    """
+    files, rows = _files(samples), np.arange(len(samples))
+    progress = np.zeros(len(rows))
+    for file in np.unique(files):
+        mine = np.flatnonzero(files == file)
+        progress[mine] = (np.arange(len(mine)) + 0.5) / len(mine)
+    other = rows + offset * (progress > share)
+    inside = np.clip(other, 0, len(rows) - 1)
+    sure = np.abs(progress - share) > 0.5 * min(SET_AT)
     kept = rows[(other == inside) & (files[inside] == files) & sure]
     return _paired(samples, kept, other[kept])
 

@@ -183,6 +183,18 @@ def test_a_tool_that_grew_across_all_distances_is_named(longer: float) -> None:
     assert not found(distances(TRUTH), unchanged)
 
 
+def test_what_the_data_cannot_tell_apart_is_said_beside_each_other() -> None:
+    """A tip that was bent sideways touches where the last joint, read wrongly, has it touch."""
+    scene, last = distances(TRUTH), ARM.joints[-1]
+    rows = np.arange(len(scene.q))
+    (told,) = found(scene, read(5, lambda q: q + 0.02 * (rows >= 53)))
+    assert "joint_6" in told.sentence
+    assert "these data cannot tell from it: The tool" in told.sentence
+    assert (told.kind, told.joint) == ("slip", last)
+    (plain,) = found(TRACKED, slipped(2e-3, 22))
+    assert not plain.instead
+
+
 @pytest.mark.parametrize("since", [30, 45])
 def test_a_change_between_terms_and_in_one_of_them_lasts(since: int) -> None:
     """What follows a row stands in the same file, or in others that were measured later."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -171,14 +172,22 @@ def ever_later(samples: Samples) -> Samples:
     return replace(observed, q=samples.q[kept + 3 * kept // len(samples)])
 
 
+def later_from(share: float, samples: Samples) -> Samples:
+    """Observed in time until a clock was set, three rows late since."""
+    kept = np.arange(len(samples) - 3)
+    return replace(samples.take(kept), q=samples.q[kept + 3 * (kept >= share * len(kept))])
+
+
 @pytest.mark.parametrize(
     ("change", "cause"),
     [
         (names_rolled, "each stand under the name of the next"),
         (seen(lambda p: p * [1.0, 1.0, -1.0]), "left-handed: z has the wrong sign"),
         (ever_later, "runs slow: 2 rows late at the end"),
+        (partial(later_from, 0.5), "set about the middle of a file: 3 rows late from there on"),
+        (partial(later_from, 0.33), "quarter of a file: 3 rows late from there on"),
     ],
-    ids=["columns", "mirrored", "clock"],
+    ids=["columns", "mirrored", "clock", "set", "set early"],
 )
 def test_what_was_mixed_up_throughout_is_named(
     scenes: tuple[Scene, Scene], change: Change, cause: str
