@@ -160,7 +160,11 @@ CORRUPTIONS: Final = (
     Corruption("a longer tip half-way", ("tool", "moved"), longer, needs="rotation", files="later"),
     Corruption("joint columns backwards", ("in the opposite order",), columns_backwards),
     Corruption(
-        "a row missing half-way", ("is missing among",), row_missing, needs="order", files="first"
+        "a row missing half-way",
+        ("missing among", " late"),
+        row_missing,
+        needs="order",
+        files="first",
     ),
     Corruption("a reading that saturates", ("to the last digit",), joint(2, saturated)),
     Corruption(
@@ -223,7 +227,7 @@ CORRUPTIONS: Final = (
         lambda s: replace(s, q=np.radians(np.round(deg(s.q)))),
         right=True,
     ),
-    Corruption("a clock set half-way", (*LATE, "slip", "moved"), clock_jumped, needs="order"),
+    Corruption("a clock set half-way", (*LATE, "missing among"), clock_jumped, needs="order"),
     Corruption("a wrap missed in some rows", ("turn", "count", "jump"), joint(4, wrap_missed)),
     Corruption("one column sorted", ("stand in order",), joint(2, sorted_column)),
     Corruption(

@@ -35,8 +35,8 @@ Change = Callable[[Samples], Samples]
 LANDMARK: Final = "landmark"
 # Part of the rows that are a whole row late, beside which a clock has made it another row.
 UNSURE: Final = 0.1
-# Where in a file a clock may have been set anew, give or take half of the way to the next.
-SET_AT: Final = {0.25: "the first quarter", 0.5: "the middle", 0.75: "the last quarter"}
+# Parts of a file, in one of which a clock may have been set anew; not in the last.
+SET_IN: Final = ("first", "middle", "last")
 
 
 @dataclass(frozen=True)
@@ -166,6 +166,7 @@ def _of_instrument(oriented: bool) -> Iterator[tuple[str, Change]]:
 
 def _of_rows(samples: Sequence[Samples], options: ReadingOptions) -> Iterator[tuple[str, Change]]:
     """What was seen or touched stands in another row than the readings that belong to it."""
+    files = dict.fromkeys(file for s in samples for file in _files(s).tolist())
     for rows in range(1, options.shifts + 1):
         count = "one row" if rows == 1 else f"{rows} rows"
         for sentence, offset in ((f"{count} late", rows), (f"{count} early", -rows)):
@@ -177,10 +178,10 @@ def _of_rows(samples: Sequence[Samples], options: ReadingOptions) -> Iterator[tu
             clock = "the clock of what was seen or touched"
             sentence = f"{clock} runs {slow}: {late} at the end"
             yield sentence, partial(_drifted, sign * rows)
-            for share, where in SET_AT.items():
-                sentence = f"{clock} was set about {where} of a file: {late} from there on"
-                yield sentence, partial(_set_anew, sign * rows, share)
-    files = dict.fromkeys(file for s in samples for file in _files(s).tolist())
+            # Of one file it is known better where.
+            for part, which in enumerate(SET_IN[:-1] if len(files) > 1 else ()):
+                sentence = f"{clock} was set in the {which} part of a file: {late} from there on"
+                yield sentence, partial(_out_of_step, sign * rows, "", part, len(SET_IN))
     if len(files) > options.most_files:
         return
     for file in files:
@@ -357,14 +358,15 @@ def _slid(offset: int, file: str, samples: Samples) -> Samples:
 
 
 def _out_of_step(offset: int, file: str, part: int, parts: int, samples: Samples) -> Samples:
-    """The same from one of a file's ``parts`` on, which is left out: nobody knows where in it."""
-    other, mine = np.arange(len(samples)), np.flatnonzero(_files(samples) == file)
-    where = np.concatenate([np.full(len(p), k) for k, p in enumerate(np.array_split(mine, parts))])
-    other[mine[where > part]] += offset
-    sure = np.ones(len(samples), dtype=np.bool_)
-    # Nor have the first behind it a partner, if what was observed is what is missing.
-    first, last = np.flatnonzero(where == part)[[0, -1]]
-    sure[mine[first : last + 1 + max(-offset, 0)]] = False
+    """The same from one of ``parts`` on, which is left out: nobody knows where in it."""
+    files = _files(samples)
+    other, sure = np.arange(len(samples)), np.ones(len(samples), dtype=np.bool_)
+    for name in [file] if file else np.unique(files):
+        mine = np.flatnonzero(files == name)
+        within = np.array_split(mine, parts)[part]
+        other[mine[mine > within[-1]]] += offset
+        # Nor have the first behind it a partner, if what was observed is what is missing.
+        sure[mine[(mine >= within[0]) & (mine <= within[-1] + max(-offset, 0))]] = False
     return _partners(samples, other, sure)
 
 
@@ -393,23 +395,6 @@ def _partners(samples: Samples, other: IntArray, sure: NDArray[np.bool_]) -> Sam
     """
     files, rows = _files(samples), np.arange(len(samples))
     inside = np.clip(other, 0, len(rows) - 1)
-    kept = rows[(other == inside) & (files[inside] == files) & sure]
-    return _paired(samples, kept, other[kept])
-
-
-def _set_anew(offset: int, share: float, samples: Samples) -> Samples:
-    """Readings paired with what was observed ``offset`` rows later, after a share of each file.
-
-    Rows without a partner in their file are left out, and those among which it may have begun.
-    """
-    files, rows = _files(samples), np.arange(len(samples))
-    progress = np.zeros(len(rows))
-    for file in np.unique(files):
-        mine = np.flatnonzero(files == file)
-        progress[mine] = (np.arange(len(mine)) + 0.5) / len(mine)
-    other = rows + offset * (progress > share)
-    inside = np.clip(other, 0, len(rows) - 1)
-    sure = np.abs(progress - share) > 0.5 * min(SET_AT)
     kept = rows[(other == inside) & (files[inside] == files) & sure]
     return _paired(samples, kept, other[kept])
 

@@ -173,7 +173,7 @@ def ever_later(samples: Samples) -> Samples:
 
 
 def later_from(share: float, samples: Samples) -> Samples:
-    """Observed in time until a clock was set, three rows late since."""
+    """Three rows of the readings missing from there on."""
     kept = np.arange(len(samples) - 3)
     return replace(samples.take(kept), q=samples.q[kept + 3 * (kept >= share * len(kept))])
 
@@ -184,10 +184,10 @@ def later_from(share: float, samples: Samples) -> Samples:
         (names_rolled, "each stand under the name of the next"),
         (seen(lambda p: p * [1.0, 1.0, -1.0]), "left-handed: z has the wrong sign"),
         (ever_later, "runs slow: 2 rows late at the end"),
-        (partial(later_from, 0.5), "set about the middle of a file: 3 rows late from there on"),
-        (partial(later_from, 0.33), "quarter of a file: 3 rows late from there on"),
+        (partial(later_from, 0.5), "3 rows are missing among the joints' readings, between row 13"),
+        (partial(later_from, 0.33), "3 rows are missing among the joints' readings, between row 7"),
     ],
-    ids=["columns", "mirrored", "clock", "set", "set early"],
+    ids=["columns", "mirrored", "clock", "missing", "missing early"],
 )
 def test_what_was_mixed_up_throughout_is_named(
     scenes: tuple[Scene, Scene], change: Change, cause: str
