@@ -361,8 +361,11 @@ def _out_of_step(offset: int, file: str, part: int, parts: int, samples: Samples
     """The same from one of ``parts`` on, which is left out: nobody knows where in it."""
     files = _files(samples)
     other, sure = np.arange(len(samples)), np.ones(len(samples), dtype=np.bool_)
-    for name in [file] if file else np.unique(files):
+    for name in np.unique(files):
         mine = np.flatnonzero(files == name)
+        # Of other terms the file has no rows, or other files of this one hardly any.
+        if name != (file or name) or len(mine) < parts:
+            continue
         within = np.array_split(mine, parts)[part]
         other[mine[mine > within[-1]]] += offset
         # Nor have the first behind it a partner, if what was observed is what is missing.

@@ -91,6 +91,20 @@ def test_a_reading_undoes_its_mistake(scene: Scene, samples: Samples, sentence: 
         assert belongs[tuple(q)] == tuple(position)
 
 
+def test_a_file_of_one_term_is_not_looked_for_in_another(scene: Scene, samples: Samples) -> None:
+    terms = [
+        scene.term(samples.take([o.startswith(name) for o in samples.origin]), Noise())
+        for name in ("first", "second")
+    ]
+    found = [
+        tuple(len(term.poses) for term in read)
+        for sentence, read in other_readings(terms, ReadingOptions())
+        if "missing among" in sentence and "between first.csv" in sentence
+    ]
+    assert found
+    assert all(first < 36 and second == 24 for first, second in found)
+
+
 def test_names_and_readings_in_two_orders_are_told_apart() -> None:
     """ROS lists joints by name, an arm from base to tip."""
     arm = load("romeo", tip="r_wrist")
