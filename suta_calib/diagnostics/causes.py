@@ -35,6 +35,10 @@ from suta_calib.terms import Term
 
 # A score beyond all others but infinity.
 _UNRANKED: Final = 1e300
+# How a reading is fitted.
+FEW: Final = SolverOptions(starts=1, max_iterations=25, weights=None, confirm=False)
+# Misfit of the nominal arm over that of the data as they are, from which on a reading changes it.
+SOME: Final = 0.999
 
 
 @dataclass(frozen=True)
@@ -106,37 +110,43 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     scores = np.array([_registered(terms, coarse) for _, terms in readings])
     # A reading explains only the rows that it keeps.
     scores /= [_kept(terms, problem.terms) for _, terms in readings]
-    ranked = [k for k in np.argsort(scores, kind="stable") if scores[k] < limit]
+    # What leaves the nominal arm as it is (a turn of the base) is a convention and no cause.
+    ranked = [k for k in np.argsort(scores, kind="stable") if scores[k] < SOME * limit]
     tried = [(*readings[k], float(scores[k])) for k in ranked[: options.fitted]]
     # What the nominal arm is too coarse to rank: what stands elsewhere; and only where that is no
     # cause, for it leaves more open, what was moved.
     tried += [(*each, _UNRANKED) for each in elsewhere(problem.terms)]
     tried += [(*each, math.inf) for each in moved_half_way(problem.terms)]
-    few = SolverOptions(starts=1, max_iterations=25, weights=None, confirm=False)
+
+    def left(terms: Sequence[Term]) -> float:
+        """Misfit of the terms once they are fitted like the job, by all rows of the job."""
+        with suppress(SutaCalibError):
+            again = solve(Problem(terms, problem.arm_parameters), FEW)
+            after = misfit(again.problem, again.x, cap, len(again.free))
+            # An arm that hardly moves agrees with anything.
+            after *= max(_travel(problem.terms) / _travel(terms), 1.0)
+            return after / _kept(terms, problem.terms)
+        return math.inf
+
     causes, worst = list[tuple[float, Cause]](), math.inf
     for sentence, terms, score in tried:
         if causes and score > worst:
             break
-        with suppress(SutaCalibError):
-            again = solve(Problem(terms, problem.arm_parameters), few)
-            after = misfit(again.problem, again.x, cap, len(again.free))
-            # An arm that hardly moves agrees with anything.
-            after *= max(_travel(problem.terms) / _travel(terms), 1.0)
-            kept = _kept(terms, problem.terms)
-            after /= kept
-            if after < explained:
-                causes.append((kept, Cause(sentence, present, after)))
-                worst = min(worst, options.alike * score)
+        after = left(terms)
+        if after < explained:
+            causes.append((_kept(terms, problem.terms), Cause(sentence, present, after)))
+            worst = min(worst, options.alike * score)
     # Labels that return make several shifts do: that of most rows, and what was tried first, is
     # the simplest.
     order = [sentence for sentence, *_ in [*readings, *tried]]
-    best = min((cause.after for _, cause in causes), default=0.0)
+    best = options.alike * min((cause.after for _, cause in causes), default=0.0)
     alike = [
-        (-kept, order.index(cause.sentence), cause)
-        for kept, cause in causes
-        if cause.after < options.alike * best
+        (-kept, order.index(cause.sentence), cause) for kept, cause in causes if cause.after < best
     ]
-    return min(alike)[-1] if alike else None
+    # Nothing need be otherwise where the fit that is to be explained was not the best one.
+    if not alike or left(problem.terms) < best:
+        return None
+    return min(alike)[-1]
 
 
 def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> float:
