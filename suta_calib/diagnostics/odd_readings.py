@@ -47,22 +47,23 @@ def odd_columns(terms: Sequence[Term]) -> Iterator[str]:
     arm = _arm(terms)
     if arm is None:
         return
+    joints = arm.joints
     q = np.vstack([term.poses.samples.q for term in terms])
     travel = np.ptp(q, axis=0)
     others_move = np.sort(travel)[-2:].min() > 10 * TRAVEL
-    dead = [joint for joint, moved in zip(arm, travel, strict=True) if moved < TRAVEL]
+    dead = [joint for joint, moved in zip(joints, travel, strict=True) if moved < TRAVEL]
     if dead and others_move:
         yield (
             f"{', '.join(dead)} reads the same in every row, to "
             f"{np.degrees(TRAVEL):.3f} deg: is its encoder alive? If it was locked, say "
             "so by leaving its parameters out."
         )
-    for a, b in combinations(range(len(arm)), 2):
+    for a, b in combinations(range(len(joints)), 2):
         moving = min(travel[a], travel[b]) > 10 * TRAVEL and len(q) >= FEWEST
         if moving and np.abs(q[:, a] - q[:, b]).max() < TRAVEL:
             yield (
-                f"{arm[a]} and {arm[b]} read the same as one another in every row: was one column "
-                "copied over the other?"
+                f"{joints[a]} and {joints[b]} read the same as one another in every row: was one "
+                "column copied over the other?"
             )
 
 
@@ -78,21 +79,21 @@ def odd_where_nothing_fits(terms: Sequence[Term]) -> Iterator[str]:
     arm = _arm(terms)
     if arm is None:
         return
-    yield from _sorted_alone(arm, terms)
+    yield from _sorted_alone(arm.joints, terms)
     q = np.vstack([term.poses.samples.q for term in terms])
     moving = np.ptp(q, axis=0) > 10 * TRAVEL
-    for joint, readings in zip(np.compress(moving, arm), q[:, moving].T, strict=True):
+    for joint, readings in zip(np.compress(moving, arm.joints), q[:, moving].T, strict=True):
         for end, which in ((readings.max(), "above"), (readings.min(), "below")):
             times = int(np.sum(readings == end))
             if times >= max(FEWEST, AT_END * len(readings)):
+                where = text(float(end), arm.units[joint], with_unit=True)
                 yield (
-                    f"{times} of {len(readings)} readings of {joint} are {np.degrees(end):.6g} deg "
-                    f"to the last digit, and none is {which}: does its encoder, or what reads it, "
-                    "end there?"
+                    f"{times} of {len(readings)} readings of {joint} are {where} to the last "
+                    f"digit, and none is {which}: does its encoder, or what reads it, end there?"
                 )
 
 
-def _sorted_alone(arm: Sequence[str], terms: Sequence[Term]) -> Iterator[str]:
+def _sorted_alone(joints: Sequence[str], terms: Sequence[Term]) -> Iterator[str]:
     found = list[list[int]]()
     for samples in (term.poses.samples for term in terms):
         files = np.array([origin.rpartition(":")[0] for origin in samples.origin])
@@ -102,10 +103,10 @@ def _sorted_alone(arm: Sequence[str], terms: Sequence[Term]) -> Iterator[str]:
             ordered = np.all(steps >= 0, axis=0) | np.all(steps <= 0, axis=0)
             if len(q) >= FEWEST and moves.sum() > 1:
                 found.append(np.flatnonzero(ordered & moves).tolist())
-    if found and len(found[0]) == 1 and all(joints == found[0] for joints in found):
+    if found and len(found[0]) == 1 and all(each == found[0] for each in found):
         yield (
-            f"The readings of {arm[found[0][0]]} stand in order, those of no other joint do: was "
-            "its column sorted by itself?"
+            f"The readings of {joints[found[0][0]]} stand in order, those of no other joint do: "
+            "was its column sorted by itself?"
         )
 
 
@@ -164,10 +165,10 @@ def _rounded_positions(terms: Sequence[Term]) -> Iterator[tuple[str, str, float]
             yield what, text(step, "m", with_unit=True), step / math.sqrt(12.0)
 
 
-def _arm(terms: Sequence[Term]) -> Sequence[str] | None:
-    """Names of the joints; None without an arm."""
+def _arm(terms: Sequence[Term]) -> ArmModel | None:
+    """Whose readings these are; None without an arm."""
     poses = terms[0].poses
-    return poses.arm.joints if isinstance(poses, ArmPoses) else None
+    return poses.arm if isinstance(poses, ArmPoses) else None
 
 
 def _step(readings: FloatArray, steps: Sequence[float]) -> float:

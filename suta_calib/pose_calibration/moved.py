@@ -28,11 +28,13 @@ FEWEST: Final = 4
 TIMES: Final = 40
 # Chance that one of all tests calls sound data changed.
 FALSE_ALARM: Final = 1e-3
-# Share of a block's squares that a change must explain: of many rows
-# anything is significant, and a hand that errs alike in like poses seems to change on its way.
+# Share of a block's squares that a change must explain: of many rows anything is significant, and
+# a hand that errs alike in like poses seems to change on its way.
 SHARE: Final = 0.7
 # Information, as a share of the unknown's own, below which nothing tells a change.
 TOLD: Final = 1e-6
+# What is left of exact poses, in units of the scatter that the change made.
+EXACT: Final = 1e-6
 # Rows that disagree, from which on it is no chance that they follow one another.
 RUN: Final = 3
 
@@ -107,7 +109,7 @@ def _moved_among_fitted(
     if not best.rank or np.all(rest > (1.0 - SHARE) * squares):
         return None
     # What the change made of the noise of places must not hide it, nor of that of turns.
-    level = np.sqrt(rest / (count * residual.shape[2]))[:, None]
+    level = np.sqrt(np.maximum(rest / (count * residual.shape[2]), EXACT**2))[:, None]
     jacobian, residual = jacobian / level[..., None], residual / level
     best = _best(count, parts, jacobian, residual)
     left = best.left(jacobian, residual)

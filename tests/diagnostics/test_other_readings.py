@@ -131,7 +131,9 @@ def test_a_reading_that_ends_somewhere_is_named(scene: Scene, samples: Samples) 
         return replace(samples, q=q)
 
     (said,) = odd_where_nothing_fits([scene.term(saturated(1.0), Noise())])
-    assert said.startswith(f"{np.sum(samples.q[:, 2] >= 1.0)} of 60 readings of joint_3 are 57.29")
+    assert said.startswith(
+        f"{np.sum(samples.q[:, 2] >= 1.0)} of 60 readings of joint_3 are 57.2958 deg"
+    )
     assert not [*odd_where_nothing_fits([scene.term(samples, Noise())])]
 
 

@@ -106,14 +106,14 @@ def test_a_hand_that_is_bent_is_hardly_ever_called_moved(count: int) -> None:
 
 
 # ── Pivot ────────────────────────────────────────────────────────────────────────────────────
-def pivoted(count: int, seed: int = 0, **changed: Any) -> PivotCalibration:
+def pivoted(count: int, seed: int = 0, noise: float = 2e-4, **changed: Any) -> PivotCalibration:
     """A tool that pivots; its tip or the post another from a row on."""
     random = np.random.default_rng(seed)
     R = rotation_from_vector(random.uniform(-0.7, 0.7, (count, 3)))
     tip, post = np.tile([0.01, 0.02, 0.16], (count, 1)), np.tile([0.1, -0.06, -1.4], (count, 1))
     tip[count // 2 :] += changed.get("tip", 0.0)
     post[count // 2 :] += changed.get("post", 0.0)
-    p = post - np.einsum("nij,nj->ni", R, tip) + random.normal(0.0, 2e-4, (count, 3))
+    p = post - np.einsum("nij,nj->ni", R, tip) + noise * random.standard_normal((count, 3))
     return calibrate_pivot(R, p)
 
 
@@ -133,3 +133,11 @@ def test_a_tip_that_bent_is_told_from_a_post_that_slid(which: str, what: str, co
 @pytest.mark.parametrize("count", [10, 60, 600])
 def test_a_steady_pivot_moved_nowhere(count: int) -> None:
     assert not any(pivoted(count, seed).moved for seed in range(5))
+
+
+def test_exact_poses_tell_a_change_exactly() -> None:
+    found = pivoted(40, noise=0.0, tip=np.array([0.0, 0.0, 2e-3])).moved
+    assert found is not None
+    assert found.since == 20
+    assert found.by == pytest.approx(2e-3, abs=1e-9)
+    assert pivoted(40, noise=0.0).moved is None
