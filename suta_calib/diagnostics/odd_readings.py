@@ -96,7 +96,7 @@ def odd_where_nothing_fits(terms: Sequence[Term]) -> Iterator[str]:
 def _sorted_alone(joints: Sequence[str], terms: Sequence[Term]) -> Iterator[str]:
     found = list[list[int]]()
     for samples in (term.poses.samples for term in terms):
-        files = np.array([origin.rpartition(":")[0] for origin in samples.origin])
+        files = samples.file_names
         for file in np.unique(files):
             q = samples.q[files == file]
             steps, moves = np.diff(q, axis=0), np.ptp(q, axis=0) > 10 * TRAVEL

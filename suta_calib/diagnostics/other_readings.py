@@ -166,7 +166,7 @@ def _of_instrument(oriented: bool) -> Iterator[tuple[str, Change]]:
 
 def _of_rows(samples: Sequence[Samples], options: ReadingOptions) -> Iterator[tuple[str, Change]]:
     """What was seen or touched stands in another row than the readings that belong to it."""
-    files = dict.fromkeys(file for s in samples for file in _files(s).tolist())
+    files = dict.fromkeys(file for s in samples for file in s.file_names.tolist())
     for rows in range(1, options.shifts + 1):
         count = "one row" if rows == 1 else f"{rows} rows"
         for sentence, offset in ((f"{count} late", rows), (f"{count} early", -rows)):
@@ -199,8 +199,8 @@ def _of_lost_rows(
     samples: Sequence[Samples], file: str, parts: int, most: int
 ) -> Iterator[tuple[str, Change]]:
     """A file that is in step up to where rows are missing of what was read, or of what was seen."""
-    rows = next(rows for s in samples if (rows := np.flatnonzero(_files(s) == file)).size)
-    origin = next(s.origin for s in samples if file in _files(s))
+    rows = next(rows for s in samples if (rows := np.flatnonzero(s.file_names == file)).size)
+    origin = next(s.origin for s in samples if file in s.file_names)
     if len(rows) < 2 * parts:
         return
     for count in range(1, most + 1):
@@ -244,7 +244,7 @@ def moved_half_way(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...
     what = "the instrument, the artefact or what was touched"
     for sentence, parts in (
         (f"{what} was moved after the first half of the rows", _half),
-        (f"{what} was moved between the files", _files),
+        (f"{what} was moved between the files", lambda samples, _: samples.file_names),
     ):
         apart: list[Term] = []
         for term in terms:
@@ -353,13 +353,13 @@ def _renamed(names: Mapping[str, str], samples: Samples) -> Samples:
 def _slid(offset: int, file: str, samples: Samples) -> Samples:
     """Readings paired with what was observed ``offset`` rows later, in all files or in one."""
     rows = np.arange(len(samples))
-    slid = _files(samples) == file if file else np.ones(len(rows), dtype=np.bool_)
+    slid = samples.file_names == file if file else np.ones(len(rows), dtype=np.bool_)
     return _partners(samples, rows + offset * slid, np.ones(len(rows), dtype=np.bool_))
 
 
 def _out_of_step(offset: int, file: str, part: int, parts: int, samples: Samples) -> Samples:
     """The same from one of ``parts`` on, which is left out: nobody knows where in it."""
-    files = _files(samples)
+    files = samples.file_names
     other, sure = np.arange(len(samples)), np.ones(len(samples), dtype=np.bool_)
     for name in np.unique(files):
         mine = np.flatnonzero(files == name)
@@ -378,7 +378,7 @@ def _drifted(last: int, samples: Samples) -> Samples:
 
     Rows near which another row begins to be the partner are left out: nobody knows to a row where.
     """
-    files, rows = _files(samples), np.arange(len(samples))
+    files, rows = samples.file_names, np.arange(len(samples))
     other, sure = rows.copy(), np.zeros(len(rows), dtype=np.bool_)
     for file in np.unique(files):
         mine = np.flatnonzero(files == file)
@@ -396,14 +396,14 @@ def _partners(samples: Samples, other: IntArray, sure: NDArray[np.bool_]) -> Sam
 
     Rows without a partner in their file are left out.
     """
-    files, rows = _files(samples), np.arange(len(samples))
+    files, rows = samples.file_names, np.arange(len(samples))
     inside = np.clip(other, 0, len(rows) - 1)
     kept = rows[(other == inside) & (files[inside] == files) & sure]
     return _paired(samples, kept, other[kept])
 
 
 def _backwards(samples: Samples) -> Samples:
-    files, rows = _files(samples), np.arange(len(samples))
+    files, rows = samples.file_names, np.arange(len(samples))
     order = rows.copy()
     for file in np.unique(files):
         order[files == file] = rows[files == file][::-1]
@@ -412,8 +412,3 @@ def _backwards(samples: Samples) -> Samples:
 
 def _paired(samples: Samples, rows: IntArray, seen: IntArray) -> Samples:
     return replace(samples.take(seen), q=samples.q[rows])
-
-
-def _files(samples: Samples, place: NDArray[np.str_] | None = None) -> NDArray[np.str_]:
-    del place
-    return np.array([origin.rpartition(":")[0] for origin in samples.origin])

@@ -189,6 +189,11 @@ class Samples(Shown):
         """Readings and what was seen with them, row by row, as something to compare."""
         return [row.tobytes() for row in self._compared]
 
+    @property
+    def file_names(self) -> NDArray[np.str_]:
+        """(n,) what `origin` says before the line; empty where rows come from no file."""
+        return np.array([origin.rpartition(":")[0] for origin in self.origin], dtype=np.str_)
+
     def files(self) -> Iterator[tuple[int, str]]:
         """Number and name of the file of every row."""
         file, last, line = 0, "", 0

@@ -260,6 +260,6 @@ def _names(term: TermAccuracy, grouping: str) -> NDArray[np.str_] | None:
     samples = term.term.poses.samples
     if grouping != "file":
         return samples.labels.get(grouping)
-    places = [place.rpartition(":")[0] for place in samples.origin]
+    places = samples.file_names.tolist()
     names = {place: PurePath(place).name for place in set(places)}
     return np.array([names[p] or o for p, o in zip(places, samples.origin, strict=True)])

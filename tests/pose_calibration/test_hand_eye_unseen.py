@@ -7,10 +7,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hand_eye_scenes import calibrate, errors, noisy, simulate
+from hand_eye_scenes import bent_hand, calibrate, errors, noisy, simulate
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
+from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.terms import HandEye
 from suta_calib.terms.hand_eye_start import EyeSetup, inverse_poses
@@ -56,12 +56,8 @@ def test_another_unit_in_both_poses_is_no_answer() -> None:
 def of_a_bent_robot(count: int, seed: int) -> tuple[Simulated[HandEye], HandEyeCalibration]:
     """Some 4 mm and 0.4°, alike where the hand is alike: a geometry that errs, no wrong pair."""
     data = simulate(count, seed=seed)
-    (R, p), random = data.poses, np.random.default_rng([seed, 7])
-    where = np.hstack([p, vector_from_rotation(R)])
-    shift, turn = (np.sin(2.0 * where @ random.standard_normal((6, 3))) for _ in range(2))
-    hand = R @ rotation_from_vector(np.radians(0.4) * turn), p + 4e-3 * shift
     assert data.seen is not None
-    return data, calibrate_hand_eye(hand, data.seen)
+    return data, calibrate_hand_eye(bent_hand(data, seed), data.seen)
 
 
 @pytest.mark.parametrize("seed", range(6))

@@ -7,13 +7,20 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hand_eye_scenes import noisy, simulate
+from hand_eye_scenes import bent_hand, noisy, simulate
 
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.pose_calibration import moved as module
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
-from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup, Poses, inverse_poses
+from suta_calib.terms.hand_eye_start import (
+    EYE_IN_HAND,
+    EYE_TO_HAND,
+    EyeSetup,
+    Poses,
+    inverse_poses,
+    some_poses,
+)
 
 BY = np.array([2e-3, -3e-3, 6e-3])
 
@@ -82,16 +89,16 @@ def test_noise_moves_nothing(count: int) -> None:
 def bent(count: int, seed: int) -> HandEyeCalibration:
     """A hand that errs by 4 mm and 0.4°, alike in like poses, and goes from one to the next."""
     data = simulate(count, seed=seed)
-    (R, p), random = data.poses, np.random.default_rng([seed, 7])
-    where = np.hstack([p, vector_from_rotation(R)])
-    shift, turn = (np.sin(2.0 * where @ random.standard_normal((6, 3))) for _ in range(2))
+    where = np.hstack([data.poses[1], vector_from_rotation(data.poses[0])])
     way = [0]
     while len(way) < count:
         far = np.linalg.norm(where - where[way[-1]], axis=1)
         far[way] = np.inf
         way.append(int(np.argmin(far)))
-    hand = R @ rotation_from_vector(np.radians(0.4) * turn), p + 4e-3 * shift
-    return calibrate_hand_eye((hand[0][way], hand[1][way]), (data.seen[0][way], data.seen[1][way]))
+    order = np.array(way)
+    return calibrate_hand_eye(
+        some_poses(bent_hand(data, seed), order), some_poses(data.seen, order)
+    )
 
 
 def test_a_hand_that_is_bent_is_not_called_moved() -> None:

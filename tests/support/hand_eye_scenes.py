@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import vector_from_rotation
+from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.terms import HandEye
 from suta_calib.terms.hand_eye_start import Poses
@@ -43,6 +43,14 @@ def _calibrated(flat: bytes, more: tuple[tuple[str, Any], ...]) -> HandEyeCalibr
     RA, pA, RB, pB = np.split(np.frombuffer(flat).reshape(-1, 24), [9, 12, 21], axis=1)
     hand, seen = (RA.reshape(-1, 3, 3), pA), (RB.reshape(-1, 3, 3), pB)
     return calibrate_hand_eye(hand, seen, **dict(more))
+
+
+def bent_hand(data: Simulated[HandEye], seed: int) -> Poses:
+    """The hand off by some 4 mm and 0.4°, alike where it is alike: a geometry that errs."""
+    (R, p), random = data.poses, np.random.default_rng([seed, 7])
+    where = np.hstack([p, vector_from_rotation(R)])
+    shift, turn = (np.sin(2.0 * where @ random.standard_normal((6, 3))) for _ in range(2))
+    return R @ rotation_from_vector(np.radians(0.4) * turn), p + 4e-3 * shift
 
 
 def angle(first: FloatArray, second: FloatArray) -> float:
