@@ -15,7 +15,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.held_out import robust_level
-from suta_calib.diagnostics.score_tests import known_beforehand, offered_names, problem_beside
+from suta_calib.diagnostics.score_tests import offered_names, problem_beside
+from suta_calib.diagnostics.scores import known_beforehand
 from suta_calib.model.parameters import Family
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_threshold, huber_weight

@@ -17,7 +17,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.following import Following, whitened, widened
-from suta_calib.diagnostics.score_tests import TELLING
+from suta_calib.diagnostics.scores import TELLING
 from suta_calib.distributions import f
 from suta_calib.geometry.numbers import skew
 from suta_calib.solver.information import scaled_inverse

@@ -1,0 +1,153 @@
+"""Scores of parameters that were not fitted, their variance by touch, and one step towards them.
+
+See `score_tests`, whose equation these are the parts of.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.distributions import f
+from suta_calib.solver.covariance import summed_by_member, summed_by_pair
+from suta_calib.solver.information import Rows, robust_jacobian
+from suta_calib.solver.problem import Problem
+
+# Predicted standard deviation over what is plausible up to which a parameter is worth a test.
+TELLING: Final = 0.25
+# Information, relative to the largest, that is rounding.
+ROUNDING: Final = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class Scores:
+    """What is left of the candidates' columns.
+
+    Attributes:
+        score: (k,) S.
+        curvature: (k, k) Z̃ᵀZ̃.
+        variance: (k, k) V.
+        telling: (k,) whether the data would tell each of them well enough.
+        touches: number of clusters.
+        squares: sum of the whitened squares, robust.
+    """
+
+    score: FloatArray
+    curvature: FloatArray
+    variance: FloatArray
+    telling: BoolArray
+    touches: int
+    squares: float
+
+    def p_by_touch(self, chosen: IntArray, freedom: int) -> float:
+        """Chance of so large scores of some columns together, by their variance among touches."""
+        kept = chosen[self.telling[chosen]]
+        if not len(kept):
+            return 1.0
+        part = self.score[kept]
+        pushed = np.linalg.pinv(self.variance[np.ix_(kept, kept)], hermitian=True) @ part
+        return float(f.sf(part @ pushed / len(kept), len(kept), freedom))
+
+    def step(self, chosen: IntArray) -> FloatArray:
+        """What one step of Gauss and Newton makes of some columns together."""
+        curvature = self.curvature[np.ix_(chosen, chosen)]
+        return _solved(curvature, self.score[chosen][:, None])[:, 0]
+
+    def p_variance(self, chosen: IntArray, equations: int, free: int) -> float:
+        """Chance of so much variance explained, by the F test of nested models."""
+        freedom = equations - free - len(chosen)
+        lowered = float(self.score[chosen] @ self.step(chosen))
+        if freedom < 1 or not 0 < lowered < self.squares:
+            return 1.0
+        ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
+        return float(f.sf(ratio, len(chosen), freedom))
+
+
+def scores_of(
+    problem: Problem,
+    rows: Sequence[Rows],
+    columns: IntArray,
+    known: IntArray,
+) -> Scores:
+    """Of ``columns``, with every other parameter free to follow but the ``known`` ones.
+
+    Args:
+        problem: whose rows these are.
+        rows: at the fit, with a column for each parameter.
+        columns: (k,) to be tested.
+        known: that stay.
+    """
+    plausible = problem.parameters.array("plausible")
+    others = np.setdiff1d(np.arange(len(plausible)), np.concatenate([columns, known]))
+    curvature = np.asarray(sum(j.T @ j for j in map(robust_jacobian, rows)))
+    curvature[np.diag_indices(len(plausible))] += known_beforehand(problem)
+    follow = _solved(curvature[np.ix_(others, others)], curvature[np.ix_(others, columns)])
+    left = np.zeros((len(plausible), len(columns)))
+    left[columns, np.arange(len(columns))] = 1.0
+    left[others] = -follow
+    reduced = left.T @ curvature @ left
+    plausible = plausible[columns]
+    telling = np.diag(reduced) * (TELLING * plausible) ** 2 > 1.0
+    score, variance, touches = np.zeros(len(columns)), np.zeros_like(reduced), 0
+    for term in problem.terms:
+        mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
+        touch = term.witnesses
+        total, spread = _by_touch(mine, touch, left)
+        score, variance = score + total, variance + spread
+        touches += len(np.unique(touch))
+    squares = sum(
+        float(np.sum(line.residual**2 * (line.weight / line.sigma**2)[:, None]))
+        for line in (r.line for r in rows)
+    )
+    return Scores(score, reduced, variance, telling, touches, squares)
+
+
+def known_beforehand(problem: Problem) -> FloatArray:
+    """(n,) precision of every parameter without the data: its prior's, or of what is plausible.
+
+    Observations that never meet a length leave an arm's size open: without an end to what is
+    plausible it would shrink to nothing, and take all residuals with it. Where things stand or were
+    touched may be anything. It counts against rows as often as these repeat one another.
+    """
+    precision, terms = problem.prior_precision(), problem.terms
+    rows = sum(len(b) * b.size for term in terms for b in term.blocks)
+    once = problem.parameters.array("plausible") ** -2.0
+    repeated = rows / sum(term.equations() for term in terms)
+    open_ended = (precision == 0) & (np.arange(len(precision)) < problem.arm_count)
+    return np.where(open_ended, repeated * once, precision)
+
+
+def _by_touch(
+    rows: Sequence[Rows], touch: IntArray, left: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Sum of the scores of one term's rows, and its variance by touch (see `covariance`)."""
+    width = left.shape[1]
+    total, twice = np.zeros(width), np.zeros((width, width))
+    by_touch = np.zeros((int(touch.max()) + 1, width))
+    for r in rows:
+        line = r.line
+        n, size = line.residual.shape
+        columns = (r.jacobian @ left).reshape(n, size, width)
+        score = np.einsum("ndp,nd,n->np", columns, line.residual, line.weight / line.sigma)
+        total -= score.sum(axis=0)
+        members = touch[line.view.block.samples]
+        by_touch += summed_by_member(score, members, len(by_touch))
+        by_pair = summed_by_pair(score, members)
+        twice += (members.shape[1] - 1) * by_pair.T @ by_pair
+    return total, by_touch.T @ by_touch - twice
+
+
+def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
+    """Least-squares solution where the matrix may be singular, scaled to unit diagonal.
+
+    A diagonal entry that is rounding stands for a column of nothing: scaled up, it would drown all.
+    """
+    diagonal = np.diag(matrix)
+    informed = diagonal > ROUNDING * max(float(diagonal.max(initial=0.0)), 1e-300)
+    scale = np.where(informed, 1.0 / np.sqrt(np.where(informed, diagonal, 1.0)), 0.0)
+    inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-10, True)
+    return np.asarray(scale[:, None] * (inverse @ (scale[:, None] * right)))

@@ -1,0 +1,220 @@
+"""How likely the data are with given noise and priors: the evidence, and where it is greatest.
+
+By Laplace's approximation, at the parameters that are best for the weights (the equation stands in
+`weights`, MacKay 1992). Residuals and Jacobian are evaluated once: each block's rows and each group
+of priors are a quadratic of the step, and the rest happens on matrices of the parameters' size.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.distributions import chi2
+from suta_calib.solver.information import Rows
+from suta_calib.solver.losses import huber_threshold
+from suta_calib.terms.block import Block
+
+# Noise that is always there, m or rad per component: rounding is no information.
+FINEST: Final = 1e-6
+# Share of rows that may be blunders: beyond Huber's threshold they are then no surprise.
+BLUNDERS: Final = 0.1
+# Change of a logarithm from which on it has settled.
+SETTLED: Final = 1e-3
+NEWTON_STEPS: Final = 30
+HALVINGS: Final = 8
+# Curvature, relative to the largest, that rounding may have taken away.
+ROUNDING: Final = 1e-12
+# Longest step in a logarithm: the evidence is no parabola farther off.
+LONGEST: Final = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Energy:
+    """A part of the cost as a quadratic of the step: constant + slopeᵀΔ + ½ Δᵀ curvature Δ.
+
+    Of a prior the curvature is a diagonal: (p,) in place of (p, p).
+    """
+
+    constant: float
+    slope: FloatArray
+    curvature: FloatArray
+
+    def at(self, step: FloatArray) -> tuple[float, FloatArray]:
+        """Value and slope there."""
+        bent = self.curvature * step if self.curvature.ndim == 1 else self.curvature @ step
+        value = self.constant + self.slope @ step + 0.5 * step @ bent
+        return float(value), self.slope + bent
+
+
+def energies_of_rows(
+    rows: Rows, free: IntArray, step: FloatArray, trust: float, sigma: float
+) -> tuple[Energy, Energy, int]:
+    """A block's cost: of rows within Huber's threshold, of those beyond; how many are within.
+
+    Args:
+        rows: whitened by the noise that they were linearised with.
+        free: (n,) columns of what is estimated.
+        step: (n,) of it, at which weights are taken.
+        trust: share of the rows that is independent.
+        sigma: noise to weigh them with, m or rad per component.
+    """
+    line = rows.line
+    n, size = line.residual.shape
+    spread = np.hypot(sigma, line.view.block.known_sigma)
+    jacobian = rows.jacobian[:, free] * np.repeat(line.sigma / spread, size)[:, None]
+    residual = (line.residual / spread[:, None]).reshape(-1)
+    norm = np.linalg.norm((residual + jacobian @ step).reshape(n, size), axis=1)
+    threshold = threshold_of(line.view.block, spread)
+    weight = np.minimum(1.0, threshold / np.maximum(norm, 1e-300))
+    parts = []
+    for mine in (weight == 1.0, weight < 1.0):
+        some = np.repeat(mine, size)
+        root = np.sqrt(trust * np.repeat(weight[mine], size))
+        r, j = root * residual[some], root[:, None] * jacobian[some]
+        least = float(root @ root) * (FINEST / sigma) ** 2
+        parts.append(Energy(0.5 * (float(r @ r) + least), j.T @ r, j.T @ j))
+    return parts[0], parts[1], int(np.sum(weight == 1.0))
+
+
+def threshold_of(block: Block, spread: Any) -> Any:
+    """Huber's, in units of the noise ``spread``, m or rad: of `huber_threshold` at the most."""
+    given = block.noise.huber / spread
+    stays = block.noise.fixed or math.isinf(block.noise.huber)
+    return given if stays else np.minimum(given, huber_threshold(block.size))
+
+
+def energy_of_prior(precision: FloatArray, away: FloatArray) -> Energy:
+    """What priors of (n,) precision cost at parameters that are (n,) away from them."""
+    return Energy(0.5 * float(precision @ away**2), precision * away, precision)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """-log evidence at one η, the best step of the parameters and its covariance H⁻¹ there."""
+
+    eta: FloatArray
+    value: float
+    step: FloatArray
+    covariance: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """-log evidence as a function of η relative to where one is.
+
+    Attributes:
+        energies: of each block's believed rows, then of each group's priors.
+        held: of what does not depend on η.
+        counts: (k,) how many independent numbers or priors each stands for.
+        beyond: of each block how many rows are beyond Huber's threshold, their dimension, and the
+            threshold in units of the noise.
+        mean, belief: (k,), (k, k) of the hyperprior.
+    """
+
+    energies: Sequence[Energy]
+    held: Sequence[Energy]
+    counts: FloatArray
+    beyond: Sequence[tuple[float, int, float]]
+    mean: FloatArray
+    belief: FloatArray
+
+    def at(self, eta: FloatArray) -> Point:
+        """Value and best step."""
+        parts = [*self.held, *self._weighed(eta)]
+        curvature = np.zeros((len(parts[0].slope),) * 2)
+        for part in parts:
+            whole = part.curvature.ndim == 2
+            curvature += part.curvature if whole else np.diag(part.curvature)
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        scaled = curvature * np.outer(unit, unit) + ROUNDING * np.eye(len(unit))
+        cholesky = np.linalg.cholesky(scaled)
+        covariance = np.linalg.inv(scaled) * np.outer(unit, unit)
+        step = -covariance @ sum(part.slope for part in parts)
+        off = eta - self.mean
+        value = (
+            sum(part.at(step)[0] for part in parts)
+            + self.counts @ eta
+            + self._beyond(eta)[:, 0].sum()
+            + np.sum(np.log(np.diag(cholesky) / unit))
+            + 0.5 * off @ self.belief @ off
+        )
+        return Point(eta, float(value), step, covariance)
+
+    def derivatives(self, point: Point) -> tuple[FloatArray, FloatArray]:
+        """Gradient (k,) and Hessian (k, k) of the value."""
+        parts = self._weighed(point.eta)
+        values, slopes = (np.array(e) for e in zip(*(p.at(point.step) for p in parts), strict=True))
+        shares = [
+            point.covariance * p.curvature
+            if p.curvature.ndim == 1
+            else point.covariance @ p.curvature
+            for p in parts
+        ]
+        taken = np.array([np.trace(share) for share in shares])
+        mixed = np.array([[np.sum(a * b.T) for b in shares] for a in shares])
+        _, rare, rarer = self._beyond(point.eta).T
+        gradient = self.counts - 2.0 * values - taken + rare + self.belief @ (point.eta - self.mean)
+        hessian = (
+            np.diag(4.0 * values + 2.0 * taken + rarer)
+            - 4.0 * slopes @ point.covariance @ slopes.T
+            - 2.0 * mixed
+            + self.belief
+        )
+        return gradient, hessian
+
+    def _weighed(self, eta: FloatArray) -> list[Energy]:
+        return [
+            Energy(w * e.constant, w * e.slope, w * e.curvature)
+            for w, e in zip(np.exp(-2.0 * eta), self.energies, strict=True)
+        ]
+
+    def _beyond(self, eta: FloatArray) -> FloatArray:
+        """-log chance of rows beyond thresholds, with two derivatives by log σ, (k, 3)."""
+        found, width = np.zeros((len(eta), 3)), 1e-3
+        for k, (rows, size, threshold) in enumerate(self.beyond):
+            if rows:
+                limit = threshold * np.exp(-eta[k] - np.array([-width, 0.0, width]))
+                chance = BLUNDERS + (1.0 - BLUNDERS) * chi2.sf(limit**2, size)
+                low, here, high = -rows * np.log(chance)
+                found[k] = here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
+        return found
+
+
+def most_likely(evidence: Evidence) -> tuple[Point, FloatArray]:
+    """Newton's method with its Hessian kept positive: where it ends, and the Hessian there."""
+    here = evidence.at(np.zeros(len(evidence.counts)))
+    gradient, hessian = evidence.derivatives(here)
+    for _ in range(NEWTON_STEPS):
+        values, vectors = np.linalg.eigh(hessian)
+        move = -vectors @ (vectors.T @ gradient / np.maximum(np.abs(values), 1e-2))
+        move *= min(1.0, LONGEST / max(float(np.abs(move).max()), 1e-300))
+        if np.max(np.abs(move)) < SETTLED / 10:
+            break
+        for _ in range(HALVINGS):
+            there = evidence.at(here.eta + move)
+            if there.value <= here.value:
+                break
+            move = move / 2.0
+        else:
+            break
+        here = there
+        gradient, hessian = evidence.derivatives(here)
+    return here, hessian
+
+
+def told_by_data(hessian: FloatArray, belief: FloatArray) -> FloatArray:
+    """Information of the data in that of data and belief: no less than nothing.
+
+    Where a model fits badly, the evidence is no parabola, and its curvature may be below belief's.
+    """
+    root = np.linalg.cholesky(belief)
+    scaled = np.linalg.solve(root, np.linalg.solve(root, hessian - belief).T)
+    values, vectors = np.linalg.eigh(scaled)
+    part = root @ vectors * np.sqrt(np.maximum(values, 0.0))
+    return np.asarray(part @ part.T)
