@@ -10,6 +10,7 @@ from typing import Final, Self
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Noise
+from suta_calib.terms.checks import check_in_mm
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.outside import pose_parameters
 from suta_calib.terms.poses import PoseSource
@@ -72,7 +73,7 @@ class FramedTerm(Term):
                     where=f"{self.kind}: pose",
                     hint=did_you_mean(label, marks),
                 )
-            self._check_in_mm(label, known)
+            check_in_mm(self, label, known)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

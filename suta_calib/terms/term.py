@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Final, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,14 +26,14 @@ from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
-from suta_calib.model.parameters import POSITION, Parameter
+from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, numbered
+from suta_calib.terms.checks import check_in_mm
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.setup import Setup
-from suta_calib.units import mm
 
 # What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera
 # on the tip sees something.
@@ -41,10 +41,6 @@ Medium = Literal["touch", "instrument", "camera"]
 # Motions that observations may leave open: of the whole arm in the base, of the tip along the tool,
 # of all that is touched at one place.
 Gap = Literal["base", "tool", "place"]
-
-
-# Metres that stand where millimetres belong: how many times too near that is, nearly.
-_IN_METRES: Final = (700.0, 1400.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,24 +184,7 @@ class Term(ABC):
                     where=f"{self.kind}: pose",
                     hint=f"{self.kind} does not see where it stands",
                 )
-            self._check_in_mm(label, known)
-
-    def _check_in_mm(self, label: str, known: Mapping[str, Known]) -> None:
-        """Refuse a given position that the nominal arm finds a thousand times as far away."""
-        there = [p.name for p in self.own if p.name in known and p.key in POSITION]
-        start = self.start_values({})
-        given, found = (
-            float(np.linalg.norm(values))
-            for values in ([known[n].value for n in there], [start[n] for n in there])
-        )
-        if _IN_METRES[0] * given < found < _IN_METRES[1] * given:
-            raise SamplesError(
-                f"position_mm {label} of {mm(given):.4g} mm, which the nominal arm finds "
-                f"{mm(found):.4g} mm away".replace("  ", " "),
-                "a position in mm",
-                where=f"{self.kind}: pose",
-                hint="it looks like metres: convert it to mm",
-            )
+            check_in_mm(self, label, known)
 
     @property
     @abstractmethod
