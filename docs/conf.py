@@ -11,6 +11,7 @@ sys.path.insert(0, str(Path(__file__).parent / "_ext"))
 
 import generated
 import name_pages
+from repository_pages import relinked
 
 import suta_calib
 
@@ -75,8 +76,16 @@ def short_types(*event: Any) -> tuple[str | None, str | None]:
     return short(signature), short(returned)
 
 
+def linked_here(_: Sphinx, page: str, content: list[str]) -> None:
+    """A page that is kept links to files of the repository: here, to their pages."""
+    if not page.startswith("generated/"):
+        folder = Path("docs", page).parent
+        content[0] = relinked(content[0], folder, folder)
+
+
 def setup(app: Sphinx) -> None:
     """Write the pages that the package tells of itself before any page is read."""
     name_pages.import_names()
     app.connect("builder-inited", lambda _: generated.write(generated.DOCS / "generated"))
+    app.connect("source-read", linked_here)
     app.connect("autodoc-process-signature", short_types)

@@ -8,13 +8,21 @@ import re
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-# Where such a file is a page here.
+# Where such a file, or what the code there says of itself, is a page here.
 PAGES = {
     "ARCHITECTURE.md": "generated/design.md",
     "CHANGELOG.md": "generated/changelog.md",
     "CONTRIBUTING.md": "generated/contributing.md",
     "examples": "generated/examples.md",
     "examples/README.md": "generated/examples.md",
+    "suta_calib/__init__.py": "generated/api.md",
+    "suta_calib/exchange": "generated/formats.md",
+    "suta_calib/terms": "generated/observations.md",
+    "suta_calib/job/keys.py": "generated/files.md",
+    "suta_calib/device/device_file.py": "generated/files.md#device-yaml",
+    "data/accuracy/iso10360.yaml": "generated/files.md#iso10360-yaml",
+    "data/suta/artefact.yaml": "generated/files.md#artefact-yaml",
+    "data/suta/simulation.yaml": "generated/files.md#simulation-yaml",
 }
 EXAMPLES = sorted(path.parent.name for path in ROOT.glob("examples/*/README.md"))
 PAGES |= {f"examples/{name}": f"generated/examples/{name}.md" for name in EXAMPLES}
