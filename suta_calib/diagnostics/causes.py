@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -27,6 +27,7 @@ from suta_calib.diagnostics.other_readings import (
 )
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
+from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -121,7 +122,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     def left(terms: Sequence[Term]) -> float:
         """Misfit of the terms once they are fitted like the job, by all rows of the job."""
         with suppress(SutaCalibError):
-            again = solve(Problem(terms, problem.arm_parameters), FEW)
+            again = solve(Problem(terms, _about(terms, problem)), FEW)
             after = misfit(again.problem, again.x, cap, len(again.free))
             # An arm that hardly moves agrees with anything.
             after *= max(_travel(problem.terms) / _travel(terms), 1.0)
@@ -187,6 +188,18 @@ def _registered(terms: Sequence[Term], cap: float) -> float:
         problem = Problem(terms)
         return misfit(problem, problem.start(), cap, len(problem.names))
     return math.inf
+
+
+def _about(terms: Sequence[Term], given: Problem) -> ParameterSet:
+    """The arm's parameters, as far from the arm of the terms as they may be from the given one."""
+    (before, after), found = (given.arm, Problem(terms).arm), list[Parameter]()
+    assert before is not None
+    assert after is not None
+    for name, p in given.arm_parameters.items():
+        by = after.offered[name].nominal - before.offered[name].nominal
+        moved = replace(p, nominal=p.nominal + by, lower=p.lower + by, upper=p.upper + by)
+        found.append(moved if by else p)
+    return ParameterSet(found)
 
 
 def _kept(terms: Sequence[Term], given: Sequence[Term]) -> float:

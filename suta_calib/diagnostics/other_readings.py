@@ -26,6 +26,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.lengths import other_lengths
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.terms.seen import SeenTerm
 from suta_calib.units import from_deg, from_mm, mm
@@ -79,6 +80,7 @@ def other_readings(
     yield from _of_samples(terms, options)
     yield from _mirrored(terms)
     yield from _given_mirrored(terms)
+    yield from _of_lengths(terms)
 
 
 def _of_samples(
@@ -315,6 +317,19 @@ def _given_mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ..
                 for term in terms
             ),
         )
+
+
+def _of_lengths(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """As if a length of the arm had been written in another unit."""
+    poses = terms[0].poses
+    assert isinstance(poses, ArmPoses)
+    for each in other_lengths(poses.arm):
+        with suppress(SutaCalibError):
+            arm = poses.arm.at(each.values)
+            yield (
+                each.sentence,
+                tuple(term.over_poses(ArmPoses(arm, term.poses.samples)) for term in terms),
+            )
 
 
 def _mapped(matrix: FloatArray, shift: FloatArray | float, samples: Samples) -> Samples:
