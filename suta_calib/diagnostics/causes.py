@@ -19,6 +19,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import robust_level
+from suta_calib.diagnostics.other_depths import other_depths
 from suta_calib.diagnostics.other_readings import (
     ReadingOptions,
     elsewhere,
@@ -117,6 +118,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     # What the nominal arm is too coarse to rank: what stands elsewhere; and only where that is no
     # cause, for it leaves more open, what was moved.
     tried += [(*each, _UNRANKED) for each in elsewhere(problem.terms)]
+    tried += [(*each, _UNRANKED) for each in other_depths(solution, FEW)]
     tried += [(*each, math.inf) for each in moved_half_way(problem.terms)]
 
     def left(terms: Sequence[Term]) -> float:
