@@ -80,7 +80,6 @@ def other_readings(
     yield from _of_samples(terms, options)
     yield from _mirrored(terms)
     yield from _given_mirrored(terms)
-    yield from _of_lengths(terms)
 
 
 def _of_samples(
@@ -276,6 +275,21 @@ def elsewhere(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
             yield f"{what} is not where its given pose says", read
 
 
+def other_units(
+    terms: Sequence[Term],
+) -> Iterator[list[tuple[str, tuple[Term, ...]]]]:
+    """As if a length of the arm had been written in another unit; units of one length together."""
+    poses = terms[0].poses
+    assert isinstance(poses, ArmPoses)
+    units: dict[tuple[str, ...], list[tuple[str, tuple[Term, ...]]]] = {}
+    for each in other_lengths(poses.arm):
+        with suppress(SutaCalibError):
+            arm = poses.arm.at(each.values)
+            read = tuple(term.over_poses(ArmPoses(arm, term.poses.samples)) for term in terms)
+            units.setdefault(tuple(each.values), []).append((each.sentence, read))
+    yield from units.values()
+
+
 def _half(samples: Samples, place: NDArray[np.str_] | None) -> NDArray[np.str_]:
     """Which half of the rows each row is in, of those at one place where there are places."""
     later, rows = np.zeros(len(samples), dtype=bool), np.arange(len(samples))
@@ -317,19 +331,6 @@ def _given_mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ..
                 for term in terms
             ),
         )
-
-
-def _of_lengths(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
-    """As if a length of the arm had been written in another unit."""
-    poses = terms[0].poses
-    assert isinstance(poses, ArmPoses)
-    for each in other_lengths(poses.arm):
-        with suppress(SutaCalibError):
-            arm = poses.arm.at(each.values)
-            yield (
-                each.sentence,
-                tuple(term.over_poses(ArmPoses(arm, term.poses.samples)) for term in terms),
-            )
 
 
 def _mapped(matrix: FloatArray, shift: FloatArray | float, samples: Samples) -> Samples:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Final
 
@@ -71,13 +72,14 @@ def _or_a_length(term: Term, size: float, extent: Callable[[FloatArray], float])
 
     if not isinstance(term.poses, ArmPoses):
         return ""
-    found = [
-        each
+    off = [
+        (abs(math.log(extent(term.poses.at(each.values)[1]) / size)), each)
         for each in other_lengths(term.poses.arm)
-        if 1.0 / SAME_UNIT < extent(term.poses.at(each.values)[1]) / size < SAME_UNIT
     ]
-    owners = {each.owner for each in found}
-    return f" They would agree if {found[0].sentence}." if len(owners) == 1 else ""
+    found = [each for each in off if each[0] < math.log(SAME_UNIT)]
+    if len({each.owner for _, each in found}) != 1:
+        return ""
+    return f" They would agree if {min(found, key=lambda each: each[0])[1].sentence}."
 
 
 def check_turned(term: Term) -> None:
