@@ -114,7 +114,7 @@ def measure(laboratory: Laboratory, places: list[str], seconds: float, timing: T
     poses = {name: upright(*PLACES[name]) for name in places}
     plan = artefact_set(laboratory.folder / "artefact.yaml", poses, 1, NoiseLevels(seating=SEATING))
     motion = stops(laboratory.arm, TRUTH, plan, timing=timing)
-    with EmulatedArm(Emulation(laboratory.device, motion)) as emulator:
+    with EmulatedArm(Emulation(laboratory.device, motion), patient=True) as emulator:
         device = emulator.write_device(laboratory.device_file)
         for name in places:
             options = ("--placement", name, "--device", device, "--seconds", seconds, "--yes")
