@@ -26,6 +26,8 @@ _PUNCTUAL: Final = 0.03
 _KEPT_UP: Final = 0.3
 _AT_LAST: Final = 20.0
 
+_NEXT: Final = "a round is over: the arm rests on the first place of the next"
+
 
 @dataclass
 class Played:
@@ -65,7 +67,8 @@ class Player:
     Args:
         emulation: the arm.
         terminal: the port.
-        on_event: told in words when the port is opened, vanishes or comes back.
+        on_event: told in words when the port is opened, vanishes or comes back, and when a round
+            is over.
         gated: whether the arm waits between rounds; see `RoundClock`.
         recorded: whether the true trajectory is kept, for as long as it plays.
         patient: whether it waits for whoever has the port open and has not read for so long that
@@ -123,7 +126,9 @@ class Player:
         self._tell("the port was opened" if wait else "started")
         self._first = round((opened - began) * self._emulation.rate)
         heard, ready = self._terminal.heard, self._ready if self._patient else None
-        clock = RoundClock(self._emulation.motion, heard, ready) if self._gated else None
+        clock = None
+        if self._gated:
+            clock = RoundClock(self._emulation.motion, heard, ready, lambda: self._tell(_NEXT))
         log = (lambda *block: self._blocks.append(block)) if self._recorded else None
         stream = packets(self._emulation, self._first, clock, log)
         sending = ((due, partial(self._send, data, stopped)) for due, data in stream)
@@ -222,6 +227,7 @@ class RoundClock:
         heard: whether anybody has the port open.
         ready: whether that is somebody who has kept up; the first place of each round, that of the
             first one too, is not left before. By default whoever has the port open is ready.
+        on_round: told when a round is over.
     """
 
     def __init__(
@@ -229,8 +235,9 @@ class RoundClock:
         motion: Motion,
         heard: Callable[[], bool],
         ready: Callable[[], bool] | None = None,
+        on_round: Callable[[], None] = lambda: None,
     ) -> None:
-        self._heard, self._ready = heard, ready or heard
+        self._heard, self._ready, self._on_round = heard, ready or heard, on_round
         self._origin = 0.0
         self._gates: list[tuple[float, float]] = []
         self._between = False
@@ -253,10 +260,12 @@ class RoundClock:
             return time - self._origin
         leave, resume = self._gates[0]
         at = np.asarray(time - self._origin, dtype=float)
-        self._between = self._between or (at[-1] >= leave and not self._heard())
         if not self._between:
-            held: FloatArray = np.minimum(at, leave + self._half)
-            return held
+            if at[-1] < leave or self._heard():
+                held: FloatArray = np.minimum(at, leave + self._half)
+                return held
+            self._between = True
+            self._on_round()
         if not self._ready():
             # Resting on the first place of the next round.
             return np.full_like(time, resume)

@@ -136,7 +136,10 @@ def test_an_arm_waits_between_placements_for_the_next_listener(
 
     with EmulatedArm(Emulation(device_of(arm), motion)) as emulator:
         first = listen(emulator.port, emulator.device, PATIENCE_S, rests_on_c)
-        time.sleep(0.3)
+        end = time.perf_counter() + PATIENCE_S
+        while not any("a round is over" in event for event in emulator.events):
+            assert time.perf_counter() < end
+            time.sleep(0.01)
         second = listen(emulator.port, emulator.device, PATIENCE_S, bool)
     tip = [arm.forward(angles(each)[[0, -1]], TRUTH)[1] for each in (first, second)]
     # Through P1 from A to C, where it stayed; then at rest on A of P2 at once.

@@ -125,7 +125,7 @@ def test_a_link_that_somebody_else_has_taken_over_stays(tmp_path: Path) -> None:
 
 def test_looking_for_readers_is_cheap() -> None:
     with PseudoTerminal() as terminal:
-        began = time.perf_counter()
+        began = time.process_time()
         for _ in range(1000):
             terminal.heard()
-        assert time.perf_counter() - began < 0.5
+        assert time.process_time() - began < 0.5
