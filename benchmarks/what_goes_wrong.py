@@ -228,7 +228,7 @@ CORRUPTIONS: Final = (
         right=True,
     ),
     Corruption("a clock set half-way", (*LATE, "missing among"), clock_jumped, needs="order"),
-    Corruption("a wrap missed in some rows", ("turn", "count", "jump"), joint(4, wrap_missed)),
+    Corruption("a wrap missed in some rows", ("that its count missed",), joint(4, wrap_missed)),
     Corruption("one column sorted", ("stand in order",), joint(2, sorted_column)),
     Corruption(
         "one column copied over another",
@@ -243,7 +243,7 @@ CORRUPTIONS: Final = (
     ),
     Corruption(
         "a link length in cm",
-        ("joint_4.z",),
+        ("a wrong unit in the URDF",),
         urdf=partial(with_length, "joint_4", lambda length: 10.0 * length),
     ),
     Corruption(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
@@ -58,7 +59,7 @@ class StreamEvents:
 
     Attributes:
         messages: of the bus: disconnected, reconnected.
-        stalls: length of each pause, s.
+        stalls: length of each pause, by the device's clock, s.
         readings: how many came.
         seconds: from the first one's arrival to the last one's.
     """
@@ -105,8 +106,7 @@ def run_session(
                 sampler.handle(event)
         since = now if found else since
         if readings:
-            if last is not None and (pause := readings[0].arrival - last.arrival) > STALL:
-                events.stalls.append(pause)
+            events.stalls += _pauses(readings if last is None else [last, *readings])
             first, last = first or readings[0], readings[-1]
             events.readings += len(readings)
             events.seconds = last.arrival - first.arrival
@@ -138,6 +138,16 @@ def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec
         raised = [f"{j} {_times(n)}" for j, n in zip(spec.names, flags, strict=True) if n]
         lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []
     return lines + events.messages
+
+
+def _pauses(readings: Sequence[Reading]) -> list[float]:
+    """Lengths of the pauses between readings, by the device's clock, s.
+
+    When they were read says as much about this computer as about the device: a busy one makes
+    pauses, and hides them.
+    """
+    steps = (after.time - before.time for before, after in pairwise(readings))
+    return [step for step in steps if step > STALL]
 
 
 def _times(count: int) -> str:

@@ -85,7 +85,7 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
 @click.option("--csv", type=PATH, metavar="FILE", help="Record every pose as CSV, m.")
 @click.option("--parquet", type=PATH, metavar="FILE", help="Record every pose as Parquet, m.")
 @click.option("--force", is_flag=True, help="Replace recordings of the same names.")
-@click.option("--seconds", type=POSITIVE, help="Stop after so long.")
+@click.option("--seconds", type=POSITIVE, help="Stop so long after the first reading.")
 @click.option("--stats", is_flag=True, help="Show the latency from frame arrival to publication.")
 @click.option(
     "--rate",

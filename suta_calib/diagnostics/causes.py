@@ -10,23 +10,28 @@ seen to explain the data.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import robust_level
+from suta_calib.diagnostics.other_depths import other_depths
 from suta_calib.diagnostics.other_readings import (
     ReadingOptions,
     elsewhere,
     moved_half_way,
     other_readings,
+    other_units,
 )
+from suta_calib.diagnostics.other_steps import other_steps
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
+from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -107,21 +112,26 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     coarse = options.cap * _level(nominal, registered)
     limit = misfit(nominal, registered, coarse, len(nominal.names))
     readings = [*other_readings(problem.terms, options.readings)]
+    readings += _in_another_unit(problem.terms, coarse, options)
     scores = np.array([_registered(terms, coarse) for _, terms in readings])
     # A reading explains only the rows that it keeps.
     scores /= [_kept(terms, problem.terms) for _, terms in readings]
     # What leaves the nominal arm as it is (a turn of the base) is a convention and no cause.
     ranked = [k for k in np.argsort(scores, kind="stable") if scores[k] < SOME * limit]
-    tried = [(*readings[k], float(scores[k])) for k in ranked[: options.fitted]]
-    # What the nominal arm is too coarse to rank: what stands elsewhere; and only where that is no
-    # cause, for it leaves more open, what was moved.
-    tried += [(*each, _UNRANKED) for each in elsewhere(problem.terms)]
-    tried += [(*each, math.inf) for each in moved_half_way(problem.terms)]
+    # What the nominal arm is too coarse to rank: what stands elsewhere, is farther off, or has
+    # slipped; and only where that is no cause, for it leaves more open, what was moved.
+    tried = chain(
+        ((*readings[k], float(scores[k])) for k in ranked[: options.fitted]),
+        ((*each, _UNRANKED) for each in elsewhere(problem.terms)),
+        ((*each, _UNRANKED) for each in other_depths(solution, FEW)),
+        ((*each, _UNRANKED) for each in other_steps(problem.terms)),
+        ((*each, math.inf) for each in moved_half_way(problem.terms)),
+    )
 
     def left(terms: Sequence[Term]) -> float:
         """Misfit of the terms once they are fitted like the job, by all rows of the job."""
         with suppress(SutaCalibError):
-            again = solve(Problem(terms, problem.arm_parameters), FEW)
+            again = solve(Problem(terms, _about(terms, problem)), FEW)
             after = misfit(again.problem, again.x, cap, len(again.free))
             # An arm that hardly moves agrees with anything.
             after *= max(_travel(problem.terms) / _travel(terms), 1.0)
@@ -129,16 +139,17 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
         return math.inf
 
     causes, worst = list[tuple[float, Cause]](), math.inf
+    order = [sentence for sentence, _ in readings]
     for sentence, terms, score in tried:
         if causes and score > worst:
             break
+        order.append(sentence)
         after = left(terms)
         if after < explained:
             causes.append((_kept(terms, problem.terms), Cause(sentence, present, after)))
             worst = min(worst, options.alike * score)
     # Labels that return make several shifts do: that of most rows, and what was tried first, is
     # the simplest.
-    order = [sentence for sentence, *_ in [*readings, *tried]]
     best = options.alike * min((cause.after for _, cause in causes), default=0.0)
     alike = [
         (-kept, order.index(cause.sentence), cause) for kept, cause in causes if cause.after < best
@@ -147,6 +158,20 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
     if not alike or left(problem.terms) < best:
         return None
     return min(alike)[-1]
+
+
+def _in_another_unit(
+    terms: Sequence[Term], cap: float, options: CauseOptions
+) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """The unit of each length of the arm with which the nominal arm agrees far better than others.
+
+    A length that hardly matters, or had better be none, does as well in the next smaller one.
+    """
+    for units in other_units(terms):
+        scores = [_registered(read, cap) for _, read in units]
+        first, *others = sorted(range(len(units)), key=lambda k: scores[k])
+        if all(scores[first] * options.far_better < scores[k] for k in others):
+            yield units[first]
 
 
 def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> float:
@@ -187,6 +212,18 @@ def _registered(terms: Sequence[Term], cap: float) -> float:
         problem = Problem(terms)
         return misfit(problem, problem.start(), cap, len(problem.names))
     return math.inf
+
+
+def _about(terms: Sequence[Term], given: Problem) -> ParameterSet:
+    """The arm's parameters, as far from the arm of the terms as they may be from the given one."""
+    (before, after), found = (given.arm, Problem(terms).arm), list[Parameter]()
+    assert before is not None
+    assert after is not None
+    for name, p in given.arm_parameters.items():
+        by = after.offered[name].nominal - before.offered[name].nominal
+        moved = replace(p, nominal=p.nominal + by, lower=p.lower + by, upper=p.upper + by)
+        found.append(moved if by else p)
+    return ParameterSet(found)
 
 
 def _kept(terms: Sequence[Term], given: Sequence[Term]) -> float:

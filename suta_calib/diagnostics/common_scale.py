@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from suta_calib import distributions
 from suta_calib.arrays import FloatArray
@@ -74,7 +75,7 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
         ("board", [t.poses.samples.pixels is not None for t in problem.terms]),
     ):
         if any(mine):
-            found = _step(solution, what, mine)
+            found = scale_step(solution, what, mine)
             if found.std < UNTOLD:
                 told = True
                 yield found
@@ -82,11 +83,21 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
         yield from _grown(solution)
 
 
-def _step(solution: Solution, what: str, mine: Sequence[bool]) -> CommonScale:
-    """The factor on the lengths of ``mine`` among the terms, everything else following."""
+def scale_step(
+    solution: Solution, what: str, mine: Sequence[bool], axes: ArrayLike = (1.0, 1.0, 1.0)
+) -> CommonScale:
+    """The factor on the lengths of ``mine`` among the terms, everything else following.
+
+    Args:
+        solution: about which the step is taken, of terms over an arm.
+        what: whose lengths they are.
+        mine: which of the terms have them.
+        axes: (3,) how much of the factor measured positions have along each of their axes.
+    """
     problem, x = solution.problem, solution.x
     noise = [max(n, 1e-9) for n in solution.noise]
-    longer = [_longer(t) if m else t for t, m in zip(problem.terms, mine, strict=True)]
+    factors = 1.0 + STEP * np.asarray(axes)
+    longer = [_longer(t, factors) if m else t for t, m in zip(problem.terms, mine, strict=True)]
     moved = [r.residual.copy() for r in Problem(longer, problem.arm_parameters).linearise(x, noise)]
     free = solution.free
     curvature = np.zeros((len(free) + 1,) * 2)
@@ -128,11 +139,11 @@ def _measured_in_lengths(term: Term) -> bool:
     return samples.position is not None or bool(samples.lengths)
 
 
-def _longer(term: Term) -> Term:
-    """The term with every certified or measured length longer by `STEP`."""
+def _longer(term: Term, factors: FloatArray) -> Term:
+    """The term with every certified or measured length longer by `STEP`, positions by axis."""
     samples = term.poses.samples
     if _measured_in_lengths(term):
-        position = None if samples.position is None else samples.position * (1.0 + STEP)
+        position = None if samples.position is None else samples.position * factors
         lengths = {name: each * (1.0 + STEP) for name, each in samples.lengths.items()}
         samples = replace(samples, position=position, lengths=lengths)
         return term.over_poses(term.poses.with_samples(samples))

@@ -26,6 +26,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.lengths import other_lengths
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.terms.seen import SeenTerm
 from suta_calib.units import from_deg, from_mm, mm
@@ -272,6 +273,21 @@ def elsewhere(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
             read = (*terms[:k], replace(term, given=rest), *terms[k + 1 :])
             what = f"{term.place} {label}".strip() if term.place else label or f"the {term.medium}"
             yield f"{what} is not where its given pose says", read
+
+
+def other_units(
+    terms: Sequence[Term],
+) -> Iterator[list[tuple[str, tuple[Term, ...]]]]:
+    """As if a length of the arm had been written in another unit; units of one length together."""
+    poses = terms[0].poses
+    assert isinstance(poses, ArmPoses)
+    units: dict[tuple[str, ...], list[tuple[str, tuple[Term, ...]]]] = {}
+    for each in other_lengths(poses.arm):
+        with suppress(SutaCalibError):
+            arm = poses.arm.at(each.values)
+            read = tuple(term.over_poses(ArmPoses(arm, term.poses.samples)) for term in terms)
+            units.setdefault(tuple(each.values), []).append((each.sentence, read))
+    yield from units.values()
 
 
 def _half(samples: Samples, place: NDArray[np.str_] | None) -> NDArray[np.str_]:

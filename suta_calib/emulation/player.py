@@ -20,6 +20,13 @@ from suta_calib.emulation.terminal import PseudoTerminal
 # How often somebody who opens the port, or asks to stop, is looked for, s.
 _LOOK: Final = 2e-3
 _LONGEST_SLEEP: Final = 0.05
+# What is sent, and read, at most so late is punctual; whoever reads punctually for so long has kept
+# up; who does not do so at last is taken for ready all the same, s.
+_PUNCTUAL: Final = 0.03
+_KEPT_UP: Final = 0.3
+_AT_LAST: Final = 20.0
+
+_NEXT: Final = "a round is over: the arm rests on the first place of the next"
 
 
 @dataclass
@@ -60,11 +67,14 @@ class Player:
     Args:
         emulation: the arm.
         terminal: the port.
-        on_event: told in words when the port is opened, vanishes or comes back.
+        on_event: told in words when the port is opened, vanishes or comes back, and when a round
+            is over.
         gated: whether the arm waits between rounds; see `RoundClock`.
         recorded: whether the true trajectory is kept, for as long as it plays.
         patient: whether it waits for whoever has the port open and has not read for so long that
-            the port is full (flow control), and then makes up for it, instead of going on unheard.
+            the port is full (flow control), and then makes up for it, instead of going on unheard;
+            and does not leave the first place of a round before its reader has kept up for a
+            while: one that believes what it reads only then has the whole rest before it.
     """
 
     def __init__(
@@ -80,7 +90,9 @@ class Player:
         self.played = Played()
         self._emulation, self._terminal, self._tell = emulation, terminal, on_event
         self._gated, self._recorded, self._patient = gated, recorded, patient
-        self._first = 0
+        self._first = self._punctual = 0
+        self._late = self._asked_since = 0.0
+        self._packet = b""
         self._blocks: list[tuple[FloatArray, FloatArray]] = []
 
     @property
@@ -113,7 +125,10 @@ class Player:
         opened = time.perf_counter()
         self._tell("the port was opened" if wait else "started")
         self._first = round((opened - began) * self._emulation.rate)
-        clock = RoundClock(self._emulation.motion, self._terminal.heard) if self._gated else None
+        heard, ready = self._terminal.heard, self._ready if self._patient else None
+        clock = None
+        if self._gated:
+            clock = RoundClock(self._emulation.motion, heard, ready, lambda: self._tell(_NEXT))
         log = (lambda *block: self._blocks.append(block)) if self._recorded else None
         stream = packets(self._emulation, self._first, clock, log)
         sending = ((due, partial(self._send, data, stopped)) for due, data in stream)
@@ -126,19 +141,34 @@ class Player:
         for due, act in acts:
             if not _sleep_until(opened + due, end, stopped):
                 return
-            self.played.late = max(self.played.late, time.perf_counter() - opened - due)
+            self._late = time.perf_counter() - opened - due
+            self.played.late = max(self.played.late, self._late)
             act()
 
     def _send(self, data: bytes, stopped: Callable[[], bool]) -> None:
         if not data:
             self.played.silent += 1
             return
+        self._packet = data
         while not (went := self._terminal.write(data)) and self._patient:
             if stopped() or not self._terminal.heard():
                 break
             time.sleep(_LOOK)
         self.played.sent += went
         self.played.unheard += not went
+        self._punctual = self._punctual + 1 if went and self._late < _PUNCTUAL else 0
+
+    def _ready(self) -> bool:
+        """Whether somebody has the port open and has kept up for a while."""
+        now, rate = time.perf_counter(), self._emulation.rate
+        heard = self._terminal.heard()
+        self._asked_since = self._asked_since or now
+        if not heard or self._terminal.unread > _PUNCTUAL * rate * len(self._packet):
+            self._punctual = 0
+        ready = heard and (self._punctual >= _KEPT_UP * rate or now - self._asked_since > _AT_LAST)
+        if ready or not heard:
+            self._asked_since = 0.0
+        return ready
 
     def _vanish(self) -> None:
         self._terminal.close()
@@ -195,13 +225,23 @@ class RoundClock:
     Args:
         motion: what the arm does; motions without rounds are never held.
         heard: whether anybody has the port open.
+        ready: whether that is somebody who has kept up; the first place of each round, that of the
+            first one too, is not left before. By default whoever has the port open is ready.
+        on_round: told when a round is over.
     """
 
-    def __init__(self, motion: Motion, heard: Callable[[], bool]) -> None:
-        self._heard = heard
+    def __init__(
+        self,
+        motion: Motion,
+        heard: Callable[[], bool],
+        ready: Callable[[], bool] | None = None,
+        on_round: Callable[[], None] = lambda: None,
+    ) -> None:
+        self._heard, self._ready, self._on_round = heard, ready or heard, on_round
         self._origin = 0.0
         self._gates: list[tuple[float, float]] = []
         self._between = False
+        self._begun = ready is None or not isinstance(motion, Stops)
         if isinstance(motion, Stops):
             # After the last round the arm rests for good: no gate there.
             self._gates = [
@@ -212,17 +252,23 @@ class RoundClock:
 
     def __call__(self, time: FloatArray) -> FloatArray:
         """(n,) time of the motion at (n,) times of the stream, increasing from call to call."""
+        if not self._begun:
+            if not self._ready():
+                return np.zeros_like(time)
+            self._begun, self._origin = True, float(time[0])
         if not self._gates:
             return time - self._origin
         leave, resume = self._gates[0]
         at = np.asarray(time - self._origin, dtype=float)
-        if (self._between or at[-1] >= leave) and not self._heard():
-            # Resting on the first place of the next round.
-            self._between = True
-            return np.full_like(time, resume)
         if not self._between:
-            held: FloatArray = np.minimum(at, leave + self._half)
-            return held
+            if at[-1] < leave or self._heard():
+                held: FloatArray = np.minimum(at, leave + self._half)
+                return held
+            self._between = True
+            self._on_round()
+        if not self._ready():
+            # Resting on the first place of the next round.
+            return np.full_like(time, resume)
         self._between = False
         self._gates.pop(0)
         self._origin = float(time[0]) - resume

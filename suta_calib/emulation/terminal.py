@@ -8,12 +8,14 @@ import os
 import secrets
 import select
 import sys
+from array import array
 from pathlib import Path
 from typing import Self
 
 from suta_calib.errors import OutputError, SutaCalibError
 
 if sys.platform != "win32":
+    import fcntl
     import termios
     import tty
 
@@ -95,6 +97,18 @@ class PseudoTerminal:
             self._forget()
         self._heard = heard
         return heard
+
+    @property
+    def unread(self) -> int:
+        """How many bytes nobody has read yet."""
+        waiting = array("i", [0])
+        with contextlib.suppress(OSError):
+            slave = os.open(self.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
+            try:
+                fcntl.ioctl(slave, termios.FIONREAD, waiting)
+            finally:
+                os.close(slave)
+        return waiting[0]
 
     def write(self, data: bytes) -> bool:
         """Send bytes, all or none of them.

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import POSITION
 from suta_calib.terms.given import Known
+from suta_calib.terms.poses import ArmPoses
 from suta_calib.units import mm
 
 if TYPE_CHECKING:
@@ -18,26 +21,39 @@ if TYPE_CHECKING:
 # Extents of what was seen or touched and of what the arm moved that differ by more are in different
 # units: no geometry is so wrong.
 OTHER_UNIT: Final = 20.0
+# Those of what is in the same unit, for all that is wrong of a drawn arm, differ by less.
+SAME_UNIT: Final = 1.5
 # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
 UNMOVED: Final = 1e-7
 # Metres that stand where millimetres belong: how many times too near that is, nearly.
 IN_METRES: Final = (700.0, 1400.0)
 
 
-def check_unit(term: Term, what: str, size: float, moved: float, expected: str, hint: str) -> None:
+def check_unit(
+    term: Term,
+    what: str,
+    size: float,
+    extent: Callable[[FloatArray], float],
+    expected: str,
+    hint: str,
+) -> None:
     """Refuse lengths in another unit than the arm's, which no solver would make fit.
 
+    Where one length of the arm in another unit would explain it, and no other length would, that
+    one is named.
+
     Args:
-        term: whose lengths they are.
+        term: whose lengths they are, over an arm.
         what: was seen or touched, in the plural.
         size: root mean square distance of these from their middle, m.
-        moved: the same of the tip by the arm's nominal geometry, m.
+        extent: the same, m, of tips (n, 3), m, that the samples have.
         expected: what there should be.
         hint: which columns, or which key, say the unit.
 
     Raises:
         SamplesError: one is more than `OTHER_UNIT` times the other, or the tip does not move.
     """
+    moved = extent(term.poses.at({})[1])
     if moved < UNMOVED:
         raise SamplesError(
             f"a tip that the arm's readings move by {mm(moved):.2g} mm",
@@ -50,8 +66,28 @@ def check_unit(term: Term, what: str, size: float, moved: float, expected: str, 
             f"by {mm(moved):.4g} mm",
             expected,
             where=term.kind,
-            hint=hint,
+            hint=hint + (_or_a_length(term, size, extent) if size < moved else ""),
         )
+
+
+def _or_a_length(term: Term, size: float, extent: Callable[[FloatArray], float]) -> str:
+    """The length of the arm that is in another unit, as the end of a hint; empty for none.
+
+    One that is too short leaves the arm's extent to all others, and lets nothing seem so large.
+    """
+    # What is right needs no other lengths.
+    from suta_calib.model.lengths import other_lengths
+
+    if not isinstance(term.poses, ArmPoses):
+        return ""
+    off = [
+        (abs(math.log(extent(term.poses.at(each.values)[1]) / size)), each)
+        for each in other_lengths(term.poses.arm)
+    ]
+    found = [each for each in off if each[0] < math.log(SAME_UNIT)]
+    if len({each.owner for _, each in found}) != 1:
+        return ""
+    return f" They would agree if {min(found, key=lambda each: each[0])[1].sentence}."
 
 
 def check_turned(term: Term) -> None:

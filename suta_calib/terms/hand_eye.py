@@ -200,11 +200,8 @@ class HandEye(SeenTerm):
         away = float(np.median(np.linalg.norm(seen, axis=1)))
         # About a target in its middle a camera may turn without seeing it move.
         if away > FAR or away < NEAR:
-            moved, expected = (
-                extent(self.poses.at({})[1]),
-                "the target's positions in the eye, in m",
-            )
-            check_unit(self, "the target's positions", extent(seen), moved, expected, SEEN_UNIT)
+            what, expected = "the target's positions", "the target's positions in the eye, in m"
+            check_unit(self, what, extent(seen), extent, expected, SEEN_UNIT)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Quaternions of consecutive motions for X, then the mean of the loops for Z."""

@@ -295,16 +295,16 @@ def check_artefact_unit(term: Term, certified: FloatArray, groups: IntArray) -> 
     """
     if not isinstance(term.poses, ArmPoses):
         return
-    _, tip = term.poses.at({})
     count = np.bincount(groups)[:, None]
-    sizes = []
-    for points in (certified, tip):
+
+    def size(points: FloatArray) -> float:
         middle = summed(points, groups, len(count)) / np.maximum(count, 1)
-        sizes.append(rms_length(points - middle[groups]))
-    if sizes[0] > 0.0:  # else each landmark stands alone
+        return rms_length(points - middle[groups])
+
+    if (known := size(certified)) > 0.0:  # else each landmark stands alone
         expected = "landmarks as far apart as the arm touched them"
         hint = "position_mm of the artefact is in mm: is it another unit, or another artefact?"
-        check_unit(term, "landmarks", sizes[0], sizes[1], expected, hint)
+        check_unit(term, "landmarks", known, size, expected, hint)
 
 
 def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:

@@ -234,9 +234,8 @@ class TrackedPoint(SeenTerm):
                 )
         if not isinstance(self.poses, ArmPoses):
             return
-        seen, moved = extent(self._seen), extent(self.poses.at({})[1])
         expected = "the tip's positions in m, as the arm moved it"
-        check_unit(self, "positions", seen, moved, expected, SEEN_UNIT)
+        check_unit(self, "positions", extent(self._seen), extent, expected, SEEN_UNIT)
 
     @classmethod
     def simulate(

@@ -45,7 +45,7 @@ class TrackOptions:
         udp: host and port to which JSON datagrams are sent.
         csv, parquet: files that record every pose.
         force: whether they may take the place of earlier recordings.
-        seconds: how long, s; until it is stopped by default.
+        seconds: how long from the first reading on, s; until it is stopped by default.
         rate: most poses a second of the device's clock; one for every frame by default.
     """
 

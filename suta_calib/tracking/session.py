@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import math
 import sys
 import time
 from collections import deque
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 # s; how long one look at the bus may last: the run's end is not noticed before.
 _LOOK: Final = 0.05
+# s; a device that has not been heard for so long, and does not come back, is not waited for.
+_FIRST_S: Final = 10.0
 # s; Python's own 5 ms would let a thread that writes a file hold up a pose for as long.
 _SWITCH: Final = 2e-5
 
@@ -69,12 +72,28 @@ class TrackingSession:
         seconds: float | None = None,
         stop: Callable[[], bool] = lambda: False,
     ) -> None:
-        """Track until the time is over, or ``stop`` says so, or an error or Ctrl-C ends it."""
+        """Track until the time is over, or ``stop`` says so, or an error or Ctrl-C ends it.
+
+        Args:
+            source: of the readings.
+            seconds: from the arrival of the first reading on, s: what has arrived by then is
+                tracked, however late a busy computer comes to it.
+            stop: whether somebody asks to stop.
+        """
         self.began, self.running = time.perf_counter(), True
-        end = float("inf") if seconds is None else self.began + seconds
+        lasts = math.inf if seconds is None else seconds
+        end, first = self.began + _FIRST_S + lasts, True
         try:
-            while not stop() and (left := end - time.perf_counter()) > 0:
-                self.take(*source.read(min(_LOOK, left)))
+            while not stop():
+                left = end - time.perf_counter()
+                readings = source.read(min(_LOOK, max(left, 0.0)))
+                if readings and first:
+                    end, first = readings[0].arrival + lasts, False
+                elif not readings and left <= 0:
+                    break
+                self.take(*(each for each in readings if each.arrival <= end))
+                if readings and readings[-1].arrival > end:
+                    break
         finally:
             self.ended, self.running = time.perf_counter(), False
 

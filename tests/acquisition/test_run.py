@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,22 @@ def test_a_bump_is_no_motion_and_a_wobble_on_one_landmark_counts_once(
     assert attempt.landmarks == ["O", "M1"]
     check_against(attempt, postures)
     assert any("still on O" in line for line in attempt.said)
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_a_pause_is_the_devices_and_not_of_who_reads_it(
+    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path, late: bool
+) -> None:
+    """A busy computer reads both sides of a pause at once, or late what came without any."""
+    plan = plan_of(job, arm, "O,M1")
+    readings = visit(postures, "O,M1").readings()
+    paused = [r if r.time < 0.8 else replace(r, time=r.time + 0.6) for r in readings]
+    if late:
+        paused = [replace(r, arrival=10.0) for r in paused]
+        readings = [r if r.time < 0.8 else replace(r, arrival=r.time + 0.6) for r in readings]
+    for name, given, pauses in (("a", paused, [0.6]), ("b", readings, [])):
+        attempt = Attempt(plan, file_of(plan, tmp_path / name), given)
+        assert attempt.events.stalls == pytest.approx(pauses, abs=0.01)
 
 
 def test_one_landmark_twice_in_the_sequence_is_touched_twice(

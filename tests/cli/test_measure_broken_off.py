@@ -68,7 +68,7 @@ def test_prompts_without_a_terminal(bench: Bench) -> None:
         assert bench.samples().labels["landmark"].tolist() == ["O"]
         answer("s")
         waited_for(process, "Bring the tip to L1 (3 of 3)")
-        out, _ = process.communicate("q\n", timeout=20)
+        out, _ = process.communicate("q\n", timeout=120)
         assert process.returncode == 0, out
         assert "1 sample in" in out
         assert "missing: M1, L1" in out
@@ -88,7 +88,7 @@ def test_broken_off_what_was_confirmed_stays_and_is_told(bench: Bench, how: sign
         while "O: recorded" not in process.stderr.readline():
             assert process.poll() is None
         process.send_signal(how)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=120)
     assert process.returncode == 130
     found = json.loads(out)
     assert (found["status"], found["samples"], found["missing"]) == ("interrupted", 1, ["M1"])
@@ -131,7 +131,7 @@ def test_killed_at_any_moment_nothing_confirmed_is_lost(bench: Bench, kills: int
             said = waited_for(process, "recorded")
             time.sleep(moments.uniform(0.0, 1.5))
             process.send_signal(signal.SIGKILL)
-            said += process.communicate(timeout=20)[0]
+            said += process.communicate(timeout=120)[0]
         confirmed = [n for n in names if f"{n}: recorded" in said]
         now = recorded(bench)
         assert now[: len(done)] == done

@@ -94,7 +94,7 @@ def test_ctrl_c_ends_it_cleanly(result: Path) -> None:
         while not said.endswith("\n}\n"):
             said += run.stdout.readline()
         run.send_signal(signal.SIGINT)
-        rest, errors = run.communicate(timeout=60)
+        rest, errors = run.communicate(timeout=120)
     assert json.loads(said)["url"].startswith("http://127.0.0.1:")
     assert (rest, errors, run.returncode) == ("", "", 0)
 

@@ -3,12 +3,13 @@ from __future__ import annotations
 import socket
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import repeat
 
 import numpy as np
 import pytest
 import serial
-from device_streams import RATE, PortHere, PtyDevice, device, frames
+from device_streams import RATE, ClockedPort, PortHere, PtyDevice, device, frames
 
 from suta_calib.device import Bus, Reading
 from suta_calib.device.formats import encode_frame, encode_line
@@ -31,6 +32,12 @@ def read_until(bus: Bus, enough: Callable[[list[Reading]], bool], limit: float =
         assert time.perf_counter() < end, f"only {len(found)} readings"
         found += bus.read(0.05)
     return found
+
+
+def pieces(sequences: Sequence[int]) -> list[bytes]:
+    """Frames, five in each hundredth of a second."""
+    each = frames(sequences, start_us=round(sequences[0] * 1e6 / RATE))
+    return [b"".join(each[k : k + 5]) for k in range(0, len(each), 5)]
 
 
 def read_on(bus: Bus, until: Callable[[], bool]) -> None:
@@ -125,11 +132,9 @@ def test_a_device_that_says_nothing_is_named(arm: PtyDevice) -> None:
         assert word in str(caught.value)
 
 
-def test_a_device_that_falls_silent_is_named(arm: PtyDevice) -> None:
-    arm.stream()
-    with Bus(spec_of(arm), silence=0.1) as opened:
+def test_a_device_that_falls_silent_is_named() -> None:
+    with Bus(device(), silence=0.1, port=ClockedPort(pieces(range(100)))) as opened:
         read_until(opened, bool)
-        arm.stop()
         with pytest.raises(DeviceSilentError, match="power"):
             read_until(opened, never)
 
@@ -146,11 +151,11 @@ def test_a_device_that_falls_silent_is_named(arm: PtyDevice) -> None:
     ],
 )
 def test_bytes_that_are_something_else_are_described(
-    arm: PtyDevice, given: dict[str, str], sent: bytes, words: list[str]
+    given: dict[str, str], sent: bytes, words: list[str]
 ) -> None:
-    arm.stream(lambda *_: sent)
+    port = ClockedPort(repeat(sent))
     with (
-        Bus(spec_of(arm, **given), silence=0.1, reconnect=True) as opened,
+        Bus(device(**given), silence=0.1, reconnect=True, port=port) as opened,
         pytest.raises(WrongFormatError) as caught,
     ):
         read_until(opened, bool)
@@ -227,16 +232,12 @@ def test_a_stall_is_said_and_survived(arm: PtyDevice) -> None:
     assert all("come again" in sentence for sentence in said[1::2])
 
 
-def test_a_burst_of_garbage_is_said_and_survived(arm: PtyDevice) -> None:
+def test_a_burst_of_garbage_is_said_and_survived() -> None:
     said: list[str] = []
-    arm.stream()
-    with Bus(spec_of(arm), reconnect=True, silence=0.1, on_event=said.append) as opened:
-        read_until(opened, bool)
-        arm.stop()
-        arm.stream(lambda *_: b"\x99" * 20)
+    burst = [b"\x99" * 100] * 20
+    port = ClockedPort([*pieces(range(100)), *burst, *pieces(range(200, 300))])
+    with Bus(device(), reconnect=True, silence=0.1, on_event=said.append, port=port) as opened:
         read_on(opened, lambda: "none of them readable" in "".join(said))
-        arm.stop()
-        arm.stream()
         read_until(opened, bool)
     assert "come again" in said[-1]
 
@@ -308,16 +309,11 @@ def test_any_other_pyserial_url_is_a_port(monkeypatch: pytest.MonkeyPatch) -> No
         assert opened.read(0.01) == []
 
 
-def test_a_device_that_was_off_for_long_is_settled_again(arm: PtyDevice) -> None:
+def test_a_device_that_was_off_for_long_is_settled_again() -> None:
     """However long that lasted: it is no reason to doubt its clock."""
-    arm.stream(first=50_000)
-    # So long that a clock is judged in time on a busy machine too.
-    settling = 2.0
-    with Bus(spec_of(arm), reconnect=True, silence=0.2, settling=settling) as opened:
-        read_until(opened, bool)
-        arm.stop()
-        end = time.perf_counter() + 1.1 * settling
-        while time.perf_counter() < end:
-            opened.read(0.02)
-        arm.stream(first=0)
-        assert read_until(opened, lambda found: len(found) >= 20)
+    off = [b""] * 220
+    port = ClockedPort([*pieces(range(50_000, 50_100)), *off, *pieces(range(100))])
+    with Bus(device(), reconnect=True, silence=0.2, settling=2.0, port=port) as opened:
+        before = read_until(opened, bool)[-1]
+        after = read_until(opened, lambda found: any(r.arrival > before.arrival + 2 for r in found))
+        assert after[-1].sequence > before.sequence

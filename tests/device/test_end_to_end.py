@@ -46,7 +46,6 @@ TRUTH = {
     "tip.y": -0.2515,
 }
 SEATING = 2e-5
-BETWEEN_S = 0.2
 # Pillars that lean differently, or no distance would tell how long the tool is.
 ARTEFACT = """\
 name: simulated artefact with leaning pillars
@@ -114,13 +113,14 @@ def measure(laboratory: Laboratory, places: list[str], seconds: float, timing: T
     poses = {name: upright(*PLACES[name]) for name in places}
     plan = artefact_set(laboratory.folder / "artefact.yaml", poses, 1, NoiseLevels(seating=SEATING))
     motion = stops(laboratory.arm, TRUTH, plan, timing=timing)
-    with EmulatedArm(Emulation(laboratory.device, motion)) as emulator:
+    with EmulatedArm(Emulation(laboratory.device, motion), patient=True) as emulator:
         device = emulator.write_device(laboratory.device_file)
-        for name in places:
+        for done, name in enumerate(places, 1):
             options = ("--placement", name, "--device", device, "--seconds", seconds, "--yes")
             assert cli("measure", laboratory.job, *options) == 0
             # In one process the next command comes before the arm could notice.
-            time.sleep(BETWEEN_S)
+            while sum("a round is over" in event for event in emulator.events) < done < len(places):
+                time.sleep(0.01)
 
 
 def track(

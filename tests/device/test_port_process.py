@@ -103,7 +103,7 @@ def test_its_process_ends_with_this_one_even_if_that_is_killed(arm: PtyDevice) -
         parent.stdin.flush()
         child = int(parent.stdout.readline())
         parent.send_signal(signal.SIGKILL)
-    end = time.perf_counter() + 10
+    end = time.perf_counter() + 60
     while _runs(child):
         assert time.perf_counter() < end, "the reader outlives its parent"
         time.sleep(0.02)

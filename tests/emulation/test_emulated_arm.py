@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -135,7 +136,10 @@ def test_an_arm_waits_between_placements_for_the_next_listener(
 
     with EmulatedArm(Emulation(device_of(arm), motion)) as emulator:
         first = listen(emulator.port, emulator.device, PATIENCE_S, rests_on_c)
-        time.sleep(0.3)
+        end = time.perf_counter() + PATIENCE_S
+        while not any("a round is over" in event for event in emulator.events):
+            assert time.perf_counter() < end
+            time.sleep(0.01)
         second = listen(emulator.port, emulator.device, PATIENCE_S, bool)
     tip = [arm.forward(angles(each)[[0, -1]], TRUTH)[1] for each in (first, second)]
     # Through P1 from A to C, where it stayed; then at rest on A of P2 at once.
@@ -168,6 +172,62 @@ def test_a_round_that_is_not_over_goes_on_unheard(arm: ArmModel, tmp_path: Path)
     assert clock(np.array([0.0]))[0] == 0.0
     assert clock(np.array([11.9]))[0] == 11.9
     assert clock(np.array([12.1]))[0] == 15.0
+
+
+def test_a_round_begins_when_whoever_listens_is_ready(arm: ArmModel, tmp_path: Path) -> None:
+    heard = ready = False
+    clock = RoundClock(
+        landmark_stops(arm, tmp_path, rest=4.0, move=1.0), lambda: heard, lambda: ready
+    )
+
+    def at(time: float) -> float:
+        return float(clock(np.array([time]))[0])
+
+    heard = True
+    assert [at(t) for t in (0.0, 9.0)] == [0.0, 0.0]
+    ready = True
+    assert [at(t) for t in (10.0, 11.0)] == [0.0, 1.0]
+    # Who falls behind within a round is waited for by the stream, not by the arm.
+    ready = False
+    assert [at(t) for t in (12.0, 23.0, 25.0)] == [2.0, 13.0, 14.0]
+    heard = False
+    assert at(26.0) == 15.0
+    heard = True
+    assert at(30.0) == 15.0
+    ready = True
+    assert [at(t) for t in (31.0, 32.0)] == [15.0, 16.0]
+
+
+def test_a_patient_arm_rests_on_its_first_place_until_its_reader_has_kept_up(
+    arm: ArmModel, tmp_path: Path
+) -> None:
+    """However late that is: a busy computer takes its time to believe what it reads."""
+    emulation = Emulation(device_of(arm), landmark_stops(arm, tmp_path, rest=0.05, move=0.05))
+    with PseudoTerminal(tmp_path / "port") as terminal:
+        player = Player(emulation, terminal, patient=True, recorded=True)
+        reader = os.open(terminal.port, os.O_RDONLY | os.O_NOCTTY)
+        thread = threading.Thread(target=player.run, args=(3600.0, lambda: done))
+        done = False
+        thread.start()
+        try:
+            # Full, and full again: whoever reads by fits and starts has not kept up.
+            for _ in range(3):
+                time.sleep(0.3)
+                os.read(reader, 4096)
+            late = player.played.sent
+            end = time.perf_counter() + PATIENCE_S
+            while player.trajectory.motion_time.max() < 0.2:
+                assert time.perf_counter() < end
+                os.read(reader, 65536)
+        finally:
+            done = True
+            thread.join()
+            os.close(reader)
+    moved = player.trajectory.motion_time
+    assert moved[:late].max() == 0.0
+    began = int(np.flatnonzero(moved)[0])
+    assert began >= late + 0.3 * emulation.rate - 64
+    np.testing.assert_allclose(np.diff(moved[began:]), 1 / emulation.rate, atol=1e-9)
 
 
 def test_an_arm_that_cannot_start_says_why(arm: ArmModel, tmp_path: Path) -> None:

@@ -52,7 +52,8 @@ class Attempt:
         taker = Unattended(self.run, finder, SECONDS)
         choose = ArmReadings(device(plan.arm.joints), plan.arm.joints)
         source = Replay(readings)
-        self.done = run_session(source, choose, finder, taker, events=StreamEvents(), patience=1.0)
+        self.events = StreamEvents()
+        self.done = run_session(source, choose, finder, taker, events=self.events, patience=1.0)
 
     @property
     def landmarks(self) -> list[str]:

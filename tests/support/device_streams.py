@@ -11,7 +11,7 @@ import termios
 import threading
 import time
 import tty
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -77,6 +77,31 @@ class PortHere:
 
     def close(self) -> None:
         self._port.close()
+
+
+class ClockedPort:
+    """A port at which a piece comes every so often by a clock of its own, and then nothing more.
+
+    What follows from silences does not depend on how busy the machine is, nor does anybody wait.
+
+    Args:
+        pieces: bytes, empty ones for silences.
+        every: s.
+    """
+
+    def __init__(self, pieces: Iterable[bytes], every: float = 0.01) -> None:
+        self._pieces, self._every, self.arrived = iter(pieces), every, time.perf_counter()
+
+    def open(self) -> None:
+        pass
+
+    def read(self, timeout: float) -> bytes:
+        del timeout
+        self.arrived += self._every
+        return next(self._pieces, b"")
+
+    def close(self) -> None:
+        pass
 
 
 class PtyDevice:

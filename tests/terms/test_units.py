@@ -10,7 +10,7 @@ from terms_cases import SIGMA, noises, scene
 
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact
-from suta_calib.terms import Term
+from suta_calib.terms import ArmPoses, Term
 
 SEEN = ("tracked_point", "tracked_point with orientation", "hand_eye")
 TOUCHED = ("pairwise_distance", "landmark", "landmark with seats")
@@ -45,6 +45,24 @@ def test_millimetres_for_metres_are_refused_and_the_place_is_named(name: str, sc
 @pytest.mark.parametrize("scale", [0.8, 1.0, 1.25])
 def test_a_bad_arm_or_instrument_is_no_other_unit(name: str, scale: float) -> None:
     scaled(name, scale).check_enough()
+
+
+@pytest.mark.parametrize("name", ["tracked_point", "pairwise_distance", "landmark"])
+def test_a_length_of_the_arm_in_another_unit_is_named_beside(name: str) -> None:
+    """Its one upper arm 100 times as long; and no length where all that was seen is small."""
+    s = scene(name)
+    length = max(
+        (p for p in s.arm.parameters.values() if p.unit == "m"), key=lambda p: abs(p.nominal)
+    )
+    term = scaled(name, 1.0)
+    wrong = s.arm.at({length.name: 100.0 * length.nominal})
+    with pytest.raises(SamplesError) as caught:
+        term.over_poses(ArmPoses(wrong, term.poses.samples)).check_enough()
+    named = f"They would agree if {length.name} is {1e3 * length.nominal:.6g} mm and not"
+    assert named in str(caught.value)
+    with pytest.raises(SamplesError) as caught:
+        scaled(name, 1e-3).check_enough()
+    assert "They would agree" not in str(caught.value)
 
 
 def test_a_camera_that_circles_its_target_sees_it_stand_still() -> None:

@@ -30,7 +30,7 @@ def test_an_emulated_arm_is_tracked_by_a_call(tmp_path: Path) -> None:
         made.emulation.motion.posture, posture_of(made.arm, {"joint_2": np.deg2rad(10)})
     )
     log = tmp_path / "log.csv"
-    with EmulatedArm(made.emulation) as emulator:
+    with EmulatedArm(made.emulation, patient=True) as emulator:
         device = emulator.write_device(tmp_path / "device.yaml")
         options = TrackOptions(SUTA_URDF, "tip", device, csv=log, seconds=0.6, rate=100.0)
         with Tracking(options) as tracking:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -121,6 +122,22 @@ def test_it_stops_when_told(tracker):
     session = TrackingSession(tracker, [])
     session.run(Source([burst(k, 1) for k in range(9)]), None, lambda: session.readings == 4)
     assert session.readings == 4
+
+
+def test_the_time_runs_from_the_first_reading_on_and_by_arrival(tracker):
+    """A computer that comes to them late tracks what came in time, and nothing that did not."""
+    began = time.perf_counter() - 5.0
+    late = [replace(r, arrival=began + r.time) for r in burst(0, 4000)]
+    bursts = [late[k : k + 50] for k in range(0, len(late), 50)]
+    session = TrackingSession(tracker, [])
+    session.run(Source([[], *bursts]), seconds=1.0)
+    assert session.readings == 1001
+    assert session.last is not None
+    assert session.last.sequence == 1000
+    # One that has fallen silent is not waited for.
+    session = TrackingSession(tracker, [])
+    session.run(Source(bursts[:3]), seconds=1.0)
+    assert session.readings == 150
 
 
 @given(st.lists(st.floats(1e-6, 50.0), min_size=1, max_size=300))

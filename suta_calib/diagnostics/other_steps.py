@@ -1,0 +1,257 @@
+"""One joint that reads too much by one step in some of the rows, as if a count had wrapped unseen.
+
+An encoder behind a gear, or one of a few bits, begins anew within the joint's travel; who counts
+its turns may miss one, and a count that was lost stays lost. Nobody knows the step beforehand, nor
+the rows: on the nominal arm every row says which of many shifts of the joint suits it best, and
+where two of them suit all rows, registered anew, their difference is the step. It is a cause only
+if its rows are what such a step makes: those beyond some reading, or all from one row to another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.errors import SutaCalibError
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import ArmPoses, Term
+from suta_calib.units import from_deg, text
+
+# Shifts of a joint that are tried first, and how finely their step is told, rad.
+COARSE: Final = np.radians(np.arange(-180.0, 180.0, 6.0))
+FINE: Final = np.radians(np.arange(-6.0, 6.01, 0.5))
+# A turn in so many parts at most is what a gear, or an encoder's poles, make of it: the step is
+# such a part if it is nearer than a fourth of the way to the next.
+PARTS: Final = np.arange(1, 25)
+# Rounds in which rows are sorted anew; rows that a step has at least, and the share of them that
+# may stand on the wrong side of a threshold.
+ROUNDS: Final = 10
+FEWEST: Final = 4
+IN_DOUBT: Final = 0.05
+# A step leaves less than this share of what there was; so many joints, which are coarsely the best,
+# are worth the rounds; of an arm with more than so many all would take too long.
+LEFT: Final = 0.25
+JOINTS: Final = 2
+MOST_JOINTS: Final = 16
+# Rows that say which shifts suit them, of many; all say in the end which of two does.
+ASKED: Final = 200
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """Rows of one joint's readings that are to be read otherwise.
+
+    Attributes:
+        joint: index of the joint.
+        size: what is to be added to them, rad.
+        rows: (samples,) which they are.
+        left: mean square of what the step leaves, in units of the noise.
+    """
+
+    joint: int
+    size: float
+    rows: BoolArray
+    left: float
+
+
+def other_steps(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """The terms with one joint's readings a step farther in some rows, where that mends them.
+
+    Args:
+        terms: over one arm.
+
+    Yields:
+        What would have to be so, as the end of "the data agree if …", and the terms.
+    """
+    poses = terms[0].poses
+    assert isinstance(poses, ArmPoses)
+    with suppress(SutaCalibError):
+        touches = _Touches(tuple(term.single_touches() for term in terms))
+        before = float(np.mean(touches.squares(touches.none, touches.registered(touches.none))))
+        turning = [k for k, j in enumerate(poses.arm.chain.moving) if j.type != "prismatic"]
+        if len(turning) > MOST_JOINTS:
+            return
+        some = touches.some()
+        coarse = sorted((*_coarse(some, k), k) for k in turning)
+        found = [step for _, size, k in coarse[:JOINTS] for step in _steps(touches, some, k, size)]
+        found = [step for step in found if step.left < LEFT * before]
+        for step in sorted(found, key=lambda each: each.left)[:1]:
+            shifts = touches.shifted(step.joint, np.where(step.rows, step.size, 0.0))
+            if where := _where(touches, step):
+                name = poses.arm.joints[step.joint]
+                by = text(abs(step.size), "rad", with_unit=True)
+                sign = "little" if step.size > 0 else "much"
+                sentence = f"{name} reads {by} too {sign} {where}: a step that its count missed"
+                yield sentence, tuple(_read(terms, shifts))
+
+
+@dataclass(frozen=True, eq=False)
+class _Touches:
+    """Terms whose every row is of one sample.
+
+    Attributes:
+        terms: these.
+    """
+
+    terms: tuple[Term, ...]
+
+    @property
+    def q(self) -> FloatArray:
+        """(samples, joints) readings of all terms, one after the other."""
+        return np.vstack([term.poses.samples.q for term in self.terms])
+
+    @property
+    def none(self) -> FloatArray:
+        """(samples, joints) no shifts."""
+        return np.zeros_like(self.q)
+
+    def shifted(self, joint: int, by: FloatArray | float) -> FloatArray:
+        """(samples, joints) shifts of one joint's readings."""
+        shifts = self.none
+        shifts[:, joint] = by
+        return shifts
+
+    def problem(self, shifts: FloatArray) -> Problem:
+        """Of the nominal arm and all that is external."""
+        return Problem(_read(self.terms, shifts))
+
+    def registered(self, shifts: FloatArray) -> FloatArray:
+        """What is external, at its closed-form start."""
+        return self.problem(shifts).start()
+
+    def squares(self, shifts: FloatArray, x: FloatArray) -> FloatArray:
+        """(samples,) of the residuals of each, in units of the noise; infinite out of range."""
+        try:
+            problem = self.problem(shifts)
+        except SutaCalibError:
+            return np.full(len(shifts), np.inf)
+        found = np.zeros(len(shifts))
+        for line in problem.linearise(x, problem.assumed_sigmas()):
+            block = line.view.block
+            squared = np.sum((line.residual / line.sigma[:, None]) ** 2, axis=1)
+            np.add.at(found, block.samples[:, 0] + line.view.first_sample, squared)
+        return found
+
+    def some(self) -> _Touches:
+        """Of many touches some, evenly chosen."""
+        count = sum(len(term.poses) for term in self.terms)
+        every = -(-count // ASKED)
+        if every == 1:
+            return self
+        return _Touches(
+            tuple(term.take(np.arange(0, len(term.poses), every)) for term in self.terms)
+        )
+
+
+def _steps(touches: _Touches, some: _Touches, joint: int, size: float) -> Iterator[_Step]:
+    """What a joint's step leaves at best, with either part of the rows taken for the wrong one.
+
+    Args:
+        touches: all of them.
+        some: those that say how large the step is.
+        joint: its index.
+        size: of the step, coarsely, rad.
+    """
+    for sign in (1.0, -1.0):
+        with suppress(SutaCalibError):
+            told, x = _settled(some, joint, sign * size)
+            told = _part_of_a_turn(told)
+            # Where what is external is, some rows tell well enough to sort all.
+            wrong = touches.squares(touches.shifted(joint, told), x)
+            rows = wrong < touches.squares(touches.none, x)
+            if FEWEST <= np.sum(rows) <= len(rows) - FEWEST:
+                shifts = touches.shifted(joint, np.where(rows, told, 0.0))
+                left = touches.squares(shifts, touches.registered(shifts))
+                yield _Step(joint, told, rows, float(np.mean(left)))
+
+
+def _coarse(touches: _Touches, joint: int) -> tuple[float, float]:
+    """Squares left by the two shifts that suit all rows best, one or the other each; their step."""
+    x = touches.registered(touches.none)
+    each = np.array([touches.squares(touches.shifted(joint, by), x) for by in COARSE])
+    best, size = np.inf, 0.0
+    # Of either sign the same pairs are tried.
+    for k in range(1, len(COARSE) // 2 + 1):
+        left = float(np.min(np.sum(np.minimum(each, np.roll(each, -k, axis=0)), axis=1)))
+        if left < best:
+            best, size = left, k * float(COARSE[1] - COARSE[0])
+    return best, size
+
+
+def _settled(touches: _Touches, joint: int, size: float) -> tuple[float, FloatArray]:
+    """Rows sorted by what suits them, and the step told by them, until both stay.
+
+    Returns:
+        The step, rad, and what is external.
+    """
+    rows = np.zeros(len(touches.q), dtype=np.bool_)
+    x = touches.registered(touches.none)
+    for _ in range(ROUNDS):
+        right = touches.squares(touches.none, x)
+        tried = size + FINE
+        wrong = np.array([touches.squares(touches.shifted(joint, by), x) for by in tried])
+        best = int(np.argmin(np.sum(np.minimum(wrong, right), axis=1)))
+        again, before, size = wrong[best] < right, size, float(tried[best])
+        if np.array_equal(again, rows) and size == before:
+            break
+        rows = again
+        x = touches.registered(touches.shifted(joint, np.where(rows, size, 0.0)))
+    return size, x
+
+
+def _part_of_a_turn(size: float) -> float:
+    parts = from_deg(360.0) / PARTS
+    nearest = int(np.argmin(np.abs(parts - abs(size))))
+    apart = parts[nearest] - parts[min(nearest + 1, len(parts) - 1)]
+    if abs(parts[nearest] - abs(size)) < apart / 4.0:
+        return float(np.copysign(parts[nearest], size))
+    return size
+
+
+def _where(touches: _Touches, step: _Step) -> str:
+    """In which rows it is so, where these are beyond a reading, or follow one another."""
+    origin = [row for term in touches.terms for row in term.poses.samples.origin]
+    in_rows = np.flatnonzero(step.rows)
+    first, last = int(in_rows[0]), int(in_rows[-1])
+    doubt = IN_DOUBT * min(len(in_rows), len(step.rows) - len(in_rows))
+    if last - first + 1 - len(in_rows) <= doubt:
+        return f"from {origin[first]} to {origin[last]}"
+    q = touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0)
+    files = np.concatenate([term.poses.samples.file_names for term in touches.terms])
+    count = f"in {len(in_rows)} of {len(q)} rows, where it truly is"
+    for sign, side in ((1.0, "above"), (-1.0, "below")):
+        if _beyond(sign * q, step.rows) >= len(in_rows) - doubt:
+            edge = sign * np.sort(sign * q[step.rows])[int(doubt)]
+            return f"{count} {side} {text(float(edge), 'rad', with_unit=True)}"
+        # Files may have been begun after other turns.
+        if sum(_beyond(sign * q[files == f], step.rows[files == f]) for f in np.unique(files)) >= (
+            len(in_rows) - doubt
+        ):
+            return f"{count} {side} some reading of its file"
+    return ""
+
+
+def _beyond(q: FloatArray, rows: BoolArray) -> int:
+    """How many of the rows (n,) are among as many that read most, of readings q (n,)."""
+    count = int(np.sum(rows))
+    return int(np.sum(rows[np.argsort(q, kind="stable")[len(q) - count :]]))
+
+
+def _read(terms: Sequence[Term], shifts: FloatArray) -> list[Term]:
+    """The terms with their readings shifted, (samples, joints) of all of them."""
+    found, first = list[Term](), 0
+    for term in terms:
+        samples = term.poses.samples
+        by = shifts[first : first + len(samples)]
+        first += len(samples)
+        found.append(
+            term.over_poses(term.poses.with_samples(replace(samples, q=samples.q + by)))
+            if by.any()
+            else term
+        )
+    return found

@@ -1,0 +1,56 @@
+"""The same arm with one of its lengths read in another unit, as somebody may have written it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import POSITION
+from suta_calib.units import mm
+
+# Of cm for m, of mm for cm, of mm for m; and the other way.
+FACTORS: Final = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)
+# Shorter than that no unit makes a length that matters, m.
+SHORTEST: Final = 1e-6
+
+
+@dataclass(frozen=True)
+class OtherLength:
+    """One origin of an arm, some of it in another unit.
+
+    Attributes:
+        owner: the joint, or the tip, whose origin it is.
+        values: what is other, by name, m.
+        sentence: what would have to be so, as the end of "the data agree if …".
+    """
+
+    owner: str
+    values: dict[str, float]
+    sentence: str
+
+
+def other_lengths(arm: ArmModel) -> Iterator[OtherLength]:
+    """Every length of an arm in other units, and every origin as a whole where it has several.
+
+    Args:
+        arm: as its URDF has it.
+    """
+    for segment in arm.segments:
+        nominal = {n: arm.parameters[n].nominal for n in segment.names(*POSITION)}
+        long = {name: length for name, length in nominal.items() if abs(length) > SHORTEST}
+        parts = [{name: length} for name, length in long.items()]
+        for part in [*parts, *([long] if len(long) > 1 else [])]:
+            for factor in FACTORS:
+                values = {name: factor * length for name, length in part.items()}
+                yield OtherLength(segment.owner, values, _sentence(part, factor))
+
+
+def _sentence(part: dict[str, float], factor: float) -> str:
+    name, length = next(iter(part.items()))
+    if len(part) > 1:
+        owner = name.rpartition(".")[0]
+        return f"the origin of {owner} is {factor:g} times as far off: a wrong unit in the URDF"
+    read, stands = (f"{mm(each):.6g} mm" for each in (factor * length, length))
+    return f"{name} is {read} and not {stands}: a wrong unit in the URDF"
