@@ -39,7 +39,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
-from suta_calib.terms.camera_start import UNCALIBRATED, closed_form_camera
+from suta_calib.terms.camera_start import UNCALIBRATED, closed_form_camera, prior_beside
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EyeSetup,
@@ -187,6 +187,8 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
             )
         camera = closed_form_camera(view.corners, view.board)
         prior = UNCALIBRATED.stds(camera)
+    elif camera.corners:
+        prior = prior_beside(camera, view.corners)
     term = CameraView(
         poses,
         view.board,
@@ -319,6 +321,7 @@ def _seen(
         covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
         camera=found,
         given=view.camera,
+        same_corners=view.camera is not None and term.prior is not None,
         told=told,
         images=tuple(images.tolist()),
         rows=rows,

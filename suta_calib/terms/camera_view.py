@@ -40,6 +40,7 @@ from suta_calib.terms.camera_start import (
     PLANAR,
     UNCALIBRATED,
     closed_form_camera,
+    prior_beside,
 )
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
@@ -166,6 +167,8 @@ class CameraView(FramedTerm):
             if camera is None:
                 camera = closed_form_camera(found, board)
                 given.setdefault("prior", UNCALIBRATED.stds(camera))
+            elif camera.corners:
+                given.setdefault("prior", prior_beside(camera, found))
         camera = _CAMERA if camera is None else camera
         term = cls(
             poses,

@@ -78,6 +78,28 @@ def test_the_intrinsics_may_be_unknown() -> None:
     assert abs(seen.camera.intrinsics[4] - LENS[4]) < 0.01
 
 
+def test_corners_that_a_camera_was_calibrated_from_are_counted_once() -> None:
+    """Its covariance is what these corners say, so that as a prior they would say it twice."""
+    scene = pictures(16, pixel=0.1, given=None)
+    (view,) = scene.views
+    alone = solved(scene).cameras[0].camera
+    told = replace(alone, width=1280, height=960)
+
+    def stds(given: Camera) -> np.ndarray:
+        (seen,) = solved(replace(scene, views=(replace(view, camera=given),))).cameras
+        assert seen.camera.stds is not None
+        return seen.camera.stds
+
+    once, twice = stds(replace(told, corners=view.corners.digest)), stds(told)
+    assert alone.stds is not None
+    assert once == pytest.approx(alone.stds, rel=0.02)
+    assert np.all(twice[:4] < 0.85 * once[:4])
+    same = replace(told, corners=view.corners.digest)
+    answer = solved(replace(scene, views=(replace(view, camera=same),)))
+    assert answer.assessment.level == "good"
+    assert "from these very corners: they are counted once" in answer.assessment.notes[-1]
+
+
 def test_a_robots_errors_are_told_from_the_cameras() -> None:
     """Corners of a picture share where the hand was: a hundred of them are one witness."""
     scene = pictures(40, pixel=0.1, robot=(5e-4, 1e-3))
