@@ -106,6 +106,7 @@ def hand_eye_from_pictures(
             motions that do not determine it.
     """
     terms = [_term(hand, view, setup, intrinsics) for view in views]
+    terms = [term.beside(terms).at_its_distance() for term in terms]
     believed = []
     for view, term in zip(views, terms, strict=True):
         with error_context(view.corners.path):
@@ -199,7 +200,7 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
         target=view.target,
         prior=prior,
     )
-    return term.numbered_alike(view.corners.path).at_its_distance()
+    return term.numbered_alike(view.corners.path)
 
 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:

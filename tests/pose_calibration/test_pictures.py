@@ -291,6 +291,24 @@ def test_a_board_that_looks_the_same_turned_is_numbered_as_the_poses_tell(setup:
     assert np.allclose(seen.X, known.X, rtol=0.0, atol=1e-7)
 
 
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_two_cameras_number_such_a_board_from_one_end(setup: str) -> None:
+    """Each by most of its own pictures, which may be opposite ends; where the board is tells."""
+    eye = X if setup == "eye-in-hand" else Z
+    board, eyes = Chessboard(6, 4, 0.03), (eye, (eye[0], eye[1] + [0.04, 0.0, 0.02]))
+    scene = pictures(12, setup=setup, pixel=0.05, board=board, eyes=eyes)
+    first, second = scene.views
+    turned = replace(second.corners, point=23 - second.corners.point)
+    other = replace(second, corners=turned)
+    with pytest.warns(SutaCalibWarning, match="from the other end than in the pictures of a row"):
+        found = solved(replace(scene, views=(first, other)), setup=setup)
+    alike = solved(scene, setup=setup)
+    assert found.assessment.level == "good"
+    for seen, known in zip(found.cameras, alike.cameras, strict=True):
+        assert np.allclose(seen.X, known.X, atol=1e-9)
+        assert np.allclose(seen.Z, known.Z, atol=1e-9)
+
+
 def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> None:
     scene = pictures(20, pixel=0.1)
     corners = scene.views[0].corners
