@@ -84,8 +84,11 @@ class CalibrationJob(Shown):
         _check_once(spec, observations)
         validation = tuple(read(row) for row in spec.validation)
         _check_given_alike(spec, observations, validation)
-        _check_shared(spec, (*observations, *validation))
-        return cls(spec, arm, parameters, tuple(observations), validation)
+        terms = (*observations, *validation)
+        _check_shared(spec, terms)
+        terms = tuple(term.beside(terms) for term in terms)
+        fitted = len(observations)
+        return cls(spec, arm, parameters, terms[:fitted], terms[fitted:])
 
     @property
     def in_a_line(self) -> str:

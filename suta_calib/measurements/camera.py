@@ -18,6 +18,7 @@ from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
 
 # The one distortion model here, as ROS calls it.
 PLUMB_BOB: Final = "plumb_bob"
+_CORNERS: Final = "corners_sha256"
 # Others are ignored: whoever wrote the file has some of their own.
 CAMERA_KEYS: Final = Keys(
     Key("image_width", "px", "Width of the pictures.", required=True),
@@ -35,6 +36,12 @@ CAMERA_KEYS: Final = Keys(
         "mapping",
         "data: 81 numbers, row by row, of fx fy cx cy k1 k2 p1 p2 k3: how well they are known.",
     ),
+    Key(
+        _CORNERS,
+        "text",
+        "Of which corners.csv it was calibrated, as `detect` writes it: the same corners are not "
+        "counted again as what is known of the camera.",
+    ),
 )
 # Focal lengths in picture widths that some lens has; others are in mm, or another picture's.
 _FOCAL: Final = (0.1, 1000.0)
@@ -51,12 +58,14 @@ class Camera:
         intrinsics: (9,) in the order of `geometry.pinhole.INTRINSICS`: fx fy cx cy (px), k1 k2 p1
             p2 k3.
         covariance: (9, 9) of these, or None where it is not known; zero for what was held.
+        corners: `Corners.digest` of the corners it was calibrated from; empty where nobody says.
     """
 
     width: int
     height: int
     intrinsics: FloatArray
     covariance: FloatArray | None = None
+    corners: str = ""
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -81,7 +90,9 @@ class Camera:
         intrinsics[:2] *= factor
         # Pixels are counted from the centre of the first one.
         intrinsics[2:4] = factor * (intrinsics[2:4] + 0.5) - 0.5
-        return replace(self, width=width, height=height, intrinsics=intrinsics, covariance=None)
+        return replace(
+            self, width=width, height=height, intrinsics=intrinsics, covariance=None, corners=""
+        )
 
     def inside(self, pixels: FloatArray) -> BoolArray:
         """(...) whether pixels (..., 2) are in the picture; the first one's centre is 0, 0."""
@@ -114,7 +125,8 @@ def read_camera(path: str | Path) -> Camera:
         )
     width, height = (top.integer(key, 0, minimum=2) for key in CAMERA_KEYS.names[:2])
     intrinsics = np.array([*_matrix(top, width, height), *_coefficients(top)])
-    return Camera(width, height, intrinsics, _covariance(top))
+    corners = top.text(_CORNERS) if _CORNERS in top else ""
+    return Camera(width, height, intrinsics, _covariance(top), corners)
 
 
 def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
@@ -193,6 +205,8 @@ def camera_text(camera: Camera) -> str:
     if camera.covariance is not None:
         rows.append(f"# of {' '.join(INTRINSICS)}")
         rows.append(f"covariance: {matrix_text(camera.covariance)}")
+    if camera.corners:
+        rows.append(f"{_CORNERS}: {camera.corners}")
     return "\n".join(rows) + "\n"
 
 

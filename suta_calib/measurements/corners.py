@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 from typing import Final
 
@@ -48,6 +49,11 @@ class Corners:
     def images(self) -> list[str]:
         """Names of the pictures, by first appearance."""
         return list(dict.fromkeys(self.image.tolist()))
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 of the rows as their file has them, in whichever order."""
+        return sha256("\n".join(sorted(corners_text(self).splitlines())).encode()).hexdigest()
 
     def take(self, rows: BoolArray | IntArray) -> Corners:
         """Some of the rows, by number or by boolean mask."""

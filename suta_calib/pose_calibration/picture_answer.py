@@ -46,6 +46,7 @@ class SeenCamera(EyePoses):
         camera: intrinsics as they were found, with their covariance; without it where they were
             held.
         given: as they were given, or None.
+        same_corners: whether they were calibrated from these very corners, which count once.
         told: as the pictures alone tell them, with covariance; where they were held, focal lengths
             and principal point beside the distortion of the file.
         images: (n,) names of its pictures.
@@ -74,6 +75,7 @@ class SeenCamera(EyePoses):
     covariance: FloatArray
     camera: Camera
     given: Camera | None
+    same_corners: bool
     told: Camera
     images: tuple[str, ...]
     rows: IntArray
@@ -179,6 +181,12 @@ def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:
     assert told.covariance is not None
     if given is None:
         return "", "good"
+    if seen.same_corners and not seen.held:
+        return (
+            "The camera's file was calibrated from these very corners: they are counted once, and "
+            "what it says of its own ± not again.",
+            "good",
+        )
     change = told.intrinsics - given.intrinsics
     stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
     if seen.held:

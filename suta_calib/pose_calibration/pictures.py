@@ -39,7 +39,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
-from suta_calib.terms.camera_start import UNCALIBRATED, closed_form_camera
+from suta_calib.terms.camera_start import UNCALIBRATED, closed_form_camera, prior_beside
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EyeSetup,
@@ -106,6 +106,7 @@ def hand_eye_from_pictures(
             motions that do not determine it.
     """
     terms = [_term(hand, view, setup, intrinsics) for view in views]
+    terms = [term.beside(terms).at_its_distance() for term in terms]
     believed = []
     for view, term in zip(views, terms, strict=True):
         with error_context(view.corners.path):
@@ -187,6 +188,8 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
             )
         camera = closed_form_camera(view.corners, view.board)
         prior = UNCALIBRATED.stds(camera)
+    elif camera.corners:
+        prior = prior_beside(camera, view.corners)
     term = CameraView(
         poses,
         view.board,
@@ -197,7 +200,7 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
         target=view.target,
         prior=prior,
     )
-    return term.numbered_alike(view.corners.path).at_its_distance()
+    return term.numbered_alike(view.corners.path)
 
 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
@@ -319,6 +322,7 @@ def _seen(
         covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
         camera=found,
         given=view.camera,
+        same_corners=view.camera is not None and term.prior is not None,
         told=told,
         images=tuple(images.tolist()),
         rows=rows,

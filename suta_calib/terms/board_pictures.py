@@ -19,6 +19,7 @@ from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
 from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
+from suta_calib.terms.half_turns import HALF_TURN, from_other_end, half_turned
 from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
 from suta_calib.words import listed
 
@@ -48,8 +49,6 @@ ROUNDING: Final = 1e-9
 # Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
 FAR_OFF: Final = 10.0
 SEEN: Final = 2.0
-# About the normal of a board, and the axis of a camera.
-HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 # By what is turned: how pictures are told of which the others say that they are upside down.
 TURNED: Final = {
     "board": "the board is turned by half a turn: its corners are numbered from the other end.",
@@ -285,18 +284,46 @@ class BoardPictures:
         """
         if not self.board.symmetric:
             return self.pixels
-        from suta_calib.terms.half_turns import half_turned
-
         seen = self.poses[0][self.told]
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
         turned[self.told] = half_turned(hand[0][self.told], seen, seen @ HALF_TURN)
+        most = "most pictures, by the turns of the hand between them"
+        return self._the_other_way(turned, names, source, most)
+
+    def numbered_as(
+        self, first: BoardPictures, hands: tuple[Poses, Poses], names: Sequence[str], *, same: bool
+    ) -> FloatArray:
+        """The pixels, a board that looks the same after half a turn numbered as in other pictures.
+
+        Args:
+            first: those pictures, of the same board at the same place.
+            hands: of these and of the first ones, as `from_other_end` has them.
+            names: (n,) of the pictures.
+            same: whether one camera took both.
+
+        Warns:
+            SutaCalibWarning: in some pictures it was numbered from the other end.
+        """
+        turned = np.zeros(len(self.pixels), dtype=np.bool_)
+        mine, theirs = (
+            (some_poses(hand, pictures.told), some_poses(pictures.poses, pictures.told))
+            for hand, pictures in zip(hands, (self, first), strict=True)
+        )
+        turned[self.told] = from_other_end(*mine, theirs, same_eye=same)
+        return self._the_other_way(
+            turned, names, None, "the pictures of a row before, by its place"
+        )
+
+    def _the_other_way(
+        self, turned: BoolArray, names: Sequence[str], source: Path | None, than: str
+    ) -> FloatArray:
+        """The pixels, some (n,) pictures numbered from the other end, which is warned of."""
         if not turned.any():
             return self.pixels
         warnings.warn(
             f"{source or 'corners'}: the board looks the same after half a turn; in "
             f"{listed(np.array(names)[turned].tolist(), QUOTED)} its corners are numbered from the "
-            "other end than in most pictures, by the turns of the hand between them: they are "
-            "taken the other way round there",
+            f"other end than in {than}: they are taken the other way round there",
             SutaCalibWarning,
             stacklevel=2,
         )

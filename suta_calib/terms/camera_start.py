@@ -81,6 +81,14 @@ UNCALIBRATED: Final = IntrinsicsPrior(
 )
 
 
+def prior_beside(camera: Camera, corners: Corners) -> FloatArray | None:
+    """Prior (9,) of a camera whose corners are seen, px and 1; None where its file says it.
+
+    Of one that was calibrated from these very corners they say everything, and once.
+    """
+    return UNCALIBRATED.stds(camera) if camera.corners == corners.digest else None
+
+
 def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
     """``T_eye_board`` of pictures, each by its own points; NaN where these do not determine it.
 

@@ -40,6 +40,7 @@ from suta_calib.terms.camera_start import (
     PLANAR,
     UNCALIBRATED,
     closed_form_camera,
+    prior_beside,
 )
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
@@ -166,6 +167,8 @@ class CameraView(FramedTerm):
             if camera is None:
                 camera = closed_form_camera(found, board)
                 given.setdefault("prior", UNCALIBRATED.stds(camera))
+            elif camera.corners:
+                given.setdefault("prior", prior_beside(camera, found))
         camera = _CAMERA if camera is None else camera
         term = cls(
             poses,
@@ -230,11 +233,44 @@ class CameraView(FramedTerm):
 
     def numbered_alike(self, source: Path | None) -> Self:
         """The same with the board numbered from one end in all pictures (`BoardPictures`)."""
-        pixels = self.pictures.numbered_alike(self.poses.at({}), self._names, source)
+        return self._with_pixels(
+            self.pictures.numbered_alike(self.poses.at({}), self._names, source)
+        )
+
+    def beside(self, others: Sequence[Term]) -> Self:
+        """The same where other rows see its board, or share its camera.
+
+        A board that looks the same after half a turn is numbered from one end in all of them; and
+        corners that their camera was calibrated from are counted once, whichever row has them.
+        """
+        views = [other for other in others if isinstance(other, CameraView)]
+        once = (
+            other.prior
+            for other in views
+            if other.label == self.label and other.camera.corners and other.prior is not None
+        )
+        term = replace(self, prior=next(once, None)) if self.prior is None else self
+        alike = (o for o in views if (o.target, o.setup) == (self.target, self.setup))
+        first = next(alike, self)
+        if first is self or not self.board.symmetric or self.poses.samples.pixels is None:
+            return term
+        hands = self._to_board, first._to_board
+        same = self.label == first.label
+        return term._with_pixels(
+            self.pictures.numbered_as(first.pictures, hands, self._names, same=same)
+        )
+
+    def _with_pixels(self, pixels: FloatArray) -> Self:
         if pixels is self.pixels:
             return self
         samples = replace(self.poses.samples, pixels=pixels)
         return replace(self, poses=self.poses.with_samples(samples), known_pictures=None)
+
+    @property
+    def _to_board(self) -> Poses:
+        """A of ``A X B = Z``, arm at nominal: ``T_base_hand``, its inverse of an eye beside it."""
+        hand = self.poses.at({})
+        return inverse_poses(hand) if self.setup == EYE_TO_HAND else hand
 
     @property
     def owners(self) -> tuple[str, str, str]:
@@ -464,7 +500,7 @@ class CameraView(FramedTerm):
             "intrinsics": "free" if self.free else "fixed",
         }
         # What is found from a row's own corners differs from row to row.
-        if self.prior is None:
+        if self.prior is None or self.camera.corners:
             of_camera["camera"] = self.camera.values
         return {
             **{(key, "label", self.label): value for key, value in of_camera.items()},
@@ -474,7 +510,6 @@ class CameraView(FramedTerm):
     @property
     def doubts(self) -> Mapping[str, Level]:
         """Corners numbered mirrored or from the other end; a camera's file of another size."""
-        hand = self.poses.at({})
         found: dict[str, Level] = {}
         if self.pictures.behind:
             found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
@@ -483,9 +518,7 @@ class CameraView(FramedTerm):
         # Those that pull no harder than others spoil nothing.
         told: Level = "care" if np.isfinite(self.noise.huber) else "bad"
         found |= dict.fromkeys(self.pictures.strange(self._names), told)
-        turned = self.pictures.upside_down(
-            inverse_poses(hand) if self.setup == EYE_TO_HAND else hand
-        )
+        turned = self.pictures.upside_down(self._to_board)
         for what, rows in turned.items():
             if rows.any():
                 names = listed(np.array(self._names)[rows].tolist(), QUOTED)

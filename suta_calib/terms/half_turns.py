@@ -4,6 +4,9 @@ A hand and the eye on it, or the board on it, turn by the same angle between two
 X and Z are. So every pair of pictures says whether both are numbered from the same end, the louder
 the more the two angles differ; the signs that most of what is said agrees with are those of the
 leading eigenvector (Singer 2011, doi:10.1016/j.acha.2010.02.001, for two elements).
+
+Which end that is the pictures of one camera leave open. Other pictures of the same board follow the
+first ones: where these have it in the base, or on the hand, it is turned by half a turn or not.
 """
 
 from __future__ import annotations
@@ -14,11 +17,16 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation
+from suta_calib.terms.hand_eye_start import FEWEST, Poses, agreeing_hand_eye, loop_closures
 
 # Pictures that are held against each other; the rest are held against these.
 COMPARED: Final = 300
 # Middle difference of the angles, rad, from which on hand and pictures belong to other motions.
 OTHER_MOTIONS: Final = np.radians(10.0)
+# About the normal of a board, and the axis of a camera.
+HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
+# Turn of the board, rad, between one row of a job and another, from which on it is another board.
+OTHER_BOARD: Final = np.radians(45.0)
 
 
 def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> BoolArray:
@@ -49,6 +57,36 @@ def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> Bo
         return np.zeros(n, dtype=np.bool_)
     turned = sign < 0.0
     return turned if 2 * turned.sum() <= n else ~turned
+
+
+def from_other_end(
+    hand: Poses, seen: Poses, first: tuple[Poses, Poses], *, same_eye: bool
+) -> BoolArray:
+    """(n,) which boards are numbered from the other end than in the ``first`` pictures.
+
+    None where these or the others tell no X, or agree neither way: something else is wrong.
+
+    Args:
+        hand: ``T_base_hand`` of an eye on the hand, ``T_hand_base`` of one beside it: rotations
+            (n, 3, 3) and positions (n, 3).
+        seen: ``T_eye_board``, the same shapes.
+        first: the same two of the pictures that come first.
+        same_eye: whether one camera took both: its X is that of the first ones, and every other
+            picture is judged by itself; else all that a camera took are.
+    """
+    n = len(hand[1])
+    if len(first[0][1]) < FEWEST or (n < FEWEST and not same_eye):
+        return np.zeros(n, dtype=np.bool_)
+    X, there = agreeing_hand_eye(*first)
+    board: FloatArray
+    if same_eye:
+        board = loop_closures(hand, X, seen)[0]
+    else:
+        board = agreeing_hand_eye(hand, seen)[1][0][None]
+    off = np.stack([_angles(side, there[0][None])[:, 0] for side in (board, board @ HALF_TURN)])
+    if np.median(off.min(axis=0)) > OTHER_BOARD:
+        return np.zeros(n, dtype=np.bool_)
+    return np.broadcast_to(off[1] < off[0], n)
 
 
 def _angles(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -52,7 +52,7 @@ def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSourc
     if not there.all():
         lost = images[~there]
         warnings.warn(
-            f"{corners.path}: no corners of {len(lost)} of {len(images)} images "
+            f"{corners.path or 'corners'}: no corners of {len(lost)} of {len(images)} images "
             f"({_quoted(lost)}): they are left out",
             SutaCalibWarning,
             stacklevel=2,

@@ -413,6 +413,11 @@ class Term(ABC):
         """What must be known of how the samples are used, one sentence each."""
         return ()
 
+    def beside(self, others: Sequence[Term]) -> Self:
+        """The same as the other terms of a job, which it may be among, make it."""
+        del others
+        return self
+
     def check_beside(self, other: Term) -> None:  # noqa: B027 (most terms share nothing more)
         """Refuse another term of the job that shares unknowns with this one and says otherwise.
 

@@ -1,10 +1,14 @@
 """Corners to a hundredth of a pixel, by a model of the picture around them.
 
-Two blurred edges ``e = erf(n·d/σ)`` cross at a corner. Where two black and two white squares meet
-(a saddle) the picture is ``a + b·e₁·e₂``; around the corner of a single square it is
-``a + b·(e₁ + e₂ + e₁·e₂)``. Fitting that by least squares is unbiased under perspective, where the
-gradient method of ``cornerSubPix`` errs by some hundredths of a pixel, and it tells along with the
-place how certain that is, how blurred the picture is, and whether there is a corner at all.
+Two edges cross at a corner, and a lens blurs them as a normal distribution would: what is 1 on one
+side of an edge and -1 on the other, s₁ and s₂, becomes its mean E over what a pixel gathers. Where
+two black and two white squares meet (a saddle) the picture is ``a + b·E[s₁ s₂]``; around the corner
+of a single square it is ``a + b·E[s₁ + s₂ + s₁ s₂]``. Edges that are not square to each other are
+correlated: blur rounds a sharp corner more than a blunt one, and who takes ``E[s₁] E[s₂]`` for both
+finds a marker that is seen aslant some tenths of a pixel off. Fitting that by least squares is
+unbiased under perspective, where the gradient method of ``cornerSubPix`` errs by some hundredths of
+a pixel, and it tells along with the place how certain that is, how blurred the picture is, and
+whether there is a corner at all.
 """
 
 from __future__ import annotations
@@ -22,13 +26,20 @@ from suta_calib.arrays import BoolArray, FloatArray
 _UNKNOWNS: Final = 7
 _ROUNDS: Final = 12
 _SETTLED: Final = 1e-3  # px
+_ROOT_HALF: Final = np.sqrt(0.5)
+# Cosine of the sharpest angle between two edges.
+_NARROWEST: Final = 0.99
+# Places and weights of Gauss and Legendre's integral from -1 to 1.
+_NODES: Final = np.polynomial.legendre.leggauss(8)
 # A pixel integrates over its square, so that no edge is sharper than this, px.
 _SHARPEST: Final = 0.25
 # Share of the variance around a corner that the model must explain: a sharp one has over 0.95.
 _LEAST_SCORE: Final = 0.7
 # What there must be between the lighter dark and the darker light square, of what the model has
-# between dark and light. At the rim of a board, where a single square has its corner, nothing is.
+# there. At the rim of a board, where a single square has its corner, nothing is.
 _LEAST_PARTED: Final = 0.4
+# Such a step that is none, grey levels.
+_LEAST_STEP: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,8 +53,8 @@ class FittedCorners:
         contrast: (n,) half the difference of white and black at a saddle; a quarter of it, with
             its sign, at a single square's corner; grey levels.
         score: (n,) share of the variance around each that such a corner explains.
-        parted: (n,) step from the lighter of the dark squares to the darker of the light ones, in
-            steps of the model.
+        parted: (n,) step from the lighter of the dark squares to the darker of the light ones, as
+            part of the model's.
     """
 
     pixel: FloatArray
@@ -79,7 +90,7 @@ def fit_corners(
         single, values[:, 2:4] = 1.0, edges
         values[:, 6] *= -0.5
     damping = np.full(len(start), 1e-3)
-    cost, J, r = _evaluated(values, offset, patch, weight, single)
+    cost, J, r = evaluated(values, offset, patch, weight, single)
     for _ in range(_ROUNDS):
         H = np.einsum("npi,npj->nij", J, J)
         g = np.einsum("npi,np->ni", J, r)
@@ -88,7 +99,7 @@ def fit_corners(
         trial = values - np.linalg.solve(damped, g[..., None])[..., 0]
         trial[:, 4] = np.clip(trial[:, 4], _SHARPEST, radius)
         trial[:, :2] = np.clip(trial[:, :2], -radius, radius)
-        tried = _evaluated(trial, offset, patch, weight, single)
+        tried = evaluated(trial, offset, patch, weight, single)
         better = tried[0] <= cost
         step = np.abs(trial[:, :2] - values[:, :2]).max(axis=1, initial=0.0)
         values = np.where(better[:, None], trial, values)
@@ -112,7 +123,8 @@ def fit_corners(
         values[:, 4],
         values[:, 6],
         np.where(whole > 0, 1.0 - cost / np.maximum(whole, 1e-9), 0.0),
-        _parted(values, offset, patch, weight),
+        _parted(values, offset, patch, weight)
+        / np.maximum(_parted(values, offset, patch + r, weight), _LEAST_STEP),
     )
 
 
@@ -146,7 +158,7 @@ def _start(
     return np.column_stack([place, first, first + np.pi / 2, blur, mean, contrast])
 
 
-def _evaluated(
+def evaluated(
     values: FloatArray, offset: FloatArray, patch: FloatArray, weight: FloatArray, single: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cost (n,), Jacobian (n, p, 7) and residual (n, p) of the model."""
@@ -154,26 +166,60 @@ def _evaluated(
     edges = []
     for angle in (2, 3):
         across, along, sine, cosine = _edge(values, angle, offset)
-        t = across / (np.sqrt(2.0) * blur)
-        slope = np.sqrt(2.0 / np.pi) / blur * np.exp(-t * t)
-        edges.append((erf(t), slope, across, along, sine, cosine))
-    (e1, s1, x1, a1, sin1, cos1), (e2, s2, x2, a2, sin2, cos2) = edges
-    shape = e1 * e2 + single * (e1 + e2)
-    model = grey + contrast * shape
-    # Slopes of the shape across either edge.
-    s1, s2 = s1 * (e2 + single), s2 * (e1 + single)
+        edges.append((across, along, sine, cosine, across / blur))
+    (x1, a1, sin1, cos1, t1), (x2, a2, sin2, cos2, t2) = edges
+    apart = values[:, 2:3] - values[:, 3:4]
+    rho = np.clip(np.cos(apart), -_NARROWEST, _NARROWEST)
+    both, density, beyond1, beyond2 = crossed(t1, t2, rho)
+    e1, e2 = erf(t1 * _ROOT_HALF), erf(t2 * _ROOT_HALF)
+    model = grey + contrast * (both + single * (e1 + e2))
+    # Slopes of the shape across either edge, and by the angle between them.
+    s1, s2 = (
+        2.0 * _ROOT_HALF / np.sqrt(np.pi) / blur * np.exp(-0.5 * t * t) * (beyond + single)
+        for t, beyond in ((t1, beyond1), (t2, beyond2))
+    )
+    opened = 4.0 * density * np.sin(apart)
     columns = (
         contrast * (s1 * sin1 + s2 * sin2),
         -contrast * (s1 * cos1 + s2 * cos2),
-        -contrast * s1 * a1,
-        -contrast * s2 * a2,
+        -contrast * (s1 * a1 + opened),
+        -contrast * (s2 * a2 - opened),
         -contrast * (s1 * x1 + s2 * x2) / blur,
         np.ones_like(model),
-        shape,
+        both + single * (e1 + e2),
     )
     J = np.stack([weight * column for column in columns], axis=-1)
     r = weight * (model - patch)
     return (r * r).sum(axis=1), J, r
+
+
+def crossed(
+    t1: FloatArray, t2: FloatArray, rho: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Product of the signs of two edges, blurred: the mean of what a bivariate normal meets.
+
+    By Plackett's integral over the correlation (1954, doi:10.1093/biomet/41.3-4.351).
+
+    Args:
+        t1: (n, p) distances from the first edge, in standard deviations of the blur.
+        t2: from the second one.
+        rho: (n, 1) cosine of the angle between the edges' normals.
+
+    Returns:
+        (n, p) each: the product; the normal density; and for either edge the mean sign of the other
+        one along it, so that ``2 φ(t)`` times it is the slope across.
+    """
+    end = np.arcsin(rho)
+    squares, product = t1 * t1 + t2 * t2, t1 * t2
+    integral = np.zeros_like(product)
+    for node, share in zip(*_NODES, strict=True):
+        angle = 0.5 * end * (1.0 + node)
+        integral += share * np.exp((product * np.sin(angle) - 0.5 * squares) / np.cos(angle) ** 2)
+    both = erf(t1 * _ROOT_HALF) * erf(t2 * _ROOT_HALF) + end / np.pi * integral
+    left = 1.0 - rho * rho
+    density = np.exp((rho * product - 0.5 * squares) / left) / (2.0 * np.pi * np.sqrt(left))
+    scale = np.sqrt(0.5 / left)
+    return both, density, erf((t2 - rho * t1) * scale), erf((t1 - rho * t2) * scale)
 
 
 def _edge(
@@ -189,7 +235,10 @@ def _edge(
 def _parted(
     values: FloatArray, offset: FloatArray, patch: FloatArray, weight: FloatArray
 ) -> FloatArray:
-    """`FittedCorners.parted`; pixels count the more the farther from the edges they are."""
+    """(n,) greys from the lighter of the dark squares to the darker of the light ones.
+
+    Pixels count the more the farther from the edges they are.
+    """
     first, second = (_edge(values, angle, offset)[0] for angle in (2, 3))
     far = weight * np.minimum(np.abs(first), np.abs(second))
     means = []
@@ -199,4 +248,4 @@ def _parted(
         mean = (share * patch).sum(axis=1) / np.maximum(whole, 1e-9)
         means.append(np.where(whole > 0, mean, values[:, 5]))
     light, dark = np.minimum(*means[:2]), np.maximum(*means[2:])
-    return np.asarray((light - dark) / np.maximum(2.0 * values[:, 6], 1e-9))
+    return np.asarray(light - dark)

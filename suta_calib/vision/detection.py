@@ -161,9 +161,11 @@ def detect(
                 f"No camera is calibrated: found {problem.found}; expected {problem.expected}."
             )
         else:
-            camera = fit.camera
             views = [_fitting(view, fit.astray) for view in views]
     corners = _corners(views)
+    if fit is not None:
+        fit = replace(fit, camera=replace(fit.camera, corners=corners.digest))
+        camera = fit.camera
     residuals = None
     bad: list[str] = []
     if camera is not None:

@@ -8,7 +8,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import BoardError
 from suta_calib.measurements.board import Charuco, Markers
 from suta_calib.vision.corner_model import FittedCorners, fit_corners
@@ -34,9 +34,16 @@ _LEAST_IN_PLACE: Final = 0.6
 # Markers around a corner from which its place is foretold, and how far off they may be, squares.
 _NEAREST: Final = 4
 _NEAR: Final = 1.0
-# Radius of the disc around a corner that no marker reaches, in what is white between them.
+# Radius of the disc around a corner that no marker reaches, and how far the corner may be from
+# where its neighbours have it, in what is white between them: farther off are corners of markers.
 _WHITE: Final = 1.3
+_ASIDE: Final = 1.0
 _MOST_WIDE: Final = 60
+# Corners around one that say where it is, how far they may be from where a plane has them, in ways
+# to the next one, and how much less of the picture they may explain than the middle one.
+_AROUND: Final = 8
+_ASTRAY: Final = 0.05
+_LESS_CLEAR: Final = 0.1
 # Radius of the disc around a marker's corner, in widths of its black rim.
 _RIM: Final = 0.9
 # Standard deviation of a corner that could not be refined, px.
@@ -202,7 +209,7 @@ class CharucoFinder(Finder):
             marked: (m, 4, 2) the markers' corners on the board, squares.
             corners: (m, 4, 2) in the picture, px.
         """
-        middle, points, start, spacing = marked.mean(axis=1), [], [], []
+        middle, points, places, start, spacing = marked.mean(axis=1), [], [], [], []
         for number, place in self.board.points.items():
             place = place[:2] / self.board.square
             away = np.linalg.norm(middle - place, axis=1)
@@ -213,13 +220,20 @@ class CharucoFinder(Finder):
             H = _plane(marked[near].reshape(-1, 2), corners[near].reshape(-1, 2))
             around = transformed(H, place + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
             points.append(number)
+            places.append(place)
             start.append(around[0])
             spacing.append(np.linalg.norm(around[1:] - around[0], axis=1).min())
         if not points:
             raise NotSeenError("markers of the board, but no corner beside one")
-        white = _WHITE * (1.0 - self.board.marker / self.board.square) / 2.0
-        least = float(np.min(spacing))
-        saddles, seen = refined(grey, np.array(start), least, most=min(white, 0.45))
+        white = (1.0 - self.board.marker / self.board.square) / 2.0
+        least, most = float(np.min(spacing)), min(_WHITE * white, 0.45)
+        saddles, seen = refined(grey, np.array(start), least, most=most)
+        again = _among(np.array(places), saddles, seen, least)
+        told = np.isfinite(again[:, 0])
+        if told.any():
+            again[~told] = np.array(start)[~told]
+            saddles, seen = refined(grey, again, least, most=most, reach=_ASIDE * white)
+            seen &= told
         if not seen.any():
             raise NotSeenError("markers of the board, but no corner of its squares")
         return Found(
@@ -243,6 +257,35 @@ class CharucoFinder(Finder):
                     if _in_place(there, corners, size).mean() > _LEAST_IN_PLACE:
                         return f"a board {columns} squares wide instead of {self.board.columns}"
         return "markers of the board, but not in the places that they have on it"
+
+
+def _among(places: FloatArray, seen: FittedCorners, good: BoolArray, spacing: float) -> FloatArray:
+    """Where corners (n, 2) are by those around them; NaN where these do not tell it.
+
+    A marker that is blurred, or seen aslant, is found some pixels off, and what is then taken for
+    a corner beside it may be its own.
+
+    Args:
+        places: (n, 2) on the board, squares.
+        seen: where corners were found.
+        good: (n,) which of them are corners.
+        spacing: least way from one to the next, px.
+    """
+    found = np.full((len(places), 2), np.nan)
+    if not good.any():
+        return found
+    clear = np.flatnonzero(good & (seen.score >= np.median(seen.score[good]) - _LESS_CLEAR))
+    for k, place in enumerate(places):
+        others = clear[clear != k]
+        near = others[np.argsort(np.linalg.norm(places[others] - place, axis=1))[:_AROUND]]
+        apart = places[near] - place
+        # On one line they tell nothing of what is beside it.
+        if len(near) <= _NEAREST or np.linalg.matrix_rank(apart - apart.mean(axis=0), 0.1) < 2:
+            continue
+        H, agreeing = homography(places[near], seen.pixel[near], _ASTRAY * spacing)
+        if H is not None and agreeing.sum() > _NEAREST:
+            found[k] = transformed(H, place[None])[0]
+    return found
 
 
 def _plane(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -36,8 +36,9 @@ def test_corners_camera_and_pictures(
     assert set(answer["camera"]["std"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3"}
     # The truth is in data/workcell/truth.yaml.
     assert answer["camera"]["fx"] == pytest.approx(612.4, abs=4 * answer["camera"]["std"]["fx"])
-    assert read_camera(camera).stds is not None
     stored, found = read_corners(workcell / "corners.csv"), read_corners(out)
+    assert read_camera(camera).stds is not None
+    assert read_camera(camera).corners == found.digest
     there = stored.take(np.isin(stored.image, found.images))
     assert np.allclose(found.pixel, there.pixel, atol=0.02)
     assert (tmp_path / "r" / "00.found.jpg").stat().st_size > 1000

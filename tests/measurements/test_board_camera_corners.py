@@ -139,7 +139,8 @@ def test_cameras_of_ros_and_of_opencv_are_read(tmp_path: Path) -> None:
 def test_a_camera_is_written_and_read_back_bit_for_bit(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     factor = rng.normal(size=(9, 9)) * np.array([1, 1, 1, 1, 1e-2, 1e-3, 1e-4, 1e-5, 0])[:, None]
-    camera = Camera(1280, 720, np.array(LENS) * (1 + 1e-3 * rng.random(9)), factor @ factor.T)
+    lens = np.array(LENS) * (1 + 1e-3 * rng.random(9))
+    camera = Camera(1280, 720, lens, factor @ factor.T, corners="0ab")
     write_camera(tmp_path / "camera.yaml", camera)
     read = read_camera(tmp_path / "camera.yaml")
     assert (read.width, read.height) == (1280, 720)
@@ -147,6 +148,16 @@ def test_a_camera_is_written_and_read_back_bit_for_bit(tmp_path: Path) -> None:
     assert read.covariance is not None
     np.testing.assert_allclose(read.covariance, camera.covariance, rtol=1e-14)
     assert list(read.values) == list(INTRINSICS)
+    assert read.corners == "0ab"
+
+
+def test_corners_are_told_from_others_by_what_their_file_says(tmp_path: Path) -> None:
+    pixel = np.array([[1.00001, 2.0], [3.0, 4.0], [5.0, 6.0]])
+    corners = corners_of(["a.png", "b.png", "a.png"], [0, 0, 1], pixel)
+    write_corners(tmp_path / "corners.csv", corners.take(np.array([2, 0, 1])))
+    assert read_corners(tmp_path / "corners.csv").digest == corners.digest
+    assert corners.take(np.array([0, 1])).digest != corners.digest
+    assert corners_of(corners.image, corners.point, pixel + 1e-3).digest != corners.digest
 
 
 @pytest.mark.parametrize(

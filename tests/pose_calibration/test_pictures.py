@@ -78,6 +78,28 @@ def test_the_intrinsics_may_be_unknown() -> None:
     assert abs(seen.camera.intrinsics[4] - LENS[4]) < 0.01
 
 
+def test_corners_that_a_camera_was_calibrated_from_are_counted_once() -> None:
+    """Its covariance is what these corners say, so that as a prior they would say it twice."""
+    scene = pictures(16, pixel=0.1, given=None)
+    (view,) = scene.views
+    alone = solved(scene).cameras[0].camera
+    told = replace(alone, width=1280, height=960)
+
+    def stds(given: Camera) -> np.ndarray:
+        (seen,) = solved(replace(scene, views=(replace(view, camera=given),))).cameras
+        assert seen.camera.stds is not None
+        return seen.camera.stds
+
+    once, twice = stds(replace(told, corners=view.corners.digest)), stds(told)
+    assert alone.stds is not None
+    assert once == pytest.approx(alone.stds, rel=0.02)
+    assert np.all(twice[:4] < 0.85 * once[:4])
+    same = replace(told, corners=view.corners.digest)
+    answer = solved(replace(scene, views=(replace(view, camera=same),)))
+    assert answer.assessment.level == "good"
+    assert "from these very corners: they are counted once" in answer.assessment.notes[-1]
+
+
 def test_a_robots_errors_are_told_from_the_cameras() -> None:
     """Corners of a picture share where the hand was: a hundred of them are one witness."""
     scene = pictures(40, pixel=0.1, robot=(5e-4, 1e-3))
@@ -267,6 +289,24 @@ def test_a_board_that_looks_the_same_turned_is_numbered_as_the_poses_tell(setup:
     (known,) = solved(scene, setup=setup).cameras
     assert seen.inliers.all()
     assert np.allclose(seen.X, known.X, rtol=0.0, atol=1e-7)
+
+
+@pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
+def test_two_cameras_number_such_a_board_from_one_end(setup: str) -> None:
+    """Each by most of its own pictures, which may be opposite ends; where the board is tells."""
+    eye = X if setup == "eye-in-hand" else Z
+    board, eyes = Chessboard(6, 4, 0.03), (eye, (eye[0], eye[1] + [0.04, 0.0, 0.02]))
+    scene = pictures(12, setup=setup, pixel=0.05, board=board, eyes=eyes)
+    first, second = scene.views
+    turned = replace(second.corners, point=23 - second.corners.point)
+    other = replace(second, corners=turned)
+    with pytest.warns(SutaCalibWarning, match="from the other end than in the pictures of a row"):
+        found = solved(replace(scene, views=(first, other)), setup=setup)
+    alike = solved(scene, setup=setup)
+    assert found.assessment.level == "good"
+    for seen, known in zip(found.cameras, alike.cameras, strict=True):
+        assert np.allclose(seen.X, known.X, atol=1e-9)
+        assert np.allclose(seen.Z, known.Z, atol=1e-9)
 
 
 def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> None:

@@ -22,6 +22,7 @@ from suta_calib.measurements import (
     read_board,
     read_camera,
     read_corners,
+    write_camera,
     write_corners,
 )
 from suta_calib.simulation import read_simulation, simulate
@@ -224,6 +225,45 @@ def test_a_board_that_looks_the_same_turned_is_numbered_from_one_end(folder: Pat
     # Of two halves either may be the one that is turned.
     same = np.array_equal(first, second, equal_nan=True)
     assert same or np.array_equal(first, second[:, ::-1], equal_nan=True)
+
+
+@pytest.mark.parametrize("count", [1, 4, 16])
+def test_held_out_pictures_of_such_a_board_are_numbered_as_those_that_were_fitted(
+    folder: Path, count: int
+) -> None:
+    """Most of few pictures may be numbered from the other end: they follow those of the fit."""
+    (folder / "same.yaml").write_text(BOARD.replace("[4, 3]", "[4, 2]"))
+    for name in ("calibration", "validation"):
+        corners = read_corners(folder / "corners" / f"{name}.csv")
+        corners = corners.take(corners.point < 8)
+        if name == "validation":
+            few = corners.take(np.isin(corners.image, corners.images[:count]))
+            corners = replace(few, point=7 - few.point)
+        write_corners(folder / "corners" / f"{name}_same.csv", corners)
+    job = folder / "same_job.yaml"
+    job.write_text(JOB.replace(".csv, board: board", "_same.csv, board: same"))
+    with pytest.warns(SutaCalibWarning) as said:
+        read = CalibrationJob.load(job)
+    assert any("from the other end than in the pictures of a row" in str(w.message) for w in said)
+    (term,) = read.run().accuracy.validation
+    assert term.after.rms < 2e-3
+
+
+def test_a_camera_that_was_calibrated_from_these_corners_counts_them_once(folder: Path) -> None:
+    corners = read_corners(folder / "corners" / "calibration.csv")
+    known = read_camera(folder / "camera.yaml")
+    variances = np.array([1.0, 1.0, 1.0, 1.0, 1e-4, 1e-4, 1e-6, 1e-6, 1e-4])
+    camera = replace(known, covariance=np.diag(variances), corners=corners.digest)
+    write_camera(folder / "own.yaml", camera)
+    job = folder / "own_job.yaml"
+    job.write_text(
+        JOB.replace("camera.yaml", "own.yaml").replace("px: 1}", "px: 1, intrinsics: free}")
+    )
+    read = CalibrationJob.load(job)
+    for term in (*read.observations, *read.validation):
+        assert isinstance(term, CameraView)
+        assert term.prior is not None
+        assert np.all(term.prior > 10.0 * np.sqrt(variances))
 
 
 def test_a_picture_that_is_named_twice_was_taken_at_one_posture(folder: Path) -> None:
