@@ -167,6 +167,7 @@ class ParameterSet(Shown, Mapping[str, Parameter]):
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
         self._by_name = {p.name: p for p in parameters}
+        self._arrays: dict[str, FloatArray] = {}
 
     def __getitem__(self, name: str) -> Parameter:
         try:
@@ -206,7 +207,10 @@ class ParameterSet(Shown, Mapping[str, Parameter]):
 
     def array(self, field: str) -> FloatArray:
         """One attribute of all parameters, in order (n,); None becomes NaN."""
-        return np.array([getattr(p, field) for p in self.values()], dtype=float)
+        # A solution asks again and again, and a study of what is always the same.
+        if field not in self._arrays:
+            self._arrays[field] = np.array([getattr(p, field) for p in self.values()], dtype=float)
+        return self._arrays[field].copy()
 
     def free(self) -> ParameterSet:
         """Those that are to be estimated."""

@@ -18,6 +18,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Block, Pose, Residual, flat, summed
+from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 
 # Multiplications of a normal matrix up to which it is made of an array: at the most that takes a
@@ -198,28 +199,25 @@ class Kernel:
         return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, looked_at)
 
 
-def block_residuals(
-    block: Block, rotation: FloatArray, position: FloatArray, own: FloatArray
-) -> FloatArray:
-    """Residuals (n, d) of a block's rows, m or rad, without derivatives: a tenth of the work.
+class _BlockResiduals:
+    """Residuals (n, d) of a block's rows, m or rad, without derivatives: a tenth of the work."""
 
-    Args:
-        block: the rows.
-        rotation: (samples, 3, 3) of the tool poses of its term.
-        position: (samples, 3), m.
-        own: (own parameters,) of its term.
-    """
-    function, used = _residual(
-        block.residual, block.samples.shape[1], block.own.shape[1], block.data.shape[1]
-    )
-    batch = Batched(function, len(block))
-    *poses, of_own, data = batch.inputs
-    for slot, place in zip(poses, used, strict=True):
-        pose, part = divmod(place, 2)
-        source = position if part else flat(rotation)
-        np.take(source, block.samples[:, pose], axis=0, out=slot)
-    of_own[:], data[:] = own[block.own], block.data
-    return batch()[0]
+    def __init__(self, block: Block) -> None:
+        function, self._used = _residual(
+            block.residual, block.samples.shape[1], block.own.shape[1], block.data.shape[1]
+        )
+        self._block, self._batch = block, Batched(function, len(block))
+        self._batch.inputs[-1][:] = block.data
+
+    def __call__(self, rotation: FloatArray, position: FloatArray, own: FloatArray) -> FloatArray:
+        """At poses and own parameters as `Kernel` takes them; the next call overwrites it."""
+        *poses, of_own, _ = self._batch.inputs
+        for slot, place in zip(poses, self._used, strict=True):
+            pose, part = divmod(place, 2)
+            source = position if part else rotation
+            np.take(source, self._block.samples[:, pose], axis=0, out=slot)
+        of_own[:] = own[self._block.own]
+        return self._batch()[0]
 
 
 def term_residuals(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
@@ -229,8 +227,46 @@ def term_residuals(term: Term, values: Mapping[str, float]) -> tuple[FloatArray,
         term: what is looked at.
         values: parameters by name, m or rad; the arm's are nominal where none is given.
     """
-    poses, own = term.poses.at(values), np.array([values[p.name] for p in term.own])
-    return tuple(block_residuals(block, *poses, own) for block in term.blocks)
+    own = np.array([values[p.name] for p in term.own])
+    rotation, position = term.poses.at(values)
+    poses = flat(rotation), position
+    return tuple(_BlockResiduals(block)(*poses, own) for block in term.blocks)
+
+
+class TermErrors:
+    """How far off every row of a term is, again and again, without derivatives.
+
+    Args:
+        term: what is looked at.
+        names: of the arm's parameters that change; the others are nominal.
+    """
+
+    def __init__(self, term: Term, names: Sequence[str]) -> None:
+        self._own = tuple(p.name for p in term.own)
+        self._blocks = [(block.relative, _BlockResiduals(block)) for block in term.blocks]
+        self._names, self._batch, source = tuple(names), None, term.poses
+        if isinstance(source, ArmPoses):
+            samples, told = source.samples, source.samples.told
+            self._batch = Batched(source.arm.function(names, told, 0), len(samples), [0])
+            known = (samples.q, *told.values())
+            for place, numbers in zip(self._batch.inputs[1:], known, strict=True):
+                place[:] = numbers
+        else:
+            rotation, position = source.at({})
+            self._poses = flat(rotation), position
+
+    def __call__(self, values: Mapping[str, float]) -> list[FloatArray]:
+        """Residuals (n, d) of every block as they were measured, m or rad.
+
+        Args:
+            values: by name, m or rad.
+        """
+        if self._batch is not None:
+            self._batch.inputs[0][:] = [values[name] for name in self._names]
+            rotation, position, _ = self._batch()
+            self._poses = rotation, position
+        own = np.array([values[name] for name in self._own])
+        return [relative * residual(*self._poses, own) for relative, residual in self._blocks]
 
 
 @lru_cache(maxsize=64)

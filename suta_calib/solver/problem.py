@@ -37,6 +37,7 @@ class Problem:
 
     Attributes:
         parameters: the arm's, then the terms' own.
+        arm_parameters: the arm's alone.
         arm: the arm all terms share, or None.
         arm_count: how many of the parameters are the arm's.
         evaluation: cost and derivatives; built once, used by every start and every study.
@@ -53,10 +54,10 @@ class Problem:
         if any(arm is not arms[0] for arm in arms):
             raise ParameterError("terms over different arms", "one arm shared by all terms")
         self.arm = arms[0] if arms else None
-        chosen = parameters or ParameterSet()
+        chosen = ParameterSet() if parameters is None else parameters
         own = _own_parameters(self.terms)
-        self.parameters = ParameterSet([*chosen.values(), *own.values()])
-        self.arm_count = len(chosen)
+        self.parameters = ParameterSet([*chosen.values(), *own.values()]) if own else chosen
+        self.arm_parameters, self.arm_count = chosen, len(chosen)
         self._own_index = {name: k for k, name in enumerate(own)}
         self.evaluation = self._evaluation()
         self._prior_scale = np.ones(len(self.parameters))
@@ -65,11 +66,6 @@ class Problem:
     def blocks(self) -> tuple[Block, ...]:
         """Blocks of all terms, in order."""
         return tuple(view.block for view in self.evaluation.views)
-
-    @property
-    def arm_parameters(self) -> ParameterSet:
-        """The arm's parameters, without the terms' own."""
-        return ParameterSet(list(self.parameters.values())[: self.arm_count])
 
     @property
     def names(self) -> tuple[str, ...]:

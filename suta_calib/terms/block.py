@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import compress
 from typing import Any, Final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact
 from suta_calib.units import Unit
@@ -93,6 +94,13 @@ class Certified:
         sigma = np.array([mark.sigma for mark in found])
         return cls(keys, sigma, number[rows], derivative)
 
+    def take(self, rows: BoolArray) -> Certified:
+        """The artefact's part in some rows (n,), without landmarks that none of them looks at."""
+        marks, derivative = self.marks[rows], self.derivative[rows]
+        seen = np.bincount(marks.reshape(-1), minlength=len(self.keys)) > 0
+        keys = tuple(compress(self.keys, seen.tolist()))
+        return Certified(keys, self.sigma[seen], (np.cumsum(seen) - 1)[marks], derivative)
+
 
 @dataclass(frozen=True, eq=False)
 class Block:
@@ -151,6 +159,23 @@ class Block:
 
     def __len__(self) -> int:
         return len(self.samples)
+
+    def among(self, samples: IntArray) -> Block:
+        """The rows that look at none but some samples, each once, which are then all there are."""
+        number = np.full(self.samples.max(initial=samples.max(initial=0)) + 1, -1)
+        number[samples] = np.arange(len(samples))
+        looked_at = number[self.samples]
+        rows = np.all(looked_at >= 0, axis=1)
+        return replace(
+            self,
+            samples=looked_at[rows],
+            own=self.own[rows],
+            data=self.data[rows],
+            known_sigma=self.known_sigma[rows],
+            labels=tuple(compress(self.labels, rows.tolist())),
+            certified=None if self.certified is None else self.certified.take(rows),
+            relative=self.relative if len(self.relative) == 1 else self.relative[rows],
+        )
 
 
 def joined(*groupings: IntArray) -> IntArray:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Final, Literal
+from typing import Any, ClassVar, Final, Literal, Self
 
 import casadi as ca
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
@@ -18,7 +18,17 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact, SampleColumns, Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, norm
+from suta_calib.terms.block import (
+    LEARNT,
+    Block,
+    Certified,
+    Noise,
+    Pose,
+    flat,
+    grouped,
+    norm,
+    numbered,
+)
 from suta_calib.terms.landmark import (
     ARTEFACT_COLUMNS,
     ARTEFACT_GROUPINGS,
@@ -132,9 +142,51 @@ class PairwiseDistance(Term):
         block = Block.per_sample("distance", "m", 1, _distance, own, data, self.noise, labels)
         return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
 
+    def take(self, rows: ArrayLike) -> Self:
+        """Some of its samples: pairs that have been formed and checked are not formed again."""
+        index = np.arange(len(self.poses))[np.asarray(rows)]
+        if not self._every_pair or np.any(np.diff(index) <= 0):
+            return super().take(rows)
+        (whole,) = self.blocks
+        block = whole.among(index)
+        if not len(block):
+            return super().take(rows)  # which says what is missing
+        found = object.__new__(type(self))
+        for each in fields(self):
+            object.__setattr__(found, each.name, getattr(self, each.name))
+        object.__setattr__(found, "poses", self.poses.take(index))
+        known = {
+            "blocks": (block,),
+            "own": self.own,
+            "_certified": self._certified[index],
+            "_numbered": numbered(self._numbered[index])[1],
+            "_every_pair": True,
+            "_larger": self._larger or self,
+        }
+        found.__dict__.update(known)
+        return found
+
     def check_enough(self) -> None:
         """An artefact in mm, as the arm touched it."""
+        _ = (self._larger or self)._in_mm
+
+    @cached_property
+    def _in_mm(self) -> bool:
         check_artefact_unit(self, self._certified, self._numbered)
+        return True
+
+    @cached_property
+    def _larger(self) -> Self | None:
+        """The term that this one was taken from: its artefact and arm are the same."""
+        return None
+
+    @cached_property
+    def _every_pair(self) -> bool:
+        """Whether all pairs are looked at, so that any of its samples have those among them."""
+        mark = grouped(self.poses.samples.labels["landmark"])[1]
+        of_mark = self._numbered * (mark.max(initial=0) + 1) + mark
+        within, alike = (_possible_pairs(np.bincount(each)) for each in (self._numbered, of_mark))
+        return len(self.blocks[0]) == within - alike
 
     @cached_property
     def _certified(self) -> FloatArray:

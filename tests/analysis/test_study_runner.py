@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import math
+import multiprocessing
 import pickle
 import signal
 import subprocess
@@ -74,6 +75,32 @@ def test_the_command_prints_the_same_json_wherever_it_runs(
         printed.append(capsys.readouterr().out)
     assert printed[0].count("mean_mm") == 2
     assert printed[0] == printed[1] == printed[2]
+
+
+def test_this_process_takes_part_and_an_interrupt_of_it_ends_the_others(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, run_trial, mine = tmp_path / "study.trials.csv", study_runner.run_trial, []
+
+    def interrupted(data: Any, *task: int) -> Trial:
+        mine.append(task)
+        if len(mine) == 3:
+            raise KeyboardInterrupt
+        return run_trial(data, *task)
+
+    plan, others = planned(sizes=(2, 3), trials=10), set(multiprocessing.active_children())
+    with monkeypatch.context() as patched:
+        patched.setattr(study_runner, "run_trial", interrupted)
+        with pytest.raises(KeyboardInterrupt), StudyLog(path, IDENTITY, ()) as log:
+            run_study(plan, log, workers=2)
+    assert set(multiprocessing.active_children()) <= others
+    with StudyLog(path, IDENTITY, ()) as log:
+        assert set(mine[:2]) <= set(log.finished())
+        ran = [
+            (t.size, t.number) for t in study_runner.run_trials(plan.data, plan.tasks, workers=2)
+        ]
+        assert sorted(ran) == plan.tasks
+        assert run_study(plan, log, resume=True, workers=2) == run_study(plan)
 
 
 def test_what_is_sent_to_workers_holds_no_compiled_function() -> None:

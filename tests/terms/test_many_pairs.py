@@ -36,7 +36,7 @@ def test_a_few_pairs_are_all_looked_at_and_many_are_said(monkeypatch: pytest.Mon
     assert not term.notes
     every = len(term.blocks[0])
     monkeypatch.setattr(pairwise_distance, "MOST_PAIRS", every // 2)
-    thinned = term.take(np.arange(len(term.poses)))
+    thinned = term.over_poses(term.poses)
     (note,) = thinned.notes
     assert f"up to {every} pairs" in note
     assert f"{len(thinned.blocks[0])} of them" in note

@@ -10,9 +10,11 @@ from terms_cases import SIGMA, each_case, noises, problem_of, scene
 from suta_calib.analysis.study.trial import resimulated
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
+from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import Term
+from suta_calib.terms import Term, pairwise_distance
+from suta_calib.terms.block import Block
 
 
 def residuals(term: Term, values: dict[str, float]) -> list[np.ndarray]:
@@ -46,6 +48,64 @@ def test_some_samples_have_the_rows_that_look_only_at_them(name: str) -> None:
             mine = mask[block.samples].all(axis=1)
             assert 0 < mine.sum() < len(mine)
             np.testing.assert_array_equal(some, all_rows[mine])
+
+
+@each_case
+def test_some_samples_are_the_term_that_is_made_of_them(name: str) -> None:
+    """Whatever a kind carries over; its rows may then be in another order."""
+    (term,) = problem_of(name).terms
+    rows = np.flatnonzero(np.random.default_rng(1).random(len(term.poses)) < 0.6)
+    taken, made = term.take(rows).take(np.arange(1, len(rows))), term.take(rows[1:])
+    for part in (taken, made):
+        anew = term.over_poses(term.poses.take(rows[1:]))
+        assert (part.own, part.unknowns, part.notes) == (anew.own, anew.unknowns, anew.notes)
+        assert part.equations() == anew.equations()
+        np.testing.assert_array_equal(part.witnesses, anew.witnesses)
+        for ours, theirs in zip(part.blocks, anew.blocks, strict=True):
+            mine, its = (np.lexsort(block.samples.T) for block in (ours, theirs))
+            for field in ("samples", "own", "data", "known_sigma"):
+                np.testing.assert_array_equal(
+                    getattr(ours, field)[mine], getattr(theirs, field)[its]
+                )
+            assert [ours.labels[k] for k in mine] == [theirs.labels[k] for k in its]
+            np.testing.assert_array_equal(by_coordinate(ours)[mine], by_coordinate(theirs)[its])
+
+
+def by_coordinate(block: Block) -> np.ndarray:
+    """Derivatives of a block's rows (n, d, marks, 3), landmarks in the order of their names."""
+    if block.certified is None:
+        return np.zeros(len(block))
+    keys, marks = block.certified.keys, block.certified.marks
+    assert set(np.unique(marks)) == set(range(len(keys)))
+    rank = np.argsort(np.argsort(np.array([str(key) for key in keys])))
+    n, size, looked_at, _ = block.certified.derivative.shape
+    wide = np.zeros((n, size, len(keys), 4))
+    for k in range(looked_at):
+        wide[np.arange(n), :, rank[marks[:, k]], :3] += block.certified.derivative[:, :, k]
+        wide[np.arange(n), :, rank[marks[:, k]], 3] += block.certified.sigma[marks[:, k], None]
+    return wide
+
+
+def test_pairs_of_which_some_are_left_out_are_chosen_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    (term,) = problem_of("pairwise_distance").terms
+    monkeypatch.setattr(pairwise_distance, "MOST_PAIRS", len(term.blocks[0]) // 2)
+    thinned = term.over_poses(term.poses)
+    rows = np.arange(0, len(term.poses), 3)
+    some, every = thinned.take(rows), term.over_poses(term.poses.take(rows))
+    assert len(thinned.blocks[0]) < len(term.blocks[0])
+    np.testing.assert_array_equal(some.blocks[0].samples, every.blocks[0].samples)
+
+
+@each_case
+def test_errors_without_derivatives_are_those_of_the_problem(name: str) -> None:
+    problem = problem_of(name)
+    (term,) = problem.terms
+    errors = TermErrors(term, problem.arm_parameters.names)
+    for step in (0.0, 1e-3):
+        x = problem.start() + step
+        lines = problem.linearise(x, problem.assumed_sigmas())
+        for line, found in zip(lines, errors(problem.values(x)), strict=True):
+            np.testing.assert_allclose(found, line.error, rtol=1e-12, atol=1e-15)
 
 
 @each_case

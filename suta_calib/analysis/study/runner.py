@@ -1,34 +1,39 @@
 """Trials of a study on this process, on the cores of this computer, or on a Dask cluster.
 
 A worker gets the study's data once, as bytes: arrays and names, no compiled functions and no paths.
-So workers elsewhere need this package in the same version, but none of the job's files.
+So workers elsewhere need this package in the same version, but none of the job's files. On the
+cores of this computer this process is one of the workers: it is at work while the others start,
+which takes as long as a hundred trials of a small study.
 """
 
 from __future__ import annotations
 
 import hashlib
 import logging
-import multiprocessing
 import pickle
 import signal
 import threading
-import warnings
+from collections import deque
 from collections.abc import Iterator, Sequence
-from concurrent.futures import CancelledError
+from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import Any, Final
-
-import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.analysis.study.trial import StudyData, Trial, run_trial
 from suta_calib.errors import InputError
 from suta_calib.extras import load
 
 Task = tuple[int, int]  # size, number
-# Trials handed out at a time: an interrupt loses no more than these for each worker.
+# Trials handed out at a time; a worker has two such batches at the most, which is what an interrupt
+# loses of it.
 BATCH: Final = 4
+# Seconds after which a worker that nobody needs any more ends.
+IDLE: Final = 300
+# What keeps libraries from starting threads of their own beside the others'.
+ONE_THREAD: Final = {
+    f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "BLIS")
+} | {"VECLIB_MAXIMUM_THREADS": "1"}
 
 _loaded: dict[str, StudyData] = {}
 # Threads of one worker would share CasADi's graph and the number of BLAS threads.
@@ -44,47 +49,64 @@ def run_trials(
         MissingExtraError: a Dask cluster is asked for and `distributed` is not installed.
         InputError: no scheduler answers at the address, or its workers lack this package.
     """
-    batches = [tasks[k : k + BATCH] for k in range(0, len(tasks), BATCH)]
-    if not batches:
+    if not tasks:
         return
     if dask is not None:
+        batches = [tasks[k : k + BATCH] for k in range(0, len(tasks), BATCH)]
         yield from _on_dask(data, batches, dask)
-    elif min(workers, len(batches)) > 1:
-        yield from _on_cores(data, batches, min(workers, len(batches)))
+    elif min(workers, len(tasks)) > 1:
+        yield from _on_cores(data, tasks, min(workers, len(tasks)))
     else:
         for size, number in tasks:
             yield run_trial(data, size, number)
 
 
-def _on_cores(data: StudyData, batches: Sequence[Sequence[Task]], workers: int) -> Iterator[Trial]:
-    from joblib import Parallel, delayed, parallel_config
+def _on_cores(data: StudyData, tasks: Sequence[Task], workers: int) -> Iterator[Trial]:
     from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
     content, key = _packed(data)
-    # An array, because joblib shares a large one between processes instead of sending it along.
-    shared = np.frombuffer(content, dtype=np.uint8)
-    with parallel_config("loky", n_jobs=workers, inner_max_num_threads=1):
-        try:
-            with _interrupts_withheld():
-                results = Parallel(return_as="generator_unordered", batch_size=1)(
-                    delayed(_run_local)(key, shared, batch) for batch in batches
-                )
-            for found in results:
-                yield from found
-        except BrokenProcessPool as error:
-            raise InputError(
-                f"a worker that died ({' '.join(str(error).split())[:200]})",
-                "memory for every process",
-                where="--jobs",
-                hint="take fewer, and go on with --resume",
-            ) from None
-        except BaseException:
-            # Workers ignore an interrupt so as not to cry, and would finish their batch. What is
-            # cancelled is known: joblib would advise another way of handing out tasks.
-            warnings.filterwarnings("ignore", message=".*still being processed by the workers")
-            get_reusable_executor().shutdown(wait=True, kill_workers=True)
-            raise
+    waiting, running = deque(tasks), set[Future[list[Trial]]]()
+
+    def hand_out() -> None:
+        # Towards the end fewer at a time, and none in advance, so that all end together.
+        ready = 2 if len(waiting) > 2 * BATCH * workers else 1
+        while waiting and len(running) < ready * (workers - 1):
+            count = max(1, min(BATCH, len(waiting) // (4 * workers)))
+            batch = [waiting.popleft() for _ in range(count)]
+            running.add(others.submit(_run, key, b"", batch))
+
+    with _interrupts_withheld():
+        others = get_reusable_executor(
+            workers - 1,
+            timeout=IDLE,
+            initializer=_prepare,
+            initargs=(key, content),
+            env=ONE_THREAD,
+        )
+    try:
+        with _interrupts_withheld():
+            hand_out()
+        while waiting or running:
+            hand_out()
+            for done in [each for each in running if each.done()]:
+                running.remove(done)
+                yield from done.result()
+            if waiting:
+                yield run_trial(data, *waiting.popleft())
+            else:
+                wait(running, return_when=FIRST_COMPLETED)
+    except BrokenProcessPool as error:
+        raise InputError(
+            f"a worker that died ({' '.join(str(error).split())[:200]})",
+            "memory for every process",
+            where="--jobs",
+            hint="take fewer, and go on with --resume",
+        ) from None
+    except BaseException:
+        # Workers ignore an interrupt so as not to cry, and would finish their batch.
+        others.shutdown(wait=True, kill_workers=True)
+        raise
 
 
 @contextmanager
@@ -175,17 +197,17 @@ def _packed(data: StudyData) -> tuple[bytes, str]:
     return content, hashlib.sha256(content).hexdigest()
 
 
-def _run_local(key: str, content: NDArray[np.uint8], tasks: Sequence[Task]) -> list[Trial]:
-    """A batch in a process of its own, which leaves an interrupt to the one that started it."""
-    if multiprocessing.parent_process() is not None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
-    return _run(key, content, tasks)
+def _prepare(key: str, content: bytes) -> None:
+    """Make a process of its own ready; an interrupt it leaves to the one that started it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _loaded.clear()
+    _loaded[key] = pickle.loads(content)
 
 
-def _run(key: str, content: bytes | NDArray[np.uint8], tasks: Sequence[Task]) -> list[Trial]:
+def _run(key: str, content: bytes, tasks: Sequence[Task]) -> list[Trial]:
     """A batch of trials; the data are unpacked once in each process."""
     with _one_at_a_time:
         if key not in _loaded:
             _loaded.clear()
-            _loaded[key] = pickle.loads(bytes(content))
+            _loaded[key] = pickle.loads(content)
         return [run_trial(_loaded[key], size, number) for size, number in tasks]

@@ -24,10 +24,11 @@ from suta_calib.analysis.study.sets import Sets
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError, SamplesError
-from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.model.parameters import ParameterSet
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations, stream
 from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, State
 from suta_calib.solver.solve import solve
@@ -164,21 +165,16 @@ def _rms(validation: Sequence[Term], arm: ParameterSet, known: Mapping[str, floa
         return math.nan
     unknown = {p.name for term in validation for p in term.own} - known.keys()
     values = fit_own(validation, arm, known) if unknown else known
-    same = [term for term in validation if term.kind == validation[0].kind]
-    problem = _problem(tuple(same), tuple(arm.values()))
-    x = np.array([values[name] for name in problem.names])
-    lines = iter(problem.linearise(x, problem.assumed_sigmas()))
-    squared = []
-    for term in same:
-        first, *_ = [next(lines).error for _ in term.blocks]
-        squared.append(np.einsum("nd,nd->n", first, first))
+    same = tuple(term for term in validation if term.kind == validation[0].kind)
+    first = [errors(values)[0] for errors in _judges(same, arm.names)]
+    squared = [np.einsum("nd,nd->n", each, each) for each in first]
     return float(np.sqrt(np.mean(np.concatenate(squared))))
 
 
 @lru_cache(maxsize=1)
-def _problem(terms: tuple[Term, ...], arm: tuple[Parameter, ...]) -> Problem:
-    """One that trial after trial is judged by."""
-    return Problem(terms, ParameterSet(arm))
+def _judges(terms: tuple[Term, ...], names: tuple[str, ...]) -> tuple[TermErrors, ...]:
+    """What trial after trial is judged by."""
+    return tuple(TermErrors(term, names) for term in terms)
 
 
 def _drawn(data: StudyData, size: int, number: int) -> tuple[Sequence[Term], Sequence[Term]]:
