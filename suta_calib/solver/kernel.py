@@ -49,6 +49,12 @@ class RowPattern:
     ) -> None:
         self.angular = pose_columns[:1].reshape(-1) % 6 >= 3
         self._columns, self._shape = pose_columns, (block.size, velocity_rows)
+        # Rows that look at whole positions and whole turns are gathered three numbers at a time.
+        first = pose_columns[:1, ::3].T
+        in_threes = not np.any(first % 3) and np.array_equal(
+            (first + np.arange(3)).reshape(1, -1), pose_columns[:1]
+        )
+        self._at_once = 3 if in_threes else 1
         self._own: Any = None
         self._places: IntArray | None = None
         rows, looked_at = len(block) * block.size, own_columns.shape[1]
@@ -87,11 +93,16 @@ class RowPattern:
         columns = self._columns if rows is None else self._columns[rows]
         some = by_pose if rows is None else by_pose[rows]
         if columns.size * velocity.shape[1] <= GATHERED:
-            moved = np.empty((*some.shape[:2], velocity.shape[1]))
-            step = max(_AT_ONCE // max(columns[:1].size * velocity.shape[1], 1), 1)
+            width, together = velocity.shape[1], self._at_once
+            moved = np.empty((*some.shape[:2], width))
+            places = columns[:, ::together] // together
+            source = velocity.reshape(len(velocity) // together, together * width)
+            step = max(_AT_ONCE // max(columns[:1].size * width, 1), 1)
             for part in (slice(k, k + step) for k in range(0, len(columns), step)):
-                np.matmul(some[part], velocity.take(columns[part], axis=0), out=moved[part])
-            return moved.reshape(len(columns) * by_pose.shape[1], velocity.shape[1])
+                here = source.take(places[part], axis=0)
+                here = here.reshape(len(here), columns.shape[1], width)
+                np.matmul(some[part], here, out=moved[part])
+            return moved.reshape(len(columns) * by_pose.shape[1], width)
         if rows is None or len(some) == len(by_pose):
             return np.asarray(self.by_velocity(by_pose) @ velocity)
         from scipy import sparse

@@ -53,6 +53,9 @@ def radial(residual: FloatArray, derivative: FloatArray) -> tuple[FloatArray, Fl
         residual: none of them zero.
         derivative: (n, d, p) of them.
     """
+    if residual.shape[1] == 1:
+        unit = np.sign(residual)
+        return unit, unit * derivative[:, 0]
     unit = residual / np.linalg.norm(residual, axis=1, keepdims=True)
     return unit, np.einsum("nd,ndp->np", unit, derivative)
 
