@@ -20,7 +20,7 @@ from suta_calib.elementwise import Elementwise, formula
 # time.
 CHUNK: Final = 8192
 # Rows from which on NumPy computes faster what CasADi says.
-MANY: Final = 160
+MANY: Final = 256
 
 
 class Batched:
