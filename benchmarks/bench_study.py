@@ -47,7 +47,7 @@ def main() -> None:
     began = perf_counter()
     two = run_study(plan, workers=2)
     waited = perf_counter() - began
-    rows.append(("ours, two processes (joblib)", waited, None, same(two, alone)))
+    rows.append(("ours, this process and another", waited, None, same(two, alone)))
     record("study-two", [waited], "once, starting the processes included")
     with cluster() as address:
         if address is not None:

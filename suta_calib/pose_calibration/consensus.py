@@ -72,21 +72,24 @@ def find_consensus(
         some = rows[np.linspace(0, len(rows) - 1, SCREENING).astype(np.intp)]
         part = min(len(some), (len(some) + needed + 1) // 2)
         samples = samples[_best(_score(residuals(propose(samples), some), part), SCREENED)]
-    best = _best(_score(residuals(propose(samples), rows), half), REFINED)
-    basis = [*samples[best]]
-    norms = residuals(propose(samples[best]), rows)
-    kinds = norms.shape[-1]
+    every = residuals(propose(samples), rows)
+    best = _best(_score(every, half), REFINED)
+    basis, norms = [*samples[best]], every[best]
+    kinds, going = norms.shape[-1], np.arange(len(norms))
     for _ in range(CONCENTRATIONS):
-        scale = _scale(norms, half)
-        distance = np.sum((norms / scale[:, None, :]) ** 2, axis=-1)
+        scale = _scale(norms, half)[going]
+        distance = np.sum((norms[going] / scale[:, None, :]) ** 2, axis=-1)
         order = np.argsort(distance, axis=-1, kind="stable")[:, :half]
         closest = rows[np.sort(order, axis=-1)]
         again = residuals(propose(closest), rows)
-        better = _score(again, half) < _score(norms, half)
-        if not better.any():
+        better = _score(again, half) < np.log(scale).sum(axis=-1)
+        norms[going[better]] = again[better]
+        for k, chosen in zip(going[better], closest[better], strict=True):
+            basis[k] = chosen
+        # From the same rows as before one that was not better comes to the same again.
+        going = going[better]
+        if not len(going):
             break
-        norms = np.where(better[:, None, None], again, norms)
-        basis = [c if b else kept for c, b, kept in zip(closest, better, basis, strict=True)]
     winner = int(np.argmin(_score(norms, half)))
     # The scatter that the better half shows; a minimal fit to few rows is too close to them
     # (Rousseeuw and Leroy 1987, p. 202).
