@@ -15,7 +15,7 @@ from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
 from suta_calib.terms import CameraView
 from suta_calib.terms.board_pictures import FAR_BETTER
-from suta_calib.terms.camera_start import closed_form_camera
+from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.hand_eye_start import (
     EYE_TO_HAND,
     EyeSetup,
@@ -66,7 +66,7 @@ def cause_of_disagreement(
     if given is None:
         return "", ""
     try:
-        own = closed_form_camera(corners, term.board)
+        own = camera_alone(corners, term.board)
     except InputError:
         return "", ""
     if _agrees(*_told(replace(term, camera=own)), term.setup, seed):

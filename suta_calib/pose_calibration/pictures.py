@@ -39,7 +39,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
-from suta_calib.terms.camera_start import UNCALIBRATED, closed_form_camera, prior_beside
+from suta_calib.terms.camera_alone import camera_alone
+from suta_calib.terms.camera_start import UNCALIBRATED, prior_beside
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EyeSetup,
@@ -186,7 +187,7 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
             raise SamplesError(
                 "no camera", "a camera's file for fixed intrinsics", where="--intrinsics"
             )
-        camera = closed_form_camera(view.corners, view.board)
+        camera = camera_alone(view.corners, view.board)
         prior = UNCALIBRATED.stds(camera)
     elif camera.corners:
         prior = prior_beside(camera, view.corners)

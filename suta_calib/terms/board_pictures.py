@@ -19,8 +19,13 @@ from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
 from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
-from suta_calib.terms.half_turns import HALF_TURN, from_other_end, half_turned
-from suta_calib.terms.hand_eye_start import Poses, agreeing_hand_eye, loop_closures, some_poses
+from suta_calib.terms.hand_eye_start import (
+    HALF_TURN,
+    Poses,
+    agreeing_hand_eye,
+    loop_closures,
+    some_poses,
+)
 from suta_calib.words import listed
 
 # Corners that are off by this part of the board's extent in a picture are of no such board.
@@ -284,6 +289,8 @@ class BoardPictures:
         """
         if not self.board.symmetric:
             return self.pixels
+        from suta_calib.terms.half_turns import half_turned
+
         seen = self.poses[0][self.told]
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
         turned[self.told] = half_turned(hand[0][self.told], seen, seen @ HALF_TURN)
@@ -304,6 +311,8 @@ class BoardPictures:
         Warns:
             SutaCalibWarning: in some pictures it was numbered from the other end.
         """
+        from suta_calib.terms.half_turns import from_other_end
+
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
         mine, theirs = (
             (some_poses(hand, pictures.told), some_poses(pictures.poses, pictures.told))

@@ -39,7 +39,6 @@ from suta_calib.terms.camera_start import (
     HELD,
     PLANAR,
     UNCALIBRATED,
-    closed_form_camera,
     prior_beside,
 )
 from suta_calib.terms.hand_eye_start import (
@@ -165,7 +164,9 @@ class CameraView(FramedTerm):
             found.check(board, camera)
             poses = with_corners(poses, found, board)
             if camera is None:
-                camera = closed_form_camera(found, board)
+                from suta_calib.terms.camera_alone import camera_alone
+
+                camera = camera_alone(found, board)
                 given.setdefault("prior", UNCALIBRATED.stds(camera))
             elif camera.corners:
                 given.setdefault("prior", prior_beside(camera, found))

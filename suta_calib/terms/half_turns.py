@@ -17,14 +17,18 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation
-from suta_calib.terms.hand_eye_start import FEWEST, Poses, agreeing_hand_eye, loop_closures
+from suta_calib.terms.hand_eye_start import (
+    FEWEST,
+    HALF_TURN,
+    Poses,
+    agreeing_hand_eye,
+    loop_closures,
+)
 
 # Pictures that are held against each other; the rest are held against these.
 COMPARED: Final = 300
 # Middle difference of the angles, rad, from which on hand and pictures belong to other motions.
 OTHER_MOTIONS: Final = np.radians(10.0)
-# About the normal of a board, and the axis of a camera.
-HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 # Turn of the board, rad, between one row of a job and another, from which on it is another board.
 OTHER_BOARD: Final = np.radians(45.0)
 

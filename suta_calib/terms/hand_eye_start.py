@@ -21,6 +21,8 @@ EYE_IN_HAND: Final[EyeSetup] = "eye-in-hand"
 EYE_TO_HAND: Final[EyeSetup] = "eye-to-hand"
 # Pairs of poses that determine where the eye is, and what it sees.
 FEWEST: Final = 3
+# About the normal of a board, and the axis of a camera.
+HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
 # Turn of the middle loop against Z, rad, from where on it is asked whether a few pairs do better,
 # and how many few are tried.
 _LOOSE: Final = 0.15

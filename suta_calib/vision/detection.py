@@ -277,10 +277,12 @@ def _judged(rms: Sequence[float], how: DetectionOptions) -> tuple[list[str], lis
     """What is bad about a camera that was given, and what must be known."""
     told = [each for each in rms if np.isfinite(each)]
     median = float(np.median(told)) if told else 0.0
-    said = f"The camera's file does not fit the pictures: RMS {median:.1f} px (median)"
+    files = "The camera's file, or the board's,"
+    said = f"{files} does not fit the pictures: RMS {median:.1f} px (median)"
     if median > how.unfit:
         return [f"{said}; is it of another camera, focus or resolution?"], []
-    return [], [f"{said}; calibrate it with --camera-out."] if median > how.doubtful else []
+    remedy = "measure the board, and calibrate the camera with --camera-out."
+    return [], [f"{said}; {remedy}"] if median > how.doubtful else []
 
 
 def _symmetry(board: Board) -> list[str]:

@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ SUFFIXES: Final = frozenset(
     {*(".png", ".jpg", ".jpeg", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2")}
     | {*(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras")}
 )
+# Per cent of the pixels that are no brighter than what is white; the others shine.
+_LIGHTEST: Final = 99.9
 # Of a compressed file; the largest sensors' raw pictures have a few hundred megabytes.
 MOST_BYTES: Final = 2**30
 
@@ -102,7 +104,7 @@ def read_picture(path: Path) -> Grey:
         raise UnusablePictureError(f"an unreadable file ({problem.strerror})") from None
     if not data:
         raise UnusablePictureError("an empty file")
-    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
+    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except (cv2.error, MemoryError):
@@ -111,4 +113,21 @@ def read_picture(path: Path) -> Grey:
         ) from None
     if picture is None:
         raise UnusablePictureError("not a picture, or one that is cut off")
-    return np.asarray(picture, dtype=np.uint8)
+    return _eight_bits(np.asarray(picture))
+
+
+def _eight_bits(picture: NDArray[Any]) -> Grey:
+    """Eight bits of a picture that may have more.
+
+    A sensor of 10 or 12 bits leaves the upper ones of 16 empty: the eight that count begin with the
+    highest that more than a few bright pixels use. Of fractions the lightest grey is 255.
+    """
+    if picture.dtype == np.uint8:
+        return picture
+    light = float(np.nanpercentile(picture, _LIGHTEST))
+    if np.issubdtype(picture.dtype, np.integer):
+        scale = 2.0 ** -max(int(light).bit_length() - 8, 0)
+    else:
+        scale = 255.0 / light if light > 0.0 else 0.0
+    scaled = np.nan_to_num(picture.astype(float) * scale)
+    return np.clip(np.round(scaled), 0, 255).astype(np.uint8)

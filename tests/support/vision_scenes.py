@@ -47,8 +47,8 @@ def truth(board: Board, point: np.ndarray, T: np.ndarray | None = None) -> np.nd
 
 
 def write_picture(path: Path, grey: np.ndarray) -> Path:
-    """A PNG."""
+    """A file of the kind that its name ends with."""
     import cv2
 
-    path.write_bytes(cv2.imencode(".png", grey)[1].tobytes())
+    path.write_bytes(cv2.imencode(path.suffix, grey)[1].tobytes())
     return path

@@ -23,7 +23,7 @@ def test_two_blurred_edges_are_a_bivariate_normal(rho: float):
     known = multivariate_normal(cov=[[1.0, rho], [rho, 1.0]])
     at = np.stack([t1[0], t2[0]], axis=1)
     signs = 4.0 * known.cdf(at) - 2.0 * (norm.cdf(t1[0]) + norm.cdf(t2[0])) + 1.0
-    assert np.allclose(product[0], signs, atol=2e-6)
+    assert np.allclose(product[0], signs, atol=2e-5)
     assert np.allclose(density[0], known.pdf(at))
 
 
@@ -41,7 +41,7 @@ def test_slopes_of_the_model_are_its_differences(single: float):
         ahead, behind = (
             evaluated(values + by, offset, patch, weight, single)[2] for by in (step, -step)
         )
-        assert np.allclose((ahead - behind) / 2e-5, J[..., k], atol=1e-5)
+        assert np.allclose((ahead - behind) / 2e-5, J[..., k], atol=1e-3)
 
 
 @pytest.mark.parametrize("tilt_deg", [(40, 40, 100), (30, 20, 40)])

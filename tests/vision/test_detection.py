@@ -14,7 +14,13 @@ from vision_scenes import CAMERA, CHESSBOARD, facing, taken, truth, write_pictur
 
 from suta_calib.errors import InputError, SamplesError  # noqa: E402
 from suta_calib.measurements import Camera, Chessboard, corners_of, read_board  # noqa: E402
-from suta_calib.vision import calibrate_camera, detect, find_pictures, view_poses  # noqa: E402
+from suta_calib.vision import (  # noqa: E402
+    calibrate_camera,
+    detect,
+    find_pictures,
+    read_picture,
+    view_poses,
+)
 
 POINTS = np.arange(len(CHESSBOARD.points))
 
@@ -142,6 +148,28 @@ def test_columns_for_rows_are_the_same_board_on_its_side(folder: Path):
     turned = exchanged.corners.pixel[:30].reshape(CHESSBOARD.columns, CHESSBOARD.rows, 2)
     ways = [np.abs(np.rot90(grid, way) - turned).max() for way in (1, 3)]
     assert min(ways) < 1e-3
+
+
+@pytest.mark.parametrize("bits", [8, 10, 12, 16])
+def test_pictures_of_more_bits_lose_none_that_count(bits: int, tmp_path: Path):
+    """A sensor of 12 bits leaves the upper four of 16 empty: cut to eight it would keep four."""
+    eight = np.arange(256, dtype=np.uint8).repeat(64).reshape(128, 128)
+    deep = eight.astype(np.uint16) << (bits - 8)
+    # A pixel that shines is no measure of the others.
+    deep[3, 5] = 2**16 - 1
+    read = read_picture(write_picture(tmp_path / "deep.png", deep))
+    expected = eight.copy()
+    expected[3, 5] = 255
+    assert read.dtype == np.uint8
+    assert np.array_equal(read, expected)
+
+
+def test_pictures_of_fractions_and_of_colours_with_alpha(tmp_path: Path):
+    eight = np.arange(256, dtype=np.uint8).repeat(64).reshape(128, 128)
+    fractions = write_picture(tmp_path / "f.tiff", eight.astype(np.float32) / 255)
+    assert np.array_equal(read_picture(fractions), eight)
+    clear = np.dstack([eight, eight, eight, np.zeros_like(eight)])
+    assert np.array_equal(read_picture(write_picture(tmp_path / "clear.png", clear)), eight)
 
 
 def test_names_of_pictures(tmp_path: Path):

@@ -1,0 +1,186 @@
+"""A camera as pictures of a board alone show it, with the distortion of its lens.
+
+From the closed form, which knows of no distortion, the reprojection errors of all pictures are
+minimised, each with a pose of the board of its own (Zhang 2000, doi:10.1109/34.888718, 3.2 and
+3.3), by Levenberg and Marquardt. A lens that bends much leaves poses that no hand agrees with.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector, skew
+from suta_calib.geometry.pinhole import projected, undistorted
+from suta_calib.measurements import Board, Camera, Corners
+from suta_calib.terms.camera_start import UNCALIBRATED, board_poses, closed_form_camera
+
+_STEPS: Final = 60
+# Relative gain from where on it is settled, and damping from where on no step helps.
+_SETTLED: Final = 1e-6
+_STUCK: Final = 1e8
+# Distance of a corner, in their scatter, from where on it pulls no harder; the scatter of normal
+# ones in their middle distance; and the least one, px, which is rounding.
+_FAR: Final = 3.0
+_MIDDLE: Final = 1.177
+_FINEST: Final = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """A camera, and where the board is in each picture.
+
+    Attributes:
+        intrinsics: (9,) px and 1.
+        rotation: (n, 3, 3).
+        position: (n, 3) m.
+    """
+
+    intrinsics: FloatArray
+    rotation: FloatArray
+    position: FloatArray
+
+    def moved(self, camera: FloatArray, poses: FloatArray) -> State:
+        """After a step (9,) of the camera and (n, 6) of the poses, about the camera's axes."""
+        return State(
+            self.intrinsics + camera,
+            rotation_from_vector(poses[:, 3:]) @ self.rotation,
+            self.position + poses[:, :3],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class PicturesSeen:
+    """What was seen.
+
+    Attributes:
+        points: (k, 3) of the board, m.
+        pixels: (n, k, 2) px.
+        there: (n, k) which were found.
+    """
+
+    points: FloatArray
+    pixels: FloatArray
+    there: BoolArray
+
+    def in_camera(self, at: State) -> tuple[FloatArray, FloatArray]:
+        """(n, k, 3) from the board's origin, turned, and from the camera; z is 1 where not seen."""
+        turned = np.einsum("nij,kj->nki", at.rotation, self.points)
+        seen = turned + at.position[:, None]
+        return turned, np.where(self.there[..., None], seen, [0.0, 0.0, 1.0])
+
+    def errors(self, at: State) -> FloatArray | None:
+        """(n, k, 2) px, zero for what was not found; None where a point is behind the camera."""
+        _, seen = self.in_camera(at)
+        if not (seen[..., 2] > 0).all():
+            return None
+        off = projected(seen, at.intrinsics) - self.pixels
+        return np.where(self.there[..., None], off, 0.0)
+
+    def slopes(self, at: State) -> tuple[FloatArray, FloatArray]:
+        """Derivatives of the errors by the camera (n, k, 2, 9) and by the poses (n, k, 2, 6)."""
+        turned, seen = self.in_camera(at)
+        x, y, z = seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2], seen[..., 2]
+        by_camera, by_ray = _bent(x, y, at.intrinsics)
+        by_place = np.zeros((*z.shape, 2, 3))
+        by_place[..., 0, 0] = by_place[..., 1, 1] = 1.0 / z
+        by_place[..., 0, 2], by_place[..., 1, 2] = -x / z, -y / z
+        by_place = by_ray @ by_place
+        by_pose = np.concatenate([by_place, -by_place @ skew(turned)], axis=-1)
+        shown = self.there[..., None, None]
+        return np.where(shown, by_camera, 0.0), np.where(shown, by_pose, 0.0)
+
+
+def _bent(x: FloatArray, y: FloatArray, intrinsics: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Derivatives of a pixel by the intrinsics (..., 2, 9) and by its ray x, y (..., 2, 2)."""
+    fx, fy, _, _, k1, k2, p1, p2, k3 = intrinsics
+    s = x * x + y * y
+    radial, slope = 1 + s * (k1 + s * (k2 + s * k3)), 2 * (k1 + s * (2 * k2 + 3 * s * k3))
+    u = x * radial + 2 * p1 * x * y + p2 * (s + 2 * x * x)
+    v = y * radial + p1 * (s + 2 * y * y) + 2 * p2 * x * y
+    mixed = slope * x * y + 2 * p1 * x + 2 * p2 * y
+    nothing, one = np.zeros_like(x), np.ones_like(x)
+    first = [u, nothing, one, nothing]
+    first += [fx * each for each in (x * s, x * s**2, 2 * x * y, s + 2 * x * x, x * s**3)]
+    second = [nothing, v, nothing, one]
+    second += [fy * each for each in (y * s, y * s**2, s + 2 * y * y, 2 * x * y, y * s**3)]
+    along = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
+    down = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
+    by_ray = [[fx * along, fx * mixed], [fy * mixed, fy * down]]
+    stacked = [
+        np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+        for rows in ([first, second], by_ray)
+    ]
+    return stacked[0], stacked[1]
+
+
+def camera_alone(corners: Corners, board: Board) -> Camera:
+    """A camera as its pictures of a flat board show it.
+
+    Its picture is taken to end where the corners do: its real size is in none of them. What the
+    pictures hardly tell of a lens stays near none.
+
+    Raises:
+        BoardError: one that is not flat.
+        SamplesError: corners of another board, or pictures that do not tell the focal length.
+    """
+    start = closed_form_camera(corners, board)
+    names = {name: k for k, name in enumerate(corners.images)}
+    numbers = {number: k for k, number in enumerate(board.points)}
+    pixels = np.full((len(names), len(numbers), 2), np.nan)
+    picture = [names[name] for name in corners.image.tolist()]
+    pixels[picture, [numbers[k] for k in corners.point.tolist()]] = corners.pixel
+    points = np.array(list(board.points.values()))
+    rotation, position = board_poses(points, undistorted(pixels, start.intrinsics))
+    told = np.isfinite(position[:, 0])
+    there = np.isfinite(pixels[told]).all(axis=2)
+    seen = PicturesSeen(points, np.where(there[..., None], pixels[told], 0.0), there)
+    state = State(start.intrinsics, rotation[told], position[told])
+    return replace(start, intrinsics=_refined(seen, state, UNCALIBRATED.stds(start)).intrinsics)
+
+
+def _refined(seen: PicturesSeen, state: State, prior: FloatArray) -> State:
+    """The camera and poses of least reprojection error; ``prior`` (9,) is about the first one."""
+    first, damping = state.intrinsics, 1e-3
+    errors = seen.errors(state)
+    if errors is None:
+        return state
+    for _ in range(_STEPS):
+        length = np.linalg.norm(errors, axis=2)
+        sigma = max(float(np.median(length[seen.there])) / _MIDDLE, _FINEST)
+        weight = np.minimum(1.0, _FAR * sigma / np.maximum(length, _FINEST * sigma)) / sigma**2
+        A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in seen.slopes(state))
+        w = np.repeat(weight, 2, axis=1)
+        WA, WB, r = w[..., None] * A, w[..., None] * B, errors.reshape(len(A), -1)
+        away = state.intrinsics - first
+        before = float(np.sum(w * r * r)) + float(np.sum((away / prior) ** 2))
+        AA = np.einsum("nri,nrj->ij", A, WA) + np.diag(prior**-2.0)
+        a = np.einsum("nri,nr->i", WA, r) + away / prior**2
+        AB, BB = np.swapaxes(WA, 1, 2) @ B, np.swapaxes(B, 1, 2) @ WB
+        b = np.einsum("nri,nr->ni", WB, r)
+        while damping < _STUCK:
+            damped = BB + damping * np.einsum("nii->ni", BB)[..., None] * np.eye(6)
+            solved = np.linalg.pinv(damped, hermitian=True)
+            curvature = AA + damping * np.diag(np.diag(AA))
+            curvature -= np.einsum("nij,njk,nlk->il", AB, solved, AB)
+            slope = a - np.einsum("nij,njk,nk->i", AB, solved, b)
+            camera = -np.linalg.lstsq(curvature, slope, rcond=None)[0]
+            poses = -np.einsum("nij,nj->ni", solved, b + np.einsum("nij,i->nj", AB, camera))
+            trial = state.moved(camera, poses)
+            found = seen.errors(trial)
+            if found is not None:
+                away = trial.intrinsics - first
+                after = float(np.sum(weight[..., None] * found**2))
+                after += float(np.sum((away / prior) ** 2))
+                if after < before:
+                    break
+            damping *= 10.0
+        else:
+            return state
+        state, errors, damping = trial, found, damping / 10.0
+        if before - after <= _SETTLED * before:
+            break
+    return state
