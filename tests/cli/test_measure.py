@@ -78,7 +78,8 @@ def test_it_survives_a_bad_cable_and_says_what_happened(
     seconds, rest, faults = FAULTS[size]
     names = "O,M1,L1" if size == "short" else "O,M1,L1,S1"
     emulation = bench.emulation(bench.stops(names, rest), faults)
-    with EmulatedArm(emulation, patient=True) as emulator:
+    # Faults and rests by one clock: it does not wait on the first place.
+    with EmulatedArm(emulation, patient=True, gated=False) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         more = ("--placement", "P1", "--sequence", names, "--yes", "--patience", 20)
         assert cli(*bench.command(*more, seconds=seconds)) == 0
