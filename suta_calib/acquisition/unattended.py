@@ -267,6 +267,8 @@ class Continuous:
     def feed(self, readings: Iterable[Reading]) -> list[Event]:
         """Take the arm's readings as they come; there are no stops to tell of."""
         for reading in readings:
+            if self.done:  # a busy computer gets many at once
+                break
             if reading.error.any():
                 self._latest.clear()
                 for index in np.flatnonzero(reading.error):

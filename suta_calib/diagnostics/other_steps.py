@@ -141,11 +141,10 @@ class _Touches:
         """Of many touches some, evenly chosen."""
         count = sum(len(term.poses) for term in self.terms)
         every = -(-count // ASKED)
-        if every == 1:
-            return self
-        return _Touches(
-            tuple(term.take(np.arange(0, len(term.poses), every)) for term in self.terms)
-        )
+        rows = (np.arange(0, len(term.poses), every) for term in self.terms)
+        some = _Touches(tuple(term.take(r) for term, r in zip(self.terms, rows, strict=True)))
+        # What is external must be the same, place by place.
+        return some if some.problem(some.none).names == self.problem(self.none).names else self
 
 
 def _steps(touches: _Touches, some: _Touches, joint: int, size: float) -> Iterator[_Step]:

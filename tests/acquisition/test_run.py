@@ -14,6 +14,7 @@ from suta_calib.acquisition.guided import ENTER, Guided
 from suta_calib.acquisition.run import Run
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import TouchSequence, repeated
+from suta_calib.acquisition.unattended import Continuous
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import read_samples
 from suta_calib.model.arm import ArmModel
@@ -52,6 +53,22 @@ def test_a_bump_is_no_motion_and_a_wobble_on_one_landmark_counts_once(
     assert attempt.landmarks == ["O", "M1"]
     check_against(attempt, postures)
     assert any("still on O" in line for line in attempt.said)
+
+
+def test_sampling_ends_with_its_time_however_many_readings_come_at_once(
+    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
+) -> None:
+    plan = plan_of(job, arm, "O")
+    readings = Script(postures["O"]).move(postures["M1"], 3.0).readings()
+    counts = []
+    for name, piece in (("one.csv", 1), ("all.csv", len(readings))):
+        taker = Continuous(plan, file_of(plan, tmp_path / name), lambda _: None, 1.0, 0.1)
+        for k in range(0, len(readings), piece):
+            if not taker.done:
+                taker.feed(readings[k : k + piece])
+        counts.append(taker.count)
+    assert counts[0] == counts[1]
+    assert 5 <= counts[0] <= 11
 
 
 @pytest.mark.parametrize("late", [False, True])

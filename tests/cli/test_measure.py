@@ -14,7 +14,7 @@ from cli_job import cli
 from measuring_bench import SECONDS, Bench
 
 from suta_calib.acquisition.guided import Keyboard
-from suta_calib.emulation import EmulatedArm, Still
+from suta_calib.emulation import EmulatedArm, Still, sweep
 from suta_calib.geometry.numbers import wrap
 from suta_calib.terms import FixedPoint
 
@@ -78,7 +78,8 @@ def test_it_survives_a_bad_cable_and_says_what_happened(
     seconds, rest, faults = FAULTS[size]
     names = "O,M1,L1" if size == "short" else "O,M1,L1,S1"
     emulation = bench.emulation(bench.stops(names, rest), faults)
-    with EmulatedArm(emulation, patient=True) as emulator:
+    # Faults and rests by one clock: it does not wait on the first place.
+    with EmulatedArm(emulation, patient=True, gated=False) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         more = ("--placement", "P1", "--sequence", names, "--yes", "--patience", 20)
         assert cli(*bench.command(*more, seconds=seconds)) == 0
@@ -111,7 +112,8 @@ def test_a_raised_error_flag_rejects_and_is_told_by_joint(
 def test_pivoting_is_sampled_while_it_moves(
     bench: Bench, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    emulation = bench.emulation(bench.stops("O,M1,L1,S1", rest=0.01, move=0.5))
+    # It moves for as long as a busy computer takes until it believes what it reads.
+    emulation = bench.emulation(sweep(bench.arm, bench.postures["O"], slowest=0.5, duration=60.0))
     with EmulatedArm(emulation, patient=True) as emulator:
         emulator.write_device(bench.folder / "device.yaml")
         more = ("--point", "F1", "--continuous", 1.2, "--every", 0.05)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from servo_bus import ServoBus
 
 from suta_calib.device import Bus, Reading, read_device
+from suta_calib.device.formats import servos
 from suta_calib.device.formats.servos import DynamixelFormat, FeetechFormat
 from suta_calib.errors import DeviceFileError, DeviceSilentError, DisconnectedError
 
@@ -102,6 +104,27 @@ def test_a_servo_that_goes_is_told(tmp_path: Path) -> None:
             del servos.registers[2]
             with pytest.raises(DisconnectedError, match="servo 2 does not answer any more"):
                 until_it_ends(bus)
+
+
+def test_one_that_misses_a_packet_is_not_blamed_for_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(servos, "_SILENT_S", 0.0)
+    with bus_of("feetech", {1: 10, 2: 20}) as bus:
+        spec = read_device(described(tmp_path, "feetech", bus.port, "{name: a}, {name: b}"))
+        with closing(FORMS["feetech"].port(spec)) as port:
+            assert port.read(0.0)
+            first_heard = port._heard[1]
+            positions = iter([10, "none"])
+            monkeypatch.setattr(port, "_position", lambda _: next(positions))
+            with pytest.raises(DisconnectedError, match="servo 2 does not answer any more"):
+                port.read(0.0)
+            assert port._heard[1] > first_heard
+            # The first misses one long after the second has gone: it was heard a moment ago.
+            monkeypatch.setattr(servos, "_SILENT_S", 0.5)
+            port._heard[2] -= 10.0
+            monkeypatch.setattr(port, "_position", lambda _: "none")
+            assert port.read(0.0) == b""
 
 
 @pytest.mark.parametrize(

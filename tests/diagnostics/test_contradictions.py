@@ -402,23 +402,6 @@ def test_a_robust_level_is_the_standard_deviation_of_normal_noise() -> None:
     assert np.isnan(robust_level(np.zeros((0, 3))))
 
 
-@pytest.mark.parametrize("factor", [10.0, 0.01])
-def test_a_length_of_the_arm_in_another_unit_is_the_cause(
-    scenes: tuple[Scene, Scene], factor: float
-) -> None:
-    term = scenes[0].term(scenes[0].samples(NOISE)[0])
-    length = scenes[0].arm.parameters["joint_4.z"].nominal
-    arm = scenes[0].arm.at({"joint_4.z": factor * length})
-    wrong = term.over_poses(ArmPoses(arm, term.poses.samples))
-    cause = find_cause(solve(Problem([wrong], unknowns(arm, priors=True)), ONCE))
-    assert cause is not None
-    assert cause.sentence == (
-        f"joint_4.z is {1e3 * length:.6g} mm and not {1e3 * factor * length:.6g} mm: "
-        "a wrong unit in the URDF"
-    )
-    assert cause.after < 0.1 * cause.before
-
-
 def test_a_clean_problem_has_no_cause(scenes: tuple[Scene, Scene]) -> None:
     term = scenes[0].term(scenes[0].samples(NOISE)[0])
     parameters = unknowns(scenes[0].arm, priors=True)

@@ -69,6 +69,15 @@ def test_a_count_that_stays_lost_is_told_by_its_rows_and_is_the_cause() -> None:
     )
 
 
+def test_a_tool_of_no_length_does_not_hide_a_step_of_the_wrist() -> None:
+    """Without a tool no turn of the wrist would change a distance: no unit makes it so short."""
+    s = scene("pairwise_distance")
+    term = stepped(s, beyond(s, 0.6), 2 * np.pi / 10)
+    cause = find_cause(solve(Problem([term], dh_parameters(s.arm)), SolverOptions(starts=1)))
+    assert cause is not None
+    assert cause.sentence.startswith("joint_5 reads 36.0000 deg too little in ")
+
+
 def test_rows_without_an_order_have_no_count_that_missed_a_step() -> None:
     """A bad plug does that, and only says so now and then."""
     s = scene("tracked_point")

@@ -53,7 +53,6 @@ class ServoPort(Port):
         self._handler.tx_time_per_byte = 1e4 / spec.baudrate
         self._packets = sdk.PacketHandler(form.protocol)
         self._begun = False
-        self._heard = time.perf_counter()
         for number, joint in zip(self._numbers, spec.joints, strict=True):
             answers = (self._position(number) for _ in range(_TRIES))
             if all(isinstance(answer, str) for answer in answers):
@@ -63,6 +62,8 @@ class ServoPort(Port):
                     f"of each that {spec.path} lists; check its cable, its number, the power of "
                     f"the bus, 'format: {form.name}' and 'baudrate: {spec.baudrate}'"
                 )
+        # Each by itself: one that misses a packet is not to blame for another that is gone.
+        self._heard = dict.fromkeys(self._numbers, time.perf_counter())
 
     def read(self, timeout: float) -> bytes:
         """A line of counts; none where a servo did not answer.
@@ -75,14 +76,15 @@ class ServoPort(Port):
         for number in self._numbers:
             answer = self._position(number)
             if isinstance(answer, str):
-                if time.perf_counter() - self._heard > _SILENT_S:
+                if time.perf_counter() - self._heard[number] > _SILENT_S:
                     raise DisconnectedError(
                         f"{self._spec.port}: servo {number} does not answer any more ({answer}); "
                         "check its cable and its power"
                     )
                 return b""
             found.append(answer)
-        self.arrived = self._heard = time.perf_counter()
+            self._heard[number] = time.perf_counter()
+        self.arrived = time.perf_counter()
         # What comes before the first end of a line would be taken for half a line.
         before, self._begun = b"" if self._begun else b"\n", True
         return before + ",".join(map(str, found)).encode() + b"\n"
