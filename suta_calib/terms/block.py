@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Any, Final
 
 import casadi as ca
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact
+from suta_calib.records import dataclass
 from suta_calib.units import Unit
 
 

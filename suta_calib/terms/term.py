@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any, ClassVar, Final, Literal, Self
 
@@ -27,6 +27,7 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import POSITION, Parameter
+from suta_calib.records import dataclass
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, numbered
 from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
