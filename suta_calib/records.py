@@ -13,8 +13,7 @@ from dataclasses import dataclass as standard
 from inspect import Parameter, Signature
 from operator import attrgetter
 from reprlib import recursive_repr
-from types import MethodType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 if TYPE_CHECKING:
     # To type checkers it is the same thing.
@@ -39,7 +38,7 @@ else:
             standard(init=False, repr=False, eq=False, frozen=frozen and derived, **options)(cls)
             told = cls.__dataclass_params__
             told.init, told.repr, told.eq, told.frozen = True, repr, eq, frozen
-            methods = {"__init__": _Init(cls)}
+            methods = _construction(cls)
             if repr:
                 methods["__repr__"] = _repr
             if eq:
@@ -53,57 +52,71 @@ else:
         return made if cls is None else made(cls)
 
 
-class _Init:
-    """The ``__init__`` of a data class."""
+def _construction(cls: type) -> dict[str, Any]:
+    """``__init__``, and ``__signature__``, by which others see what it takes."""
+    taken = [field for field in fields(cls) if field.init]
+    names = [field.name for field in taken if not field.kw_only]
+    # In the order of the fields, as the standard library sets them.
+    defaults, count = {field.name: field.default for field in taken}, len(taken)
+    # What stands for a default: it makes one, or says that there is none.
+    otherwise = [(field.name, field.default_factory) for field in taken if field.default is MISSING]
+    fresh = [
+        (field.name, field.default_factory)
+        for field in fields(cls)
+        if not field.init and field.default_factory is not MISSING
+    ]
+    goes_on = hasattr(cls, "__post_init__")
 
-    def __init__(self, cls: type) -> None:
-        self._cls = cls
-        taken = [field for field in fields(cls) if field.init]
-        self._names = [field.name for field in taken if not field.kw_only]
-        # In the order of the fields, as the standard library sets them.
-        self._defaults = {field.name: field.default for field in taken}
-        self._factories = {
-            field.name: field.default_factory
-            for field in fields(cls)
-            if field.default_factory is not MISSING
-        }
-        self._needed = [
-            field.name
-            for field in taken
-            if field.default is MISSING and field.name not in self._factories
-        ]
-        self._goes_on = hasattr(cls, "__post_init__")
-
-    def __get__(self, instance: object, owner: type | None = None) -> Any:
-        return self if instance is None else MethodType(self, instance)
-
-    def __call__(self, instance: Any, /, *args: Any, **given: Any) -> None:
-        values = self._defaults | given
-        sound = len(values) == len(self._defaults) and len(args) <= len(self._names)
-        for name, value in zip(self._names, args, strict=False):
-            sound = sound and name not in given
-            values[name] = value
-        if not sound or any(values[name] is MISSING for name in self._needed):
-            # Says in Python's words what is wrong with them.
-            self.__signature__.bind(instance, *args, **given)
-        for name, factory in self._factories.items():
-            if values.get(name, MISSING) is MISSING:
+    def init(self: Any, /, *args: Any, **given: Any) -> None:
+        values = defaults | given
+        values.update(zip(names, args, strict=False))
+        twice = given and not given.keys().isdisjoint(names[: len(args)])
+        if twice or len(values) > count or len(args) > len(names):
+            _refuse(cls, args, given)
+        for name, factory in otherwise:
+            if values[name] is MISSING:
+                if factory is MISSING:
+                    _refuse(cls, args, given)
                 values[name] = factory()
-        vars(instance).update(values)
-        if self._goes_on:
-            instance.__post_init__()
+        for name, factory in fresh:
+            values[name] = factory()
+        vars(self).update(values)
+        if goes_on:
+            self.__post_init__()
 
-    @property
-    def __signature__(self) -> Signature:
-        """What `inspect.signature`, and with it the documentation, says that a class takes."""
-        taken = [Parameter("self", Parameter.POSITIONAL_ONLY)]
-        for field in sorted((f for f in fields(self._cls) if f.init), key=attrgetter("kw_only")):
-            kind = Parameter.KEYWORD_ONLY if field.kw_only else Parameter.POSITIONAL_OR_KEYWORD
-            default: object = Parameter.empty if field.default is MISSING else field.default
-            if field.name in self._factories:
-                default = _FACTORY
-            taken.append(Parameter(field.name, kind, default=default, annotation=field.type))
-        return Signature(taken, return_annotation=None)
+    return {"__init__": init, "__signature__": _Taken(init)}
+
+
+class _Taken:
+    """The arguments of a data class, found when they are asked for."""
+
+    def __init__(self, init: Any) -> None:
+        self._init = init
+
+    def __get__(self, instance: object, owner: Any) -> Signature:
+        if owner.__init__ is not self._init:
+            raise AttributeError(f"{owner.__qualname__} has another __init__")
+        return _signature(owner)
+
+
+def _signature(cls: Any) -> Signature:
+    taken = []
+    for field in sorted((f for f in fields(cls) if f.init), key=attrgetter("kw_only")):
+        kind = Parameter.KEYWORD_ONLY if field.kw_only else Parameter.POSITIONAL_OR_KEYWORD
+        default: object = Parameter.empty if field.default is MISSING else field.default
+        if field.default_factory is not MISSING:
+            default = _FACTORY
+        taken.append(Parameter(field.name, kind, default=default, annotation=field.type))
+    return Signature(taken, return_annotation=None)
+
+
+def _refuse(cls: type, args: tuple[Any, ...], given: dict[str, Any]) -> NoReturn:
+    """Say in Python's words what is wrong with the arguments."""
+    try:
+        _signature(cls).bind(*args, **given)
+    except TypeError as error:
+        raise TypeError(f"{cls.__qualname__}.__init__() {error}") from None
+    raise AssertionError(given)
 
 
 class _Factory:

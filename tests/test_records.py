@@ -198,6 +198,19 @@ def test_a_standard_data_class_may_derive_from_ours() -> None:
             more: int = 4
 
 
+def test_what_derives_and_constructs_itself_says_what_it_takes() -> None:
+    class Own(plain(dataclass)):  # type: ignore[misc]
+        def __init__(self, unlike: str) -> None:
+            super().__init__(len(unlike))
+
+    class Same(plain(dataclass)):  # type: ignore[misc]
+        pass
+
+    assert list(inspect.signature(Own).parameters) == ["unlike"]
+    assert list(inspect.signature(Same).parameters) == ["a", "b"]
+    assert Own("four").a == 4
+
+
 def test_wrong_arguments_are_named() -> None:
     Point = point(dataclass)
     with pytest.raises(TypeError, match="missing a required argument: 'x'"):
