@@ -251,12 +251,13 @@ def _turns(R: FloatArray) -> FloatArray:
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:
     """Distance of every touch from the middle of its post's touches, (m, n, 1)."""
-    touched = p + np.einsum("nij,mj->mni", R, tips)
+    touched = p + (tips @ R.reshape(-1, 3).T).reshape(len(tips), *p.shape)
     norms = np.zeros(touched.shape[:2])
     for k in np.unique(index):
         rows = index == k
         middle = np.median(touched[:, rows], axis=1, keepdims=True)
-        norms[:, rows] = np.linalg.norm(touched[:, rows] - middle, axis=2)
+        away = touched[:, rows] - middle
+        norms[:, rows] = np.sqrt(np.einsum("mni,mni->mn", away, away))
     return norms[..., None]
 
 

@@ -148,7 +148,7 @@ class FixedPoint(Term):
         """The tip by linear least squares, then the mean of the touches of each point."""
         names, point = self.places
         tip = stacked_pivot(rotation, position, point) if self._tip else np.zeros(3)
-        touched = position + rotation @ tip
+        touched = position + (rotation.reshape(-1, 3) @ tip).reshape(-1, 3)
         means = [touched[point == k].mean(axis=0) for k in range(len(names))]
         return np.concatenate([tip[: len(self._tip)], *means])
 
