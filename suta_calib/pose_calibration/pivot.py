@@ -191,9 +191,10 @@ def calibrate_pivot(
                     where="point",
                     hint="did the tool slip off it?",
                 )
-        nothing, touched = np.zeros((len(rows), 0)), {"point": labels[rows]}
+        some = slice(None) if len(rows) == len(R) else rows  # all are not copied again
+        nothing, touched = np.zeros((len(rows), 0)), {"point": labels[some]}
         samples = Samples.from_arrays([], nothing, labels=touched)
-        return FixedPoint(MeasuredPoses(R[rows], scaled[rows], samples), noises[0])
+        return FixedPoint(MeasuredPoses(R[some], scaled[some], samples), noises[0])
 
     fit = robust_fit(make, start, robust=robust)
     # Where nothing fits though the tool turned, what the data leave open is not the trouble.
