@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import field
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 import numpy as np
@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
-from suta_calib.measurements import Artefact
 from suta_calib.records import dataclass
 from suta_calib.units import Unit
+
+if TYPE_CHECKING:
+    from suta_calib.measurements import Artefact
 
 
 @dataclass(frozen=True, eq=False)

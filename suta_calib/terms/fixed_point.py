@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import ClassVar, Final, Literal
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,7 +19,6 @@ from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import point_named, point_parameters
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -31,6 +30,9 @@ from suta_calib.terms.synthetic import (
     random_turns,
 )
 from suta_calib.terms.term import Gap, Term
+
+if TYPE_CHECKING:
+    from suta_calib.terms.setup import Setup
 
 # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
 _ROUNDING: Final = 1e-12

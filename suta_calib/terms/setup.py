@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from suta_calib.errors import ArtefactError
-from suta_calib.measurements import Artefact
 from suta_calib.records import dataclass
 from suta_calib.terms.block import Noise
-from suta_calib.terms.seating import Seating
+
+if TYPE_CHECKING:
+    from suta_calib.measurements import Artefact
+    from suta_calib.terms.seating import Seating
 
 
 @dataclass(frozen=True)
