@@ -28,7 +28,7 @@ from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise, grouped
-from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
+from suta_calib.terms.fixed_point import FixedPoint, rows_of_each, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.units import deg, from_deg, mm, text
 
@@ -254,8 +254,7 @@ def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> F
     """Distance of every touch from the middle of its post's touches, (m, n, 1)."""
     touched = p + (tips @ R.reshape(-1, 3).T).reshape(len(tips), *p.shape)
     norms = np.zeros(touched.shape[:2])
-    for k in np.unique(index):
-        rows = index == k
+    for rows in rows_of_each(index):
         middle = np.median(touched[:, rows], axis=1, keepdims=True)
         away = touched[:, rows] - middle
         norms[:, rows] = np.sqrt(np.einsum("mni,mni->mn", away, away))

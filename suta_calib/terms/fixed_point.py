@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
@@ -166,6 +166,13 @@ class FixedPoint(Term):
                 )
 
 
+def rows_of_each(point: IntArray) -> list[slice | BoolArray]:
+    """The rows (n,) of each of the points that are touched; all of them where it is one."""
+    if not np.any(point != point[:1]):
+        return [slice(None)]  # which copies nothing
+    return [point == k for k in np.unique(point)]
+
+
 def stacked_pivot(
     rotation: FloatArray, position: FloatArray, point: IntArray, weight: FloatArray | None = None
 ) -> FloatArray:
@@ -184,8 +191,7 @@ def stacked_pivot(
     back = np.einsum("nij,ni->nj", rotation, position)
     normal = weight.sum(axis=-1)[..., None, None] * np.eye(3)
     moment = weight @ back
-    for k in np.unique(point):
-        rows = point == k
+    for rows in rows_of_each(point):
         w = weight[..., rows]
         total = np.maximum(w.sum(axis=-1), 1e-300)[..., None]
         R = (w @ rotation[rows].reshape(-1, 9)).reshape(*w.shape[:-1], 3, 3)
