@@ -226,6 +226,12 @@ def test_wrong_arguments_are_named() -> None:
         Point(*range(9), name="p")
 
 
+def test_what_it_cannot_make_is_refused() -> None:
+    for option in ("slots", "order", "init"):
+        with pytest.raises(TypeError, match=option):
+            dataclass(frozen=True, **{option: True})  # type: ignore[call-overload]
+
+
 @dataclass(frozen=True)
 class Kept:
     """Of a module, as `pickle` wants it."""
