@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 import numpy as np
@@ -12,7 +12,6 @@ import numpy as np
 from suta_calib.acquisition.rest import STALL
 from suta_calib.device.description import columns_of
 from suta_calib.device.formats import format_of
-from suta_calib.records import dataclass
 
 if TYPE_CHECKING:
     from suta_calib.acquisition.guided import Guided

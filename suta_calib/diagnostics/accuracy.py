@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Final
 
@@ -13,7 +13,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.distributions import chi2, f, t
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.ipopt import RobustNlp, SolverOptions

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -27,7 +27,6 @@ from suta_calib.diagnostics.other_readings import (
 )
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
-from suta_calib.records import dataclass
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,7 +20,6 @@ from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robu
 from suta_calib.diagnostics.odd_readings import odd_columns, rounded
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import hashed
-from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term

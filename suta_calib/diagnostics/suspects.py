@@ -8,6 +8,7 @@ looked at for the price of one (Andrews 1993, doi:10.2307/2951764).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Final
@@ -19,7 +20,6 @@ from suta_calib.diagnostics.following import Following, whitened, widened
 from suta_calib.diagnostics.score_tests import TELLING
 from suta_calib.distributions import f
 from suta_calib.geometry.numbers import skew
-from suta_calib.records import dataclass
 from suta_calib.solver.information import scaled_inverse
 
 # What is plausible: a turn, rad; a share of a travel; a shift, m.

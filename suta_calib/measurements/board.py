@@ -9,7 +9,7 @@ from __future__ import annotations
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
@@ -23,7 +23,6 @@ from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.keys import POSITION, ROTATION, Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
-from suta_calib.records import dataclass
 from suta_calib.units import deg, mm
 
 # Sizes of a whole board, m, beyond which its file is in another unit than mm.

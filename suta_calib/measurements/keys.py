@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
-
-from suta_calib.records import dataclass
 
 if TYPE_CHECKING:
     from suta_calib.measurements.yaml_file import YamlSection

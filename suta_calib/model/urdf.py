@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from xml.parsers import expat
@@ -23,7 +24,6 @@ from suta_calib.errors import OutputError, UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector, rpy_from_rotation
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.urdf_tree import quoted, read_urdf_bytes, suggestion
-from suta_calib.records import dataclass
 
 Origin = tuple[ArrayLike, ArrayLike]
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +18,6 @@ from lxml import etree
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
 from suta_calib.model.xacro_file import expanded, is_xacro
-from suta_calib.records import dataclass
 
 # lxml ships without type information.
 Element = Any

@@ -22,6 +22,7 @@ have in common is added to the covariance, by `correlation`.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -30,7 +31,6 @@ from scipy.optimize import minimize
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
 from suta_calib.pose_calibration.correlation import common_covariance
-from suta_calib.records import dataclass
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.losses import huber_weight

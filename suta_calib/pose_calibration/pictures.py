@@ -7,7 +7,7 @@ where to start; what is minimised then are reprojection errors, of all cameras a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
@@ -34,7 +34,6 @@ from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenC
 from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, size_of_board
 from suta_calib.pose_calibration.picture_errors import picture_errors
 from suta_calib.pose_calibration.picture_noise import FINEST, Weighed, weigh_pictures
-from suta_calib.records import dataclass
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -34,7 +34,6 @@ from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, e
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
 from suta_calib.pose_calibration.stated import Agreement, StatedSpread
 from suta_calib.pose_calibration.weighed_point import WeighedPoint
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise
 from suta_calib.terms.outside import pose_named

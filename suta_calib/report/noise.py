@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.records import dataclass
 from suta_calib.report.listing import Column, Listing
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.block import Block

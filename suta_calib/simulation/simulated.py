@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, Final
 
@@ -16,7 +16,6 @@ from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_of, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
     encoder_readings,

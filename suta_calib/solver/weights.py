@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -31,7 +32,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.distributions import chi2
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
-from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.losses import huber_threshold

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
@@ -18,7 +19,6 @@ from suta_calib.pose_calibration.registration import (
     agreeing_points,
     kabsch,
 )
-from suta_calib.records import dataclass
 
 MAX_ROUNDS: Final = 10
 # Residual relative to the size of the body that is rounding.

@@ -7,6 +7,7 @@ points that are first centred and scaled (Hartley 1997, doi:10.1109/34.601246).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -16,7 +17,6 @@ from suta_calib.errors import BoardError, SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.geometry.pinhole import DISTORTION
 from suta_calib.measurements import Board, Camera, Corners
-from suta_calib.records import dataclass
 
 # Part of a board's extent that no lens bends the picture of a plane by, and how many times less
 # another board must leave to be the cause.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self
@@ -30,7 +30,6 @@ from suta_calib.measurements import (
 )
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED, BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint

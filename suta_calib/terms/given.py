@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,6 @@ from suta_calib.measurements import YamlSection
 from suta_calib.measurements.keys import POSITION as WHERE
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.parameters import POSITION, ROTATION
-from suta_calib.records import dataclass
 
 POSE_KEYS: Final = Keys(
     WHERE,

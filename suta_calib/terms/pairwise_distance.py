@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Final, Literal
 
@@ -18,7 +18,6 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact, SampleColumns, Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Certified, Noise, Pose, flat, grouped, norm
 from suta_calib.terms.landmark import (
     ARTEFACT_COLUMNS,

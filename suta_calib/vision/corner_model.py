@@ -9,6 +9,7 @@ place how certain that is, how blurred the picture is, and whether there is a co
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -16,7 +17,6 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.records import dataclass
 
 # Unknowns of a corner: u, v, the directions of both edges, their blur, grey between, contrast.
 _UNKNOWNS: Final = 7

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -17,7 +18,6 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
 from suta_calib.distributions import t
-from suta_calib.records import dataclass
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95

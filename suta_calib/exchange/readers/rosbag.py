@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -36,7 +36,6 @@ from suta_calib.exchange.ros_pictures import (
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.extras import load
 from suta_calib.geometry.numbers import homogeneous, rotation_from_quaternion
-from suta_calib.records import dataclass
 from suta_calib.words import listed
 
 JOINT_TOPIC: Final = Option("joint_topic", "Topic of the joint states.", "/joint_states")
