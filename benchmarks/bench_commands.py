@@ -35,7 +35,7 @@ WITHOUT_REPORT = (*BESIDE_IMPORTS["calibrate"], "--no-report")
 def main() -> None:
     """Time every command, in turns, and record the ratios and the seconds."""
     commands = {**BESIDE_IMPORTS, **IN_SECONDS, "no report": WITHOUT_REPORT}
-    bare, needed = list[float](), list[float]()
+    bare, needed = list[float](), dict[str, list[float]]()
     taken: dict[str, list[float]] = {name: [] for name in commands}
     waited, bare_waited = list[float](), list[float]()
     with tempfile.TemporaryDirectory() as folder:
@@ -43,7 +43,8 @@ def main() -> None:
             processor, elapsed = times(["-c", IMPORTS])
             bare.append(processor)
             bare_waited.append(elapsed)
-            needed.append(processor_time(["-c", NEEDED_IMPORTS]))
+            for libraries in dict.fromkeys(NEEDED_IMPORTS.values()):
+                needed.setdefault(libraries, []).append(processor_time(["-c", libraries]))
             for name, arguments in commands.items():
                 told = [each.format(out=folder) for each in arguments]
                 processor, elapsed = times(["-m", "suta_calib", *told])
@@ -51,9 +52,9 @@ def main() -> None:
                 if name == "calibrate":
                     waited.append(elapsed)
     print(f"bare imports: {', '.join(f'{each:.2f}' for each in sorted(bare))} s")
-    floor = f"the libraries that it needs alone {np.median(np.divide(needed, bare)):.1f}"
     for name in BESIDE_IMPORTS:
-        peer = f"{np.median(taken[name]):.2f} s; {floor}"
+        floor = np.median(np.divide(needed[NEEDED_IMPORTS[name]], bare))
+        peer = f"{np.median(taken[name]):.2f} s; the libraries that it needs alone {floor:.2f}"
         record(name, np.divide(taken[name], bare), peer)
     record("waited", np.divide(waited, bare_waited), f"{np.median(waited):.2f} s")
     for name in IN_SECONDS:

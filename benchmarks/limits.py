@@ -27,10 +27,20 @@ FIGURES: Final = RESULTS / "limits.json"
 PAGE: Final = RESULTS / "limits.md"
 
 IMPORTS: Final = "import pinocchio, casadi, scipy"
-# SciPy loads its parts when they are asked for: an answer needs two, and a command the others.
-NEEDED_IMPORTS: Final = (
-    f"{IMPORTS}; import scipy.sparse, scipy.special, click, rich.console, rich.table"
+# The floor of a command: the libraries that it uses, before any line of ours. None needs SciPy; for
+# a median or the different numbers of an array NumPy loads its masked arrays.
+_POSES: Final = (
+    "import numpy.ma, numpy.random, casadi, threadpoolctl, click, rich.console, rich.table"
 )
+_JOB: Final = f"{_POSES}, pinocchio, lxml.etree, yaml"
+NEEDED_IMPORTS: Final = {
+    "calibrate": f"{_JOB}, jinja2",
+    "observe": _JOB,
+    "validate": _JOB,
+    "pivot": _POSES,
+    "hand-eye": _POSES,
+    "register": _POSES,
+}
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from suta_calib.lazy import UNUSED_OF_NUMPY
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "halton"}
-    | {"incomplete", "lazy", "processes", "showing", "threads", "words"},
+    | {"incomplete", "lazy", "processes", "records", "showing", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
@@ -124,18 +124,18 @@ STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "observe": ((JOB,), 120, ARM),
     "validate": (("urdf/suta.urdf", JOB), 114, ARM),
     "outliers --out": ((JOB,), 133, ()),
-    "pivot": (("data/poses/pivot.csv",), 80, NO_ARM),
-    "hand-eye": (("data/poses/hand_eye.csv",), 86, NO_ARM),
+    "pivot": (("data/poses/pivot.csv",), 74, NO_ARM),
+    "hand-eye": (("data/poses/hand_eye.csv",), 81, NO_ARM),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        82,
+        77,
         NO_ARM,
     ),
-    "pivot --out": (("data/poses/pivot.csv",), 102, NO_ARM[1:]),
-    "hand-eye --out": (("data/poses/hand_eye.csv",), 102, NO_ARM[1:]),
+    "pivot --out": (("data/poses/pivot.csv",), 84, NO_ARM[1:]),
+    "hand-eye --out": (("data/poses/hand_eye.csv",), 91, NO_ARM[1:]),
     "register --out": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        102,
+        87,
         NO_ARM[1:],
     ),
 }

@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
-from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -78,6 +77,8 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
 
 def _inputs(context: click.Context) -> dict[str, str]:
     """SHA-256 of the files that the command line names, in its order."""
+    from hashlib import sha256
+
     hashes = {}
     for option in (o for o in context.command.params if o.type is PATH):
         given = context.params[str(option.name)]

@@ -6,17 +6,22 @@ are SciPy's, and the tests hold these to it.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 
 # Angle, rad, up to which a series is exact to rounding, and a quotient of rounded numbers is not.
 _SMALL: Final = 1e-3
 # How far from orthogonal the rows of a matrix may be that is taken for a rotation as it is.
 _ORTHOGONAL: Final = 1e-12
+# By how much the product of two rows may be off in a matrix that somebody calls a rotation.
+_ORTHONORMAL: Final = 1e-6
+# Rotations that are made at once.
+_AT_ONCE: Final = 4096
 
 
 def skew(v: ArrayLike) -> FloatArray:
@@ -29,14 +34,7 @@ def skew(v: ArrayLike) -> FloatArray:
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices of rotation vectors, rad: (..., 3) → (..., 3, 3)."""
-    vector = np.asarray(vector, dtype=float)
-    angle = _length(vector)
-    half = angle / 2.0
-    factor = np.sin(half) / np.maximum(angle, _SMALL)
-    if (small := angle <= _SMALL).any():
-        square = angle**2
-        factor = np.where(small, 0.5 - square / 48.0 + square**2 / 3840.0, factor)
-    return _from_unit(factor[..., None] * vector, np.cos(half))
+    return _matrices(_from_vectors, np.asarray(vector, dtype=float))
 
 
 def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
@@ -58,12 +56,7 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     Raises:
         ValueError: a quaternion of norm zero.
     """
-    quaternion = np.asarray(quaternion, dtype=float)
-    norm = _length(quaternion)
-    if not norm.all():
-        raise ValueError("found a quaternion of norm zero; expected a rotation")
-    unit = quaternion / norm[..., None]
-    return _from_unit(unit[..., :3], unit[..., 3])
+    return _matrices(_from_quaternions, np.asarray(quaternion, dtype=float))
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
@@ -101,6 +94,18 @@ def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
     return np.asarray(quaternion.reshape(*rotation.shape[:-2], 4))
 
 
+def are_rotations(matrices: FloatArray) -> BoolArray:
+    """Which of matrices of finite numbers, (n, 3, 3), are orthonormal and right-handed, (n,)."""
+    # One number of all matrices after the other: NumPy multiplies small matrices one by one.
+    rows = np.ascontiguousarray(np.moveaxis(matrices, 0, -1))
+    off = np.zeros(len(matrices))
+    for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        off = np.maximum(off, np.abs(sum(rows[i] * rows[k]) - (i == k)))
+    first, second, third = rows
+    handed = sum(np.cross(first, second, axis=0) * third)
+    return np.asarray((off <= _ORTHONORMAL) & (handed > 0.0))
+
+
 def right_singular(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Singular values, descending, and all right singular vectors (n, n), rows, of rows (m, n).
 
@@ -123,6 +128,39 @@ def _canonical_sign(quaternion: FloatArray) -> FloatArray:
     x, y, z, w = quaternion.T
     first = np.where(x != 0.0, x, np.where(y != 0.0, y, z))
     return np.where(np.where(w != 0.0, w, first) < 0.0, -1.0, 1.0)
+
+
+def _matrices(make: Callable[[FloatArray], FloatArray], given: FloatArray) -> FloatArray:
+    """Rotation matrices (..., 3, 3) that ``make`` makes of vectors (..., k).
+
+    Of many so many at a time that all that is computed stays in the cache.
+    """
+    rows = given.reshape(-1, given.shape[-1])
+    if len(rows) <= _AT_ONCE:
+        return make(given)
+    made = np.empty((len(rows), 3, 3))
+    for first in range(0, len(rows), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        made[some] = make(rows[some])
+    return made.reshape(*given.shape[:-1], 3, 3)
+
+
+def _from_vectors(vector: FloatArray) -> FloatArray:
+    angle = _length(vector)
+    half = angle / 2.0
+    factor = np.sin(half) / np.maximum(angle, _SMALL)
+    if (small := angle <= _SMALL).any():
+        square = angle**2
+        factor = np.where(small, 0.5 - square / 48.0 + square**2 / 3840.0, factor)
+    return _from_unit(factor[..., None] * vector, np.cos(half))
+
+
+def _from_quaternions(quaternion: FloatArray) -> FloatArray:
+    norm = _length(quaternion)
+    if not norm.all():
+        raise ValueError("found a quaternion of norm zero; expected a rotation")
+    unit = quaternion / norm[..., None]
+    return _from_unit(unit[..., :3], unit[..., 3])
 
 
 def _from_unit(axis: FloatArray, w: FloatArray) -> FloatArray:

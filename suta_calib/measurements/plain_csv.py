@@ -33,13 +33,16 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
 
     Args:
         header: names of the columns.
-        body: all lines but that, without the end of the last.
+        text: all lines, each with its end.
+        start: where in it the lines behind the header begin.
         read: (rows, columns) numbers of all cells, where they have been read.
     """
 
-    def __init__(self, header: list[str], body: str, read: FloatArray | None = None) -> None:
+    def __init__(
+        self, header: list[str], text: str, start: int, read: FloatArray | None = None
+    ) -> None:
         self._place = {name: k for k, name in enumerate(header)}
-        self._body, self._read = body, read
+        self._text, self._start, self._read = text, start, read
 
     @classmethod
     def of(cls, text: str) -> Self | None:
@@ -51,11 +54,12 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
         ended = text.isascii() and text.endswith("\n")
         if not ended or any(mark in text for mark in _NOT_PLAIN):
             return None
-        head, _, body = text[:-1].partition("\n")
-        header, lines = head.split(","), body.split("\n")
-        commas = head.count(",")
-        if not _names_columns(header) or not body:
+        end = text.index("\n")
+        header, commas = text[:end].split(","), text.count(",", 0, end)
+        columns = cls(header, text, end + 1)
+        if not _names_columns(header) or not columns._body:
             return None
+        lines = columns._body.split("\n")
         # One pass in C over what may be a million lines.
         if set(map(methodcaller("count", ","), lines)) != {commas}:
             return None
@@ -63,27 +67,35 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
             return None
         if not commas and not all(lines):
             return None
-        return cls(header, body)
+        return columns
 
     @classmethod
     def _of_numbers(cls, text: str) -> Self | None:
-        """The columns of a file of nothing but decimal numbers: NumPy alone looks at its lines."""
-        head, _, body = text.partition("\n")
-        header = head.split(",")
+        """The columns of a file of nothing but decimal numbers: NumPy alone looks at its lines.
+
+        Large files are not copied to look at them.
+        """
+        head, _, rest = text[:_LONGEST_LINE].partition("\n")
+        header, start = head.split(","), len(head) + 1
         plain = head.isascii() and not any(mark in head for mark in _NOT_PLAIN)
-        first = body[:_LONGEST_LINE].partition("\n")[0].split(",")
+        first = rest.partition("\n")[0].split(",")
         if not (plain and _names_columns(header) and all(map(_is_number, first))):
             return None
-        if not body.endswith("\n") or (data := body.encode()).translate(None, _OF_NUMBERS):
+        data = text.encode()
+        if data.translate(None, _OF_NUMBERS) != data[:start].translate(None, _OF_NUMBERS):
             return None
+        if not data.endswith(b"\n"):
+            return None
+        lines = BytesIO(data)
+        lines.seek(start)
         try:
             # Refuses lines of different lengths, and goes over empty ones.
-            read = np.loadtxt(BytesIO(data), delimiter=",", comments=None, ndmin=2)
+            read = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
         except ValueError:
             return None
-        if read.shape != (data.count(b"\n"), len(header)):
+        if read.shape != (data.count(b"\n", start), len(header)):
             return None
-        return cls(header, body[:-1], read)
+        return cls(header, text, start, read)
 
     @property
     def rows(self) -> int:
@@ -98,6 +110,11 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
         if self._numbers is None or place not in self._numbers:
             return None
         return self._numbers[place]
+
+    @cached_property
+    def _body(self) -> str:
+        """All lines behind the header, without the end of the last."""
+        return self._text[self._start : -1]
 
     @cached_property
     def _cells(self) -> list[str]:

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import are_rotations
 from suta_calib.showing import Shown
 from suta_calib.units import REFERENCE_TEMPERATURE
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from suta_calib.plotting.scene import Posable, Scene
 
 Array = TypeVar("Array", bound=NDArray[Any])
-
-_ORTHONORMAL_TOLERANCE = 1e-6
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -335,8 +334,7 @@ def _labels(name: str, values: Sequence[str] | NDArray[np.str_], n: int) -> NDAr
 
 def _rotations(values: ArrayLike, n: int) -> FloatArray:
     rotation = _finite("rotation", values, (n, 3, 3))
-    error = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(-2, -1))
-    for row in np.flatnonzero((error > _ORTHONORMAL_TOLERANCE) | (np.linalg.det(rotation) < 0)):
+    for row in np.flatnonzero(~are_rotations(rotation)):
         raise SamplesError(
             "a matrix that is not a rotation", "orthonormal, right-handed", where=f"rotation[{row}]"
         )

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError, SamplesError
+from suta_calib.geometry.numbers import are_rotations
 
 
 def checked_points(points: ArrayLike, where: str) -> FloatArray:
@@ -41,8 +42,7 @@ def checked_poses(
         raise SamplesError(
             f"{len(R)} rotations and {len(p)} positions", "as many of each", where=where
         )
-    skewed = np.abs(R @ np.swapaxes(R, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0)
-    for row in np.flatnonzero((skewed > 1e-6) | (np.linalg.det(R) < 0)):
+    for row in np.flatnonzero(~are_rotations(R)):
         raise SamplesError(
             "a matrix that is not a rotation", "orthonormal, right-handed", where=f"{where}[{row}]"
         )

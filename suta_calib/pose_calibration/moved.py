@@ -99,25 +99,27 @@ def _moved_among_fitted(
         return None
     problem, x = fit.solution.problem, fit.solution.x
     rows = whitened_rows(problem, x, fit.sigmas)
-    jacobian = np.stack([r.jacobian.reshape(count, -1, len(x)) for r in rows], axis=1)
-    residual = np.stack(
-        [r.line.residual / sigma for r, sigma in zip(rows, fit.sigmas, strict=True)], axis=1
-    )
-    best = _best(count, parts, jacobian, residual)
-    left = best.left(jacobian, residual)
-    squares, rest = (np.sum(r**2, axis=(0, 2)) for r in (residual, left))
+    jacobians = [r.jacobian.reshape(count, -1, len(x)) for r in rows]
+    residuals = [r.line.residual / sigma for r, sigma in zip(rows, fit.sigmas, strict=True)]
+    starts = np.unique(np.linspace(FEWEST, count - FEWEST, TIMES).astype(np.intp))
+    told, pull = _from_each(starts, jacobians, residuals)
+    best = _best(starts, parts, told.sum(axis=0), pull.sum(axis=0))
+    squares = np.array([np.sum(r**2) for r in residuals])
+    left = best.left(jacobians, residuals)
+    rest = np.array([np.sum(r**2) for r in left])
     if not best.rank or np.all(rest > (1.0 - SHARE) * squares):
         return None
     # What the change made of the noise of places must not hide it, nor of that of turns.
-    level = np.sqrt(np.maximum(rest / (count * residual.shape[2]), EXACT**2))[:, None]
-    jacobian, residual = jacobian / level[..., None], residual / level
-    best = _best(count, parts, jacobian, residual)
-    left = best.left(jacobian, residual)
+    precision = 1.0 / np.maximum(rest / [r.size for r in residuals], EXACT**2)
+    told, pull = (np.tensordot(precision, each, axes=1) for each in (told, pull))
+    best = _best(starts, parts, told, pull)
+    blocks = zip(best.left(jacobians, residuals), np.sqrt(precision), strict=True)
+    white = np.concatenate([r * root for r, root in blocks], axis=1)
     # Neighbours that err alike are fewer than they are, and seem to change somewhere.
-    freedom = residual.size / correlation_length(left.reshape(count, -1)) - len(x) - best.rank
+    freedom = white.size / correlation_length(white) - len(x) - best.rank
     if freedom < 1.0:
         return None
-    noise = float(np.sum(left**2)) / freedom
+    noise = float(np.sum(white**2)) / freedom
     tests = len(parts) * TIMES
     if f.sf(best.gain / best.rank / noise, best.rank, freedom) * tests > FALSE_ALARM:
         return None
@@ -153,19 +155,24 @@ class _Trial:
     gain: float
     rank: int
 
-    def left(self, jacobian: FloatArray, residual: FloatArray) -> FloatArray:
-        """What it leaves of the residuals (n, blocks, 3)."""
-        left = residual - jacobian @ self.follows
-        left[self.start :] -= jacobian[self.start :, ..., self.at] @ self.step
-        return left
+    def left(
+        self, jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray]
+    ) -> list[FloatArray]:
+        """What it leaves of the residuals of each block, (n, 3)."""
+        moves = np.zeros_like(self.follows)
+        moves[self.at] = self.step
+        found = []
+        for jacobian, residual in zip(jacobians, residuals, strict=True):
+            left = residual - jacobian @ self.follows
+            left[self.start :] -= jacobian[self.start :] @ moves
+            found.append(left)
+        return found
 
 
 def _best(
-    count: int, parts: Mapping[str, Sequence[int]], jacobian: FloatArray, residual: FloatArray
+    starts: IntArray, parts: Mapping[str, Sequence[int]], told: FloatArray, pull: FloatArray
 ) -> _Trial:
-    """The trial that explains most, all unknowns free to follow."""
-    starts = np.unique(np.linspace(FEWEST, count - FEWEST, TIMES).astype(np.intp))
-    told, pull = _from_each(starts, jacobian, residual)
+    """The trial that explains most, all unknowns free to follow; by sums of `_from_each`."""
     inverse = np.linalg.pinv(told[0], hermitian=True)
     trials = []
     for what, at in ((what, list(indices)) for what, indices in parts.items()):
@@ -184,15 +191,30 @@ def _best(
 
 
 def _from_each(
-    starts: IntArray, jacobian: FloatArray, residual: FloatArray
+    starts: IntArray, jacobians: Sequence[FloatArray], residuals: Sequence[FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
-    """JᵀJ (k + 1, p, p) and Jᵀr (k + 1, p) of all rows, and of those from each start on."""
-    told, pull = list[FloatArray](), list[FloatArray]()
-    for some, r in zip(np.split(jacobian, starts), np.split(residual, starts), strict=True):
-        flat = some.reshape(-1, some.shape[-1])
-        told.append(flat.T @ flat)
-        pull.append(flat.T @ r.ravel())
-    return np.cumsum(told[::-1], axis=0)[::-1], np.cumsum(pull[::-1], axis=0)[::-1]
+    """JᵀJ and Jᵀr of each block's rows: of all of them, and of those from each start on.
+
+    Args:
+        starts: (k,) rows.
+        jacobians: (n, 3, p) of each block.
+        residuals: (n, 3) of each block.
+
+    Returns:
+        (blocks, k + 1, p, p) and (blocks, k + 1, p).
+    """
+    told, pull = list[list[FloatArray]](), list[list[FloatArray]]()
+    for jacobian, residual in zip(jacobians, residuals, strict=True):
+        parts = zip(np.split(jacobian, starts), np.split(residual, starts), strict=True)
+        flat = [(some.reshape(-1, some.shape[-1]), r.ravel()) for some, r in parts]
+        told.append([some.T @ some for some, _ in flat])
+        pull.append([some.T @ r for some, r in flat])
+    return _from_there_on(np.array(told)), _from_there_on(np.array(pull))
+
+
+def _from_there_on(parts: FloatArray) -> FloatArray:
+    """Of each block, (blocks, k, …), the sum of a part and all that follow it."""
+    return np.cumsum(parts[:, ::-1], axis=1)[:, ::-1]
 
 
 def _std_along(step: FloatArray, covariance: FloatArray) -> float:

@@ -27,7 +27,7 @@ from suta_calib.pose_calibration.robust_fit import (
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise, grouped
-from suta_calib.terms.fixed_point import FixedPoint, stacked_pivot
+from suta_calib.terms.fixed_point import FixedPoint, rows_of_each, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.units import deg, from_deg, mm, text
 
@@ -190,9 +190,10 @@ def calibrate_pivot(
                     where="point",
                     hint="did the tool slip off it?",
                 )
-        nothing, touched = np.zeros((len(rows), 0)), {"point": labels[rows]}
+        some = slice(None) if len(rows) == len(R) else rows  # all are not copied again
+        nothing, touched = np.zeros((len(rows), 0)), {"point": labels[some]}
         samples = Samples.from_arrays([], nothing, labels=touched)
-        return FixedPoint(MeasuredPoses(R[rows], scaled[rows], samples), noises[0])
+        return FixedPoint(MeasuredPoses(R[some], scaled[some], samples), noises[0])
 
     fit = robust_fit(make, start, robust=robust)
     # Where nothing fits though the tool turned, what the data leave open is not the trouble.
@@ -250,12 +251,12 @@ def _turns(R: FloatArray) -> FloatArray:
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:
     """Distance of every touch from the middle of its post's touches, (m, n, 1)."""
-    touched = p + np.einsum("nij,mj->mni", R, tips)
+    touched = p + (tips @ R.reshape(-1, 3).T).reshape(len(tips), *p.shape)
     norms = np.zeros(touched.shape[:2])
-    for k in np.unique(index):
-        rows = index == k
+    for rows in rows_of_each(index):
         middle = np.median(touched[:, rows], axis=1, keepdims=True)
-        norms[:, rows] = np.linalg.norm(touched[:, rows] - middle, axis=2)
+        away = touched[:, rows] - middle
+        norms[:, rows] = np.sqrt(np.einsum("mni,mni->mn", away, away))
     return norms[..., None]
 
 

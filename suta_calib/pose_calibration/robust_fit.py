@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -120,7 +121,7 @@ class RobustAnswer:
     solution: Solution
     notes: tuple[str, ...] = ()
 
-    @property
+    @cached_property
     def rms(self) -> float:
         """Root mean square length of the inliers' residuals, m."""
         return rms_length(self.residuals[self.inliers])

@@ -6,22 +6,24 @@ places are crowded on the sphere too; rings tell the angle from the middle.
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import right_singular
-from suta_calib.measurements.pose_files import Points as MeasuredPoints
-from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.plotting.chart import Axis, Chart, Lines, Mark, Points, Words, ends
 from suta_calib.plotting.factor import round_down
 from suta_calib.plotting.look import BLACK, BLUE, GREY, LINE, ORANGE, WHITE
-from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
-from suta_calib.pose_calibration.pivot import PivotCalibration
-from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.chart_svg import Row, rows_svg
 from suta_calib.units import Unit, deg, from_deg, mm, shown, unit_name
+
+if TYPE_CHECKING:
+    from suta_calib.measurements.pose_files import Points as MeasuredPoints
+    from suta_calib.measurements.pose_files import ToolPoses
+    from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+    from suta_calib.pose_calibration.pivot import PivotCalibration
+    from suta_calib.pose_calibration.registration import Registration
 
 # Outliers so many times the others' scatter would press these flat on a linear scale.
 FAR: Final = 10.0

@@ -111,8 +111,8 @@ class PoseTable:
                     batch.inputs[1][:] += shift
                 else:
                     columns = self.rotation[rows].reshape(-1, 3, 3)  # one row a matrix's column
-                    turn = rotation_from_vector(shift[:, 3:])
-                    self.rotation[rows] = (columns @ np.swapaxes(turn, 1, 2)).reshape(-1, 9)
+                    back = rotation_from_vector(-shift[:, 3:])
+                    self.rotation[rows] = (columns @ back).reshape(-1, 9)
                     self.position[rows] += shift[:, :3]
             yield
         finally:
@@ -249,7 +249,7 @@ class Evaluation:
         outer = line.weight < 1.0
         lost = 1.0 - kept_curvature(np.count_nonzero(outer) / max(len(outer), 1))
         for some, jacobian in self.parts(line, arm=arm_moves):
-            jacobian *= root[some, None, None]
+            jacobian = jacobian * root[some, None, None]
             residual, beyond = root[some, None] * line.residual[some], outer[some]
             rows = jacobian.reshape(-1, width)
             gradient += rows.T @ residual.reshape(-1)
@@ -263,7 +263,8 @@ class Evaluation:
         """Some rows of a block after the other, with their derivatives (k, d, parameters).
 
         By the arm's parameters, unless these are to be left out, then by own ones, unless the block
-        looks at none. What many rows take at once is slower to find room for than to compute.
+        looks at none. What many rows take at once is slower to find room for than to compute. They
+        may be what the block keeps: not to be written to.
         """
         own, size = line.pattern.by_own(line.by_own), line.residual.shape[1]
         arm = arm and self.arm_count > 0
@@ -276,8 +277,7 @@ class Evaluation:
             if own is not None:
                 both.append(dense(own[size * rows.start : size * rows.stop]))
             if both:
-                # The arm's have been made for this call; own ones may be what the pattern keeps.
-                whole = both[0] if arm and len(both) == 1 else np.concatenate(both, axis=1)
+                whole = both[0] if len(both) == 1 else np.concatenate(both, axis=1)
                 yield rows, whole.reshape(rows.stop - first, size, whole.shape[1])
 
     def _sparse_normal_equations(

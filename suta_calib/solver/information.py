@@ -234,7 +234,8 @@ def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
     turn = level.get("rad", 0.0)
     for line in lines:
         angular = line.pattern.angular
-        moved, turned = (np.linalg.norm(line.by_pose[..., c]) for c in (~angular, angular))
+        squares = np.einsum("ndc,ndc->c", line.by_pose, line.by_pose)
+        moved, turned = (np.sqrt(squares[c].sum()) for c in (~angular, angular))
         if "rad" not in level and turned > 0:
             turn = min(level["m"] * float(moved / turned) * np.sqrt(2.0 / 3.0), WORST_TURN)
     return np.repeat([level["m"], turn], 3)

@@ -171,10 +171,12 @@ class Kernel:
         own_count: int,
     ) -> None:
         n, poses = block.samples.shape
-        function, columns, self._used = _compiled(
+        function, columns, used = _compiled(
             block.residual, poses, block.own.shape[1], block.data.shape[1], block.size
         )
-        self._samples = block.samples + first_sample
+        samples = block.samples + first_sample
+        # Of each input the array it comes from, and which of its rows.
+        self._taken = [(place % 2, _rows(samples[:, place // 2])) for place in used]
         # What every row looks at alike is computed once for all of them.
         alike = bool(n) and bool(np.all(own_columns == own_columns[0]))
         self._own = own_columns[0] if alike else own_columns
@@ -182,7 +184,7 @@ class Kernel:
         self._batch.inputs[-1][:] = block.data
         self._shape = (n, block.size, len(columns))
         which, component = np.divmod(columns, 6)
-        pose_columns = 6 * self._samples[:, which] + component
+        pose_columns = 6 * samples[:, which] + component
         self.pattern = RowPattern(block, pose_columns, own_columns, velocity_rows, own_count)
 
     def __call__(
@@ -200,34 +202,47 @@ class Kernel:
             own parameters (n, d, m). Views of arrays that the next call overwrites.
         """
         n, size, width = self._shape
-        for slot, used in zip(self._batch.inputs[:-2], self._used, strict=True):
-            pose, part = divmod(used, 2)
-            source = position if part else rotation
-            np.take(source, self._samples[:, pose], axis=0, out=slot)
+        for slot, (part, rows) in zip(self._batch.inputs[:-2], self._taken, strict=True):
+            _take(position if part else rotation, rows, slot)
         self._batch.inputs[-2][:] = own[self._own]
         residual, by_pose, by_own = self._batch()
         looked_at = self._own.shape[-1]
         return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, looked_at)
 
 
+def _rows(numbers: IntArray) -> slice | IntArray:
+    """What takes rows of these numbers (n,): where they follow one another they are but copied."""
+    first = int(numbers[0]) if len(numbers) else 0
+    follow = np.array_equal(numbers, np.arange(first, first + len(numbers)))
+    return slice(first, first + len(numbers)) if follow else numbers
+
+
+def _take(source: FloatArray, rows: slice | IntArray, out: FloatArray) -> None:
+    """Rows of ``source``, by `_rows`; every number is one of its rows."""
+    if isinstance(rows, slice):
+        out[:] = source[rows]
+    else:
+        # To raise an error NumPy would have to write elsewhere first, which takes as long again.
+        np.take(source, rows, axis=0, out=out, mode="clip")
+
+
 class _BlockResiduals:
     """Residuals (n, d) of a block's rows, m or rad, without derivatives: a tenth of the work."""
 
     def __init__(self, block: Block) -> None:
-        function, self._used = _residual(
+        function, used = _residual(
             block.residual, block.samples.shape[1], block.own.shape[1], block.data.shape[1]
         )
-        self._block, self._batch = block, Batched(function, len(block))
+        self._taken = [(place % 2, _rows(block.samples[:, place // 2])) for place in used]
+        self._own, self._batch = block.own, Batched(function, len(block))
         self._batch.inputs[-1][:] = block.data
 
     def __call__(self, rotation: FloatArray, position: FloatArray, own: FloatArray) -> FloatArray:
         """At poses and own parameters as `Kernel` takes them; the next call overwrites it."""
         *poses, of_own, _ = self._batch.inputs
-        for slot, place in zip(poses, self._used, strict=True):
-            pose, part = divmod(place, 2)
-            source = position if part else rotation
-            np.take(source, self._block.samples[:, pose], axis=0, out=slot)
-        of_own[:] = own[self._block.own]
+        for slot, (part, rows) in zip(poses, self._taken, strict=True):
+            _take(position if part else rotation, rows, slot)
+        of_own[:] = own[self._own]
         return self._batch()[0]
 
 

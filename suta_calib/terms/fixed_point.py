@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Final, Literal
+from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
@@ -19,7 +19,6 @@ from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import point_named, point_parameters
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -31,6 +30,9 @@ from suta_calib.terms.synthetic import (
     random_turns,
 )
 from suta_calib.terms.term import Gap, Term
+
+if TYPE_CHECKING:
+    from suta_calib.terms.setup import Setup
 
 # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
 _ROUNDING: Final = 1e-12
@@ -148,7 +150,7 @@ class FixedPoint(Term):
         """The tip by linear least squares, then the mean of the touches of each point."""
         names, point = self.places
         tip = stacked_pivot(rotation, position, point) if self._tip else np.zeros(3)
-        touched = position + rotation @ tip
+        touched = position + (rotation.reshape(-1, 3) @ tip).reshape(-1, 3)
         means = [touched[point == k].mean(axis=0) for k in range(len(names))]
         return np.concatenate([tip[: len(self._tip)], *means])
 
@@ -162,6 +164,13 @@ class FixedPoint(Term):
                     "every point touched at least twice, from different directions",
                     where=self.kind,
                 )
+
+
+def rows_of_each(point: IntArray) -> list[slice | BoolArray]:
+    """The rows (n,) of each of the points that are touched; all of them where it is one."""
+    if not np.any(point != point[:1]):
+        return [slice(None)]  # which copies nothing
+    return [point == k for k in np.unique(point)]
 
 
 def stacked_pivot(
@@ -182,8 +191,7 @@ def stacked_pivot(
     back = np.einsum("nij,ni->nj", rotation, position)
     normal = weight.sum(axis=-1)[..., None, None] * np.eye(3)
     moment = weight @ back
-    for k in np.unique(point):
-        rows = point == k
+    for rows in rows_of_each(point):
         w = weight[..., rows]
         total = np.maximum(w.sum(axis=-1), 1e-300)[..., None]
         R = (w @ rotation[rows].reshape(-1, 9)).reshape(*w.shape[:-1], 3, 3)

@@ -309,10 +309,18 @@ def _not_alone(steps: FloatArray) -> IntArray:
     for first in range(0, len(joints), GRID):
         if len(some) <= FEWEST:
             break
-        cells = (steps[np.ix_(some, joints[first : first + GRID])]) / CELL
+        # For each joint the cells of both grids, mixed into a part of the number of a cell.
+        parts = [
+            [np.floor(cells + moved).astype(np.int64) * mixed for moved in (0.0, 0.5)]
+            for cells, mixed in zip(
+                (steps[some, joint] / CELL for joint in joints[first : first + GRID]),
+                MIXED,
+                strict=False,
+            )
+        ]
         shared = np.zeros(len(some), dtype=np.bool_)
-        for moved in product((0.0, 0.5), repeat=cells.shape[1]):
-            number = np.floor(cells + moved).astype(np.int64) @ MIXED[: cells.shape[1]]
+        for chosen in product(*parts):
+            number = np.add.reduce(chosen)
             ordered = np.sort(number)
             twice = ordered[1:][ordered[1:] == ordered[:-1]]
             if len(twice):

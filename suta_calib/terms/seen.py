@@ -5,17 +5,19 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Self
+from typing import TYPE_CHECKING, Final, Self
 
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Noise
 from suta_calib.terms.checks import check_in_mm
-from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.outside import pose_parameters
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Term
+
+if TYPE_CHECKING:
+    from suta_calib.terms.given import GivenPose, Known
+    from suta_calib.terms.setup import Setup
 
 # What says the unit of what is seen.
 SEEN_UNIT: Final = (

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from suta_calib.errors import ArtefactError
-from suta_calib.measurements import Artefact
 from suta_calib.terms.block import Noise
-from suta_calib.terms.seating import Seating
+
+if TYPE_CHECKING:
+    from suta_calib.measurements import Artefact
+    from suta_calib.terms.seating import Seating
 
 
 @dataclass(frozen=True)

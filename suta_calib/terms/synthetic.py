@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,9 +16,11 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
-from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.outside import point_named, pose_named
 from suta_calib.terms.term import Term
+
+if TYPE_CHECKING:
+    from suta_calib.terms.hand_eye_start import Poses
 
 # How a row is grossly wrong: its pose is anything; it is displaced, as where a tip slipped off its
 # point; it is another row's, as where two streams are out of step.

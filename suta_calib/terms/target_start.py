@@ -10,13 +10,15 @@ which is right where they are near it; and the inverse of R as any matrix W, whi
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
-from suta_calib.terms.hand_eye_start import Poses
+
+if TYPE_CHECKING:
+    from suta_calib.terms.hand_eye_start import Poses
 
 # Relative singular value below which a direction is not determined at all.
 _ROUNDING: Final = 1e-9

@@ -16,7 +16,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,16 +24,18 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.measurements import Artefact, SampleColumns, YamlSection
-from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, numbered
 from suta_calib.terms.checks import check_in_mm
-from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.setup import Setup
+
+if TYPE_CHECKING:
+    from suta_calib.measurements import Artefact, SampleColumns, YamlSection
+    from suta_calib.measurements.keys import Key
+    from suta_calib.terms.given import GivenPose, Known
+    from suta_calib.terms.setup import Setup
 
 # What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera
 # on the tip sees something.

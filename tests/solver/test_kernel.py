@@ -65,6 +65,14 @@ def test_what_is_gathered_is_the_sparse_product(
     np.testing.assert_allclose(gathered[2], matrix.T @ rows, rtol=1e-12, atol=1e-14)
 
 
+@pytest.mark.parametrize("numbers", [[], [0, 1, 2], [3, 4], [4, 3], [2, 2, 0], [0, 2]])
+def test_rows_are_taken_whether_they_follow_one_another_or_not(numbers: list[int]) -> None:
+    source, taken = np.random.default_rng(0).normal(size=(5, 3)), np.array(numbers, dtype=np.intp)
+    out = np.full((len(taken), 3), np.nan)
+    kernel._take(source, kernel._rows(taken), out)
+    np.testing.assert_array_equal(out, source[taken])
+
+
 @pytest.mark.parametrize("free", [False, True])
 def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) -> None:
     residual, own = REPROJECTION[EYE_IN_HAND, free], 21 if free else 12
