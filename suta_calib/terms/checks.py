@@ -3,20 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
-
-import numpy as np
+from collections.abc import Callable
+from typing import Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.model.parameters import POSITION
-from suta_calib.terms.given import Known
 from suta_calib.terms.poses import ArmPoses
+from suta_calib.terms.term import Term
 from suta_calib.units import mm
-
-if TYPE_CHECKING:
-    from suta_calib.terms.term import Term
 
 # Extents of what was seen or touched and of what the arm moved that differ by more are in different
 # units: no geometry is so wrong.
@@ -25,8 +19,6 @@ OTHER_UNIT: Final = 20.0
 SAME_UNIT: Final = 1.5
 # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
 UNMOVED: Final = 1e-7
-# Metres that stand where millimetres belong: how many times too near that is, nearly.
-IN_METRES: Final = (700.0, 1400.0)
 
 
 def check_unit(
@@ -103,30 +95,3 @@ def check_turned(term: Term) -> None:
                 "rotation_rpy_deg beside position_mm",
                 where=f"{term.kind}: pose",
             )
-
-
-def check_in_mm(term: Term, label: str, known: Mapping[str, Known]) -> None:
-    """Refuse a given position that the nominal arm finds a thousand times as far away.
-
-    Args:
-        term: with an unknown position of what is given.
-        label: of the place.
-        known: what is given of its unknowns, by their names.
-
-    Raises:
-        SamplesError: says both distances.
-    """
-    there = [p.name for p in term.own if p.name in known and p.key in POSITION]
-    start = term.start_values({})
-    given, found = (
-        float(np.linalg.norm(values))
-        for values in ([known[n].value for n in there], [start[n] for n in there])
-    )
-    if IN_METRES[0] * given < found < IN_METRES[1] * given:
-        raise SamplesError(
-            f"position_mm {label} of {mm(given):.4g} mm, which the nominal arm finds "
-            f"{mm(found):.4g} mm away".replace("  ", " "),
-            "a position in mm",
-            where=f"{term.kind}: pose",
-            hint="it looks like metres: convert it to mm",
-        )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     rotation_from_vector,
     tangent_of_vector,
@@ -18,6 +21,7 @@ from suta_calib.measurements import YamlSection
 from suta_calib.measurements.keys import POSITION as WHERE
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.parameters import POSITION, ROTATION
+from suta_calib.units import mm
 
 POSE_KEYS: Final = Keys(
     WHERE,
@@ -38,6 +42,9 @@ POSE_KEYS: Final = Keys(
         "exact.",
     ),
 )
+
+# Metres that stand where millimetres belong: how many times too near that is, nearly.
+_IN_METRES: Final = (700.0, 1400.0)
 
 
 @dataclass(frozen=True)
@@ -155,3 +162,26 @@ class GivenPose:
         std = [None if self.rotation_std is None else float(self.rotation_std * s) for s in spread]
         pairs = zip(keys, values.tolist(), std, strict=True)
         return {f"{owner}.{key}": Known(value, s) for key, value, s in pairs}
+
+
+def check_in_mm(where: str, label: str, given: Sequence[float], found: Sequence[float]) -> None:
+    """Refuse a given position that the nominal arm finds a thousand times as far away.
+
+    Args:
+        where: whose pose it is.
+        label: of the place.
+        given: coordinates, m.
+        found: the same by the nominal arm, m.
+
+    Raises:
+        SamplesError: says both distances.
+    """
+    near, far = math.hypot(*given), math.hypot(*found)
+    if _IN_METRES[0] * near < far < _IN_METRES[1] * near:
+        raise SamplesError(
+            f"position_mm {label} of {mm(near):.4g} mm, which the nominal arm finds "
+            f"{mm(far):.4g} mm away".replace("  ", " "),
+            "a position in mm",
+            where=where,
+            hint="it looks like metres: convert it to mm",
+        )

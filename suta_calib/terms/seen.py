@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Final, Self
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Noise
-from suta_calib.terms.checks import check_in_mm
 from suta_calib.terms.outside import pose_parameters
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
@@ -75,7 +74,7 @@ class FramedTerm(Term):
                     where=f"{self.kind}: pose",
                     hint=did_you_mean(label, marks),
                 )
-            check_in_mm(self, label, known)
+            self.check_in_mm(label, known)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -24,9 +24,8 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.model.parameters import Parameter
+from suta_calib.model.parameters import POSITION, Parameter
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, numbered
-from suta_calib.terms.checks import check_in_mm
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
@@ -186,7 +185,16 @@ class Term(ABC):
                     where=f"{self.kind}: pose",
                     hint=f"{self.kind} does not see where it stands",
                 )
-            check_in_mm(self, label, known)
+            self.check_in_mm(label, known)
+
+    def check_in_mm(self, label: str, known: Mapping[str, Known]) -> None:
+        """Refuse what is given of a place if the nominal arm finds it a thousand times as far."""
+        from suta_calib.terms.given import check_in_mm
+
+        names = [p.name for p in self.own if p.name in known and p.key in POSITION]
+        start = self.start_values({})
+        given, found = ([known[n].value for n in names], [start[n] for n in names])
+        check_in_mm(f"{self.kind}: pose", label, given, found)
 
     @property
     @abstractmethod
