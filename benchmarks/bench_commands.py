@@ -1,7 +1,7 @@
 """What a person waits for: whole commands from the shell, beside the bare imports.
 
-Each command several times, in turns, so that a computer that slows down slows down everybody. See
-``limits.py``.
+Each command several times, in turns, and each beside imports of the same second: a computer that
+slows down slows down both. See ``limits.py``.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from limits import IMPORTS, NEEDED_IMPORTS, processor_time, record, times
 JOB = "data/suta/calibration.yaml"
 POSES = "data/poses"
 ROUNDS = 3
+PAIRS = 9
 BESIDE_IMPORTS = {
     "calibrate": ("calibrate", JOB, "--out", "{out}"),
     "observe": ("observe", JOB),
@@ -32,34 +33,46 @@ IN_SECONDS = {
 WITHOUT_REPORT = (*BESIDE_IMPORTS["calibrate"], "--no-report")
 
 
-def main() -> None:
-    """Time every command, in turns, and record the ratios and the seconds."""
-    commands = {**BESIDE_IMPORTS, **IN_SECONDS, "no report": WITHOUT_REPORT}
-    bare, needed = list[float](), dict[str, list[float]]()
+def beside_imports(folder: str) -> None:
+    """Time each short command right after the imports, and record the ratios."""
+    ratios: dict[str, list[tuple[float, ...]]] = {name: [] for name in BESIDE_IMPORTS}
+    for _ in range(PAIRS):
+        for name, arguments in BESIDE_IMPORTS.items():
+            bare, bare_waited = times(["-c", IMPORTS])
+            needed = processor_time(["-c", NEEDED_IMPORTS[name]])
+            told = [each.format(out=folder) for each in arguments]
+            taken, waited = times(["-m", "suta_calib", *told])
+            ratios[name].append((taken / bare, waited / bare_waited, needed / bare, taken, waited))
+    for name, rows in ratios.items():
+        ratio, ratio_waited, floor, taken, waited = np.transpose(rows)
+        alone = f"the libraries that it needs alone {np.median(floor):.2f}"
+        record(name, ratio, f"{np.median(taken):.2f} s; {alone}")
+        if name == "calibrate":
+            record("waited", ratio_waited, f"{np.median(waited):.2f} s")
+
+
+def in_seconds(folder: str) -> None:
+    """Time what takes seconds, and what the report of a calibration takes."""
+    commands = {
+        **IN_SECONDS,
+        "calibrate": BESIDE_IMPORTS["calibrate"],
+        "no report": WITHOUT_REPORT,
+    }
     taken: dict[str, list[float]] = {name: [] for name in commands}
-    waited, bare_waited = list[float](), list[float]()
-    with tempfile.TemporaryDirectory() as folder:
-        for _ in range(ROUNDS):
-            processor, elapsed = times(["-c", IMPORTS])
-            bare.append(processor)
-            bare_waited.append(elapsed)
-            for libraries in dict.fromkeys(NEEDED_IMPORTS.values()):
-                needed.setdefault(libraries, []).append(processor_time(["-c", libraries]))
-            for name, arguments in commands.items():
-                told = [each.format(out=folder) for each in arguments]
-                processor, elapsed = times(["-m", "suta_calib", *told])
-                taken[name].append(processor)
-                if name == "calibrate":
-                    waited.append(elapsed)
-    print(f"bare imports: {', '.join(f'{each:.2f}' for each in sorted(bare))} s")
-    for name in BESIDE_IMPORTS:
-        floor = np.median(np.divide(needed[NEEDED_IMPORTS[name]], bare))
-        peer = f"{np.median(taken[name]):.2f} s; the libraries that it needs alone {floor:.2f}"
-        record(name, np.divide(taken[name], bare), peer)
-    record("waited", np.divide(waited, bare_waited), f"{np.median(waited):.2f} s")
+    for _ in range(ROUNDS):
+        for name, arguments in commands.items():
+            told = [each.format(out=folder) for each in arguments]
+            taken[name].append(processor_time(["-m", "suta_calib", *told]))
     for name in IN_SECONDS:
         record(name, taken[name])
     record("report", np.subtract(taken["calibrate"], taken["no report"]))
+
+
+def main() -> None:
+    """Time every command, in turns, and record the ratios and the seconds."""
+    with tempfile.TemporaryDirectory() as folder:
+        beside_imports(folder)
+        in_seconds(folder)
 
 
 if __name__ == "__main__":

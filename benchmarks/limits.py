@@ -184,7 +184,7 @@ def _page(known: dict[str, dict[str, list[float] | str]]) -> str:
         "Written by `make bench`: each limit beside its figure, several runs each, one thread of",
         "linear algebra. Seconds are processor time, user and system; wall time is that of a quiet",
         "computer. *Bare imports* are",
-        f"`{IMPORTS}` in the same run. Whether a limit is kept goes by the median.",
+        f"`{IMPORTS}` just before it. Whether a limit is kept goes by the median.",
         f"Python {platform.python_version()}, {os.cpu_count()} cores. Much data: `large.md`.",
         *_busy(),
         "",
