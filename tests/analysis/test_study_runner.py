@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
+from concurrent.futures import Future
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,25 @@ def test_this_process_takes_part_and_an_interrupt_of_it_ends_the_others(
         ]
         assert sorted(ran) == plan.tasks
         assert run_study(plan, log, resume=True, workers=2) == run_study(plan)
+
+
+def test_workers_are_killed_when_all_that_was_handed_out_has_come_to_them(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Else loky's thread ends in an error, which a terminal shows beside the one line."""
+    asked = []
+
+    class PassedOnWhenAskedAgain(Future[list[Trial]]):
+        def running(self) -> bool:
+            asked.append(self)
+            return len(asked) > 2
+
+    done: Future[list[Trial]] = Future()
+    done.set_result([])
+    study_runner._wait_until_passed_on({done, PassedOnWhenAskedAgain()})
+    assert len(asked) == 3
+    monkeypatch.setattr(study_runner, "PASSING_ON", 0.01)
+    study_runner._wait_until_passed_on({Future()})  # a pool that is dead is not waited for
 
 
 def test_what_is_sent_to_workers_holds_no_compiled_function() -> None:

@@ -13,6 +13,7 @@ import logging
 import pickle
 import signal
 import threading
+import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
@@ -30,6 +31,8 @@ Task = tuple[int, int]  # size, number
 BATCH: Final = 4
 # Seconds after which a worker that nobody needs any more ends.
 IDLE: Final = 300
+# Seconds that a pool may take to pass on what it was handed: milliseconds, if it is alive.
+PASSING_ON: Final = 1.0
 # What keeps libraries from starting threads of their own beside the others'.
 ONE_THREAD: Final = {
     f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "BLIS")
@@ -105,8 +108,16 @@ def _on_cores(data: StudyData, tasks: Sequence[Task], workers: int) -> Iterator[
         ) from None
     except BaseException:
         # Workers ignore an interrupt so as not to cry, and would finish their batch.
+        _wait_until_passed_on(running)
         others.shutdown(wait=True, kill_workers=True)
         raise
+
+
+def _wait_until_passed_on(handed_out: set[Future[list[Trial]]]) -> None:
+    """What has come to no worker when they are killed, the pool's own thread looks for in vain."""
+    end = time.monotonic() + PASSING_ON
+    while time.monotonic() < end and not all(f.running() or f.done() for f in handed_out):
+        time.sleep(0.001)
 
 
 @contextmanager
