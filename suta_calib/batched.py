@@ -19,8 +19,11 @@ from suta_calib.elementwise import Elementwise, formula
 # rows, which for a million rows takes more memory than the numbers; many rows are so many at a
 # time.
 CHUNK: Final = 8192
-# Rows from which on NumPy computes faster what CasADi says.
+# Rows from which on NumPy computes faster what CasADi says; and those from which on it does by as
+# much as it takes to read a long function, one of so many instructions, in a few evaluations.
 MANY: Final = 160
+MANY_OF_LONG: Final = 400
+LONG: Final = 2_000
 
 
 class Batched:
@@ -53,7 +56,7 @@ class Batched:
         self.outputs: list[FloatArray] = list(outputs or ()) or [
             np.zeros((n, function.nnz_out(i))) for i in range(function.n_out())
         ]
-        rule = formula(function, tuple(shared)) if n >= MANY else None
+        rule = formula(function, tuple(shared)) if n >= _enough(function) else None
         if rule is not None:
             self._parts: list[Callable[[], object]] = [Elementwise(rule, self.inputs, self.outputs)]
         else:
@@ -84,6 +87,12 @@ class Batched:
                 if array.size:
                     buffer.set_res(i, memoryview(array[rows].reshape(-1).data))
             yield partial(_pull, trigger, buffer)
+
+
+def _enough(function: Any) -> int:
+    """Rows from which on NumPy takes less time."""
+    long = function.is_a("SXFunction") and function.n_instructions() > LONG
+    return MANY_OF_LONG if long else MANY
 
 
 def _pull(trigger: Callable[[], object], buffer: Any) -> None:

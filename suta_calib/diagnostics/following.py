@@ -116,9 +116,10 @@ def _touch_by_touch(solution: Solution) -> tuple[Problem, FloatArray, Sequence[f
     if all(a is b for a, b in zip(singles, problem.terms, strict=True)):
         return problem, x, solution.sigmas
     other = Problem(singles, problem.arm_parameters)
-    values = problem.values(x)
+    # The arm as the solution has it, whose kinematics are there already.
+    values, arm_values = problem.values(x), solution.values
     for term in singles:
-        values = term.start_values(values) | values
+        values = term.start_values(arm_values) | values
     there = np.array([values[name] for name in other.names])
     known = {
         id(view.block): (sigma, view.threshold)

@@ -264,10 +264,19 @@ def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, F
     """
     a, b = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
     centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
-    left, _, right = np.linalg.svd((a - centre_a).T @ (b - centre_b))
-    left[:, -1] *= np.sign(np.linalg.det(left @ right))
-    rotation = left @ right
+    rotation = turned_onto((a - centre_a).T @ (b - centre_b))
     return rotation, centre_a - rotation @ centre_b
+
+
+def turned_onto(moment: FloatArray) -> FloatArray:
+    """Rotations (..., 3, 3) that turn points onto others best.
+
+    Args:
+        moment: (..., 3, 3) sums over the points of target times source, each from its middle.
+    """
+    left, _, right = np.linalg.svd(moment)
+    left[..., -1] *= np.sign(np.linalg.det(left @ right))[..., None]
+    return np.asarray(left @ right)
 
 
 def tangent_of_vector(vector: FloatArray) -> FloatArray:

@@ -73,8 +73,12 @@ def _places(terms: Sequence[Term], values: Mapping[str, float]) -> dict[str, dic
         if term.medium == "touch" and term.place:
             names, which = term.places
             target = term.observed(values, term.poses).position
-            middles = {n: np.median(target[which == k], axis=0) for k, n in enumerate(names)}
-            rest = {name: middle for name, middle in middles.items() if name not in known}
+            rows = np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
+            rest = {
+                name: np.median(target[some], axis=0)
+                for name, some in zip(names, rows, strict=True)
+                if name not in known
+            }
             if rest:
                 found.setdefault(term.place, {}).update(rest)
     return found

@@ -310,6 +310,8 @@ class ArmModel(Shown):
             for name, value in (values or {}).items()
             if name in self.parameters or (name in beside and value != beside[name].nominal)
         }
+        if all(value == self.offered[name].nominal for name, value in own.items()):
+            own = {}
         rows = np.atleast_2d(readings)
         if rows.shape[1] != len(self.joints):
             raise ParameterError(

@@ -38,7 +38,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Literal
+from typing import Final, Literal
 
 import casadi as ca
 import numpy as np
@@ -62,6 +62,8 @@ from suta_calib.model.parameters import (
 Motion = Literal["revolute", "prismatic", "fixed"]
 # From which side joints came, and how warm the arm was.
 Told = Literal["direction", "warmth"]
+# How much a parameter turns or shifts whose column is the turn or shift itself.
+_WHOLLY: Final = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,8 +136,10 @@ class _Walk:
         self.top: Symbol = self.rotation
         # Of these parameters the torques are functions.
         self.coupled: set[str] = set()
-        # column index → shifts (direction, None) and turns (axis, point it passes through)
-        self.columns: dict[int, list[tuple[Symbol, Symbol | None]]] = defaultdict(list)
+        # Shifts (direction, None) and turns (axis, point it passes through).
+        self.ways: list[tuple[Symbol, Symbol | None]] = []
+        # column index → which of these the parameter does, and how much of it
+        self.columns: dict[int, list[tuple[int, Symbol]]] = defaultdict(list)
 
     def value(self, name: str) -> Symbol:
         k = self.index.get(name)
@@ -145,10 +149,18 @@ class _Walk:
         """Whether a parameter that is usually zero is unknown, or not zero."""
         return name in self.index or bool(self.nominal.get(name))
 
-    def note(self, name: str, direction: Symbol, point: Symbol | None = None) -> None:
-        """What a parameter does here: a turn about a line through a point, or a shift."""
-        if self.index.get(name, self.rows) < self.rows:
-            self.columns[self.index[name]].append((direction, point))
+    def note(
+        self,
+        effects: Mapping[str, Symbol],
+        direction: Symbol,
+        point: Symbol | None = None,
+    ) -> None:
+        """How much parameters turn about a line through a point, or shift, here."""
+        told = {n: e for n, e in effects.items() if self.index.get(n, self.rows) < self.rows}
+        for name, effect in told.items():
+            self.columns[self.index[name]].append((len(self.ways), effect))
+        if told:
+            self.ways.append((direction, point))
 
     def through(self, segment: Segment, q: Symbol) -> None:
         if segment.climbed:
@@ -172,12 +184,12 @@ class _Walk:
         if grown := [expansion for expansion in both if self.matters(expansion)]:
             warmth = ca.SX(0) if self.warmth is None else self.warmth
             for expansion in grown:
-                self.note(expansion, along * warmth)
+                self.note({expansion: warmth}, along)
             stretch = 1 + sum(map(self.value, grown)) * warmth
             axes, along = axes * stretch, along * stretch
         for k, name in enumerate(names):
             if name in self.index:
-                self.note(name, axes[:, k])
+                self.note({name: _WHOLLY}, axes[:, k])
         self.position += along
         if not segment.climbed:
             self._rotate(nominal)
@@ -195,7 +207,7 @@ class _Walk:
             self.rotation = self.rotation @ turn.T
         about = (-self.rotation if segment.climbed else self.rotation) @ axes
         for k, name in enumerate(names):
-            self.note(name, about[:, k], self.position)
+            self.note({name: _WHOLLY}, about[:, k], self.position)
         if not segment.climbed:
             self.rotation = self.rotation @ turn
 
@@ -213,19 +225,21 @@ class _Walk:
             amount += self.value(name) * effect
             effects[name] = effect
         spun, along = _spun()(self.rotation, axis, way * amount)
-        for name, effect in effects.items():
-            if name in self.index:
-                self.note(name, way * along * effect, point if turns else None)
+        turned = way * along
+        self.note(effects, turned, point if turns else None)
         (compliance,) = segment.names(COMPLIANCE)
         if segment.owner in self.torques and self.matters(compliance):
             # What a coupling turns, gravity pulls at elsewhere.
-            for name in sorted(self.index.keys() & self.coupled):
-                pull = ca.jacobian(self.torques[segment.owner], self.value(name))
-                self.note(name, way * along * self.value(compliance) * pull, point)
+            pulls = {
+                name: self.value(compliance)
+                * ca.jacobian(self.torques[segment.owner], self.value(name))
+                for name in sorted(self.index.keys() & self.coupled)
+            }
+            self.note(pulls, turned, point)
         if turns:
             self.rotation = spun
         else:
-            self.position += way * along * amount
+            self.position += turned * amount
         behind = before if segment.climbed else (self.rotation, self.position)
         self.frames.append(MovingFrame(segment.owner, along, point, *behind, segment.climbed))
 
@@ -233,7 +247,7 @@ class _Walk:
         self, segment: Segment, reading: Symbol, q: Symbol
     ) -> Iterator[tuple[str, Symbol]]:
         """Names of its offset and of errors that are no geometry, with its turn per unit."""
-        turns: dict[str, Callable[[], Symbol]] = {OFFSET: lambda: 1, GAIN: lambda: reading}
+        turns: dict[str, Callable[[], Symbol]] = {OFFSET: lambda: _WHOLLY, GAIN: lambda: reading}
         if segment.motion == "revolute":
             turns |= {
                 "ecc_c1": lambda: ca.cos(reading),
@@ -259,12 +273,15 @@ class _Walk:
     def jacobian(self) -> Symbol:
         """(6, rows): linear over angular velocity of the tip in the base frame, per parameter."""
         twist, rows = _twist(), [ca.SX(6, 0)]
+        done = [
+            ca.vertcat(direction, ca.SX(3, 1))
+            if point is None
+            else twist(direction, self.position - point)
+            for direction, point in self.ways
+        ]
         for k in range(self.rows):
             parts = [
-                ca.vertcat(direction, ca.SX(3, 1))
-                if point is None
-                else twist(direction, self.position - point)
-                for direction, point in self.columns[k]
+                done[way] if much is _WHOLLY else done[way] * much for way, much in self.columns[k]
             ]
             rows.append(sum(parts[1:], parts[0]) if parts else ca.SX(6, 1))
         return ca.horzcat(*rows)

@@ -16,6 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
 from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.terms import GROUPINGS as LABEL_COLUMNS
+from suta_calib.terms.block import grouped
 from suta_calib.units import NOTHING, Unit
 
 # Unit of what was seen in pictures.
@@ -247,11 +248,18 @@ def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray
         names = _names(term, grouping)
         if names is None:
             continue
-        block = term.blocks[0]
-        at_rows = names[block.rows]
-        for name in dict.fromkeys(names.tolist()):
-            errors = block.after[(at_rows == name).any(axis=1)]
-            found.setdefault(str(name), []).append(errors)
+        block, (different, which) = term.blocks[0], grouped(names)
+        # Each error once for every name that it belongs to, name by name, in the order of rows.
+        row, name = np.divmod(
+            np.unique(np.arange(len(block.rows))[:, None] * len(different) + which[block.rows]),
+            max(len(different), 1),
+        )
+        of_each = np.split(
+            block.after[row[np.argsort(name, kind="stable")]],
+            np.cumsum(np.bincount(name, minlength=len(different)))[:-1],
+        )
+        for label, errors in zip(different, of_each, strict=True):
+            found.setdefault(label, []).append(errors)
     joined = {name: np.concatenate(errors) for name, errors in found.items()}
     return {name: errors for name, errors in joined.items() if len(errors)}
 

@@ -276,7 +276,9 @@ def _residuals(
     relative = to_tip @ targets.rotation
     if targets.matching == "pose":
         turn = vector_from_rotation(relative)
-    else:
+    elif kept.any():
         turn = vector_turning_z_to(relative[:, :, 2])
+    else:
+        turn = np.zeros((len(q), 3))
     error = np.concatenate([away, kept * turn[..., None]], axis=1)[..., 0]
     return error, np.concatenate([linear, angular], axis=1)

@@ -203,7 +203,7 @@ def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     unit, along = hessian / (scale[:, None] * scale), gradient / scale
     try:
         root = np.linalg.cholesky(unit)
-        if np.min(np.diag(root)) ** 2 > SINGULAR:
+        if root.diagonal().min() ** 2 > SINGULAR:
             return np.asarray(-np.linalg.solve(unit, along) / scale)
     except np.linalg.LinAlgError:
         pass
@@ -212,5 +212,5 @@ def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
 
 def _unit(hessian: FloatArray) -> FloatArray:
     """(n,) what makes a matrix's diagonal one, and leaves alone what nothing is known of."""
-    scale = np.sqrt(np.maximum(np.diag(hessian), 0.0))
+    scale = np.sqrt(np.maximum(hessian.diagonal(), 0.0))
     return np.where(scale > 0.0, scale, 1.0)

@@ -15,7 +15,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.solver.kernel import Kernel, RowPattern, dense
-from suta_calib.solver.losses import huber, huber_weight, kept_curvature, radial
+from suta_calib.solver.losses import huber_weight, kept_curvature, radial
 from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses, PoseSource
 
@@ -202,7 +202,7 @@ class Evaluation:
         found = []
         blocks = zip(self.views, self._kernels, sigmas, self._found, strict=True)
         for view, kernel, sigma, (residual, by_pose, by_own) in blocks:
-            spread = np.hypot(sigma, view.block.known_sigma)
+            spread = kernel.spread(sigma)
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.threshold / spread)
             found.append(
@@ -304,8 +304,9 @@ class Evaluation:
 
     @staticmethod
     def _cost(line: Linearised) -> float:
-        threshold = line.view.threshold / line.sigma
-        return 0.5 * float(np.sum(huber(line.squared, threshold)))
+        # ρ(s) with ρ's derivative w, which is known: s within the threshold, where w is one.
+        with np.errstate(invalid="ignore"):  # Of what is infinitely far off, w is zero.
+            return 0.5 * float(line.squared @ (line.weight * (2.0 - line.weight)))
 
 
 def _corrected(line: Linearised, root: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -7,6 +7,7 @@ with each parameter (the forward kinematics). Only the first depends on the kind
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any, Final
@@ -55,6 +56,7 @@ class RowPattern:
             (first + np.arange(3)).reshape(1, -1), pose_columns[:1]
         )
         self._at_once = 3 if in_threes else 1
+        self._gathered = pose_columns[:, :: self._at_once] // self._at_once
         self._own: Any = None
         self._places: IntArray | None = None
         rows, looked_at = len(block) * block.size, own_columns.shape[1]
@@ -95,7 +97,7 @@ class RowPattern:
         if columns.size * velocity.shape[1] <= GATHERED:
             width, together = velocity.shape[1], self._at_once
             moved = np.empty((*some.shape[:2], width))
-            places = columns[:, ::together] // together
+            places = self._gathered if rows is None else self._gathered[rows]
             source = velocity.reshape(len(velocity) // together, together * width)
             step = max(_AT_ONCE // max(columns[:1].size * width, 1), 1)
             for part in (slice(k, k + step) for k in range(0, len(columns), step)):
@@ -183,9 +185,17 @@ class Kernel:
         self._batch = Batched(function, n, [function.n_in() - 2] if alike else [])
         self._batch.inputs[-1][:] = block.data
         self._shape = (n, block.size, len(columns))
+        self._known_sigma, self._spread = block.known_sigma, (math.nan, block.known_sigma)
         which, component = np.divmod(columns, 6)
         pose_columns = 6 * samples[:, which] + component
         self.pattern = RowPattern(block, pose_columns, own_columns, velocity_rows, own_count)
+
+    def spread(self, sigma: float) -> FloatArray:
+        """(n,) standard deviation of one component of each row, for a noise level; read only."""
+        # A descent asks for the same one at every step.
+        if self._spread[0] != sigma:
+            self._spread = sigma, np.hypot(sigma, self._known_sigma)
+        return self._spread[1]
 
     def __call__(
         self, rotation: FloatArray, position: FloatArray, own: FloatArray

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.geometry.numbers import register_points, rms_length, rotation_from_vector
+from suta_calib.geometry.numbers import rms_length, rotation_from_vector, turned_onto
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
@@ -183,24 +183,21 @@ class TouchedLandmark(Term):
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of each placement; by orientation where the landmarks are in line."""
-        values, oriented = [], frozenset(self._oriented.tolist())
-        names, placement = self.places
-        for k in range(len(names)):
-            rows = np.flatnonzero(placement == k)
-            r, p = register_points(self._certified[rows], position[rows])
-            seats = [i for i in rows if i in oriented]
-            centred = self._certified[rows] - self._certified[rows].mean(axis=0)
+        certified, (names, placement) = self._certified, self.places
+        R, p = registered(certified, position, placement, len(names))
+        for k in np.unique(placement[self._oriented]):
+            rows, seats = np.flatnonzero(placement == k), self._oriented
+            seats = seats[placement[seats] == k]
+            centred = certified[rows] - certified[rows].mean(axis=0)
             singular = np.linalg.svd(centred, compute_uv=False)
-            in_line = len(singular) < 2 or singular[1] <= 1e-3 * singular[0]
-            if len(seats) and in_line:
+            if len(singular) < 2 or singular[1] <= 1e-3 * singular[0]:
                 from scipy.spatial.transform import Rotation
 
                 implied = rotation[seats] @ np.swapaxes(self._seats[seats], 1, 2)
-                r = np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
-                p = (position[rows] - self._certified[rows] @ r.T).mean(axis=0)
-            values.append(pose_values(r, p))
+                R[k] = np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
+                p[k] = (position[rows] - certified[rows] @ R[k].T).mean(axis=0)
         seating = len(self.own) - 6 * len(names)
-        return np.concatenate([*values, np.zeros(seating)])
+        return np.concatenate([pose_values(R, p).reshape(-1), np.zeros(seating)])
 
     @property
     def subject(self) -> str:
@@ -210,15 +207,18 @@ class TouchedLandmark(Term):
     def check_enough(self) -> None:
         """Two different landmarks at every placement, or one with its orientation; in mm."""
         marks, (names, placement) = self._marks, self.places
-        for k, name in enumerate(names):
-            touched = {str(n) for n in marks[placement == k]}
-            if len(touched) < 2 and not len(self._oriented):
-                raise SamplesError(
-                    f"only landmark {', '.join(touched)} at placement {name}",
-                    "at least two different landmarks at every placement",
-                    where=self.kind,
-                    hint="its pose is six unknowns; use fixed_point for one point touched often",
-                )
+        mark = grouped(marks)[1]
+        several = np.zeros(len(names), dtype=np.bool_)
+        first = np.unique(placement, return_index=True)[1]
+        several[placement[mark != mark[first][placement]]] = True
+        if not np.all(several) and not len(self._oriented):
+            k = int(np.argmin(several))
+            raise SamplesError(
+                f"only landmark {marks[first[k]]} at placement {names[k]}",
+                "at least two different landmarks at every placement",
+                where=self.kind,
+                hint="its pose is six unknowns; use fixed_point for one point touched often",
+            )
         check_artefact_unit(self, self._certified, placement)
 
     @property
@@ -274,6 +274,28 @@ def seated(
     marks = artefact.position_of(names) + seats[:, :, :2] @ np.asarray(shift)
     turned = seats @ rotation_from_vector([0.0, 0.0, turn])
     return Observed(np.einsum("...ij,...j->...i", rotation, marks) + position, rotation @ turned)
+
+
+def registered(
+    source: FloatArray, target: FloatArray, group: IntArray, count: int
+) -> tuple[FloatArray, FloatArray]:
+    """`geometry.register_points` for each of many groups of points.
+
+    Args:
+        source: (n, 3) points, m.
+        target: (n, 3) the same points in other frames, m.
+        group: (n,) which of ``count`` groups each is in.
+        count: of groups, none of them empty.
+
+    Returns:
+        Rotations (count, 3, 3) and positions (count, 3), m, of source in target.
+    """
+    number = np.bincount(group, minlength=count)[:, None]
+    middles = [summed(points, group, count) / number for points in (source, target)]
+    away, there = (points - at[group] for points, at in zip((source, target), middles, strict=True))
+    products = (there[:, :, None] * away[:, None, :]).reshape(-1, 9)
+    rotation = turned_onto(summed(products, group, count).reshape(-1, 3, 3))
+    return rotation, middles[1] - np.einsum("nij,nj->ni", rotation, middles[0])
 
 
 def seat_rotations(artefact: Artefact, names: Sequence[str] | NDArray[np.str_]) -> FloatArray:

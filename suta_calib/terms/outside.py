@@ -85,8 +85,8 @@ def point_parameters(label: str) -> tuple[Parameter, ...]:
 
 
 def pose_values(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """A pose as the six numbers of `pose_parameters`."""
-    return np.concatenate([position, vector_from_rotation(rotation)])
+    """Poses (..., 3, 3) and (..., 3) as the six numbers (..., 6) of `pose_parameters` each."""
+    return np.concatenate([position, vector_from_rotation(rotation)], axis=-1)
 
 
 def pose_named(values: Mapping[str, float], label: str) -> tuple[FloatArray, FloatArray]:

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import register_points
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact, SampleColumns, Samples
 from suta_calib.measurements.samples import joined
@@ -36,6 +35,7 @@ from suta_calib.terms.landmark import (
     certified_positions,
     check_artefact_unit,
     positions_only,
+    registered,
     seated,
 )
 from suta_calib.terms.observed import Observed
@@ -228,16 +228,13 @@ class PairwiseDistance(Term):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every set's landmarks where they fit best to what was touched."""
-        names = poses.samples.labels["landmark"]
+        landmarks = poses.samples.labels["landmark"]
         sits = seated_at(self.own, values)
-        marks = seated(self.artefact, names, np.eye(3), np.zeros(3), *sits).position
+        marks = seated(self.artefact, landmarks, np.eye(3), np.zeros(3), *sits).position
         _, position = poses.at(values)
-        target, sets = np.empty_like(position), self._sets(poses)
-        for name in np.unique(sets):
-            rows = sets == name
-            R, p = register_points(marks[rows], position[rows])
-            target[rows] = marks[rows] @ R.T + p
-        return Observed(target)
+        names, which = grouped(self._sets(poses))
+        R, p = registered(marks, position, which, len(names))
+        return Observed(np.einsum("nij,nj->ni", R[which], marks) + p[which])
 
     @staticmethod
     def _sets(poses: PoseSource) -> NDArray[np.str_]:

@@ -214,3 +214,15 @@ def test_errors_are_grouped_by_label(result: CalibrationResult) -> None:
         "tracked_point",
         "fixed_point",
     ]
+
+
+def test_an_error_counts_once_for_each_label_of_its_ends(result: CalibrationResult) -> None:
+    _, term = result.accuracy.calibration
+    names = term.term.poses.samples.labels["point"]
+    rows = np.array([[j, k] for j in range(len(names)) for k in range(j)])
+    off = np.arange(1.0, 1.0 + len(rows))[:, None]
+    block = replace(term.blocks[0], labels=(), rows=rows, residual_before=off, residual_after=off)
+    found = groups([replace(term, blocks=(block,))], "point")
+    assert list(found) == list(dict.fromkeys(names.tolist()))
+    for name, errors in found.items():
+        np.testing.assert_array_equal(errors, off[(names[rows] == name).any(axis=1), 0])

@@ -7,9 +7,10 @@ import pytest
 from simulated import arm_named, dh_parameters, perturbed, random_readings
 
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.measurements import Samples
-from suta_calib.terms import ArmPoses, MeasuredRange
+from suta_calib.geometry.numbers import random_rotations, register_points, rotation_from_vector
+from suta_calib.measurements import Artefact, Landmark, Samples
+from suta_calib.terms import ArmPoses, MeasuredRange, TouchedLandmark
+from suta_calib.terms.landmark import registered
 from suta_calib.terms.range import anchor_of
 from suta_calib.terms.target_start import instrument_and_targets
 
@@ -68,3 +69,28 @@ def test_distances_that_tell_nothing_are_refused(factor: float, rows: int, messa
     )
     with pytest.raises(SamplesError, match=message):
         MeasuredRange(ArmPoses(arm, samples)).check_enough()
+
+
+def test_groups_are_registered_together_as_each_alone() -> None:
+    rng = np.random.default_rng(0)
+    group = rng.permutation(np.repeat(np.arange(40), rng.integers(3, 9, 40)))
+    source = rng.normal(size=(len(group), 3))
+    turns, shifts = random_rotations(rng, 40), rng.normal(size=(40, 3))
+    target = np.einsum("nij,nj->ni", turns[group], source) + shifts[group]
+    target += rng.normal(0.0, 0.2, target.shape)
+    R, p = registered(source, target, group, 40)
+    for k in range(40):
+        alone = register_points(source[group == k], target[group == k])
+        np.testing.assert_allclose(R[k], alone[0], atol=1e-12)
+        np.testing.assert_allclose(p[k], alone[1], atol=1e-12)
+
+
+def test_a_placement_of_one_landmark_is_refused_by_name() -> None:
+    arm = arm_named("suta")
+    q = random_readings(arm, np.random.default_rng(0), 5)
+    labels = {"placement": [*"PPQQP"], "repeat": [*"11111"], "landmark": [*"ABBBA"]}
+    poses = ArmPoses(arm, Samples.from_arrays(arm.joints, q, labels=labels))
+    marks = {name: Landmark(name, np.array([0.1 * k, 0.0, 0.0])) for k, name in enumerate("AB")}
+    term = TouchedLandmark(poses, Artefact("plate", marks))
+    with pytest.raises(SamplesError, match="only landmark B at placement Q"):
+        term.check_enough()
