@@ -64,9 +64,11 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
     width = evaluation.arm_count + evaluation.own_count
     for line in problem.linearise(x, sigmas):
         n, size = line.residual.shape
-        jacobian = np.zeros((n, size, width))
+        jacobian, filled = np.empty((n, size, width)), 0
         for some, part in evaluation.parts(line):
-            np.divide(part, line.sigma[some, None, None], jacobian[some, :, : part.shape[2]])
+            filled = part.shape[2]
+            np.divide(part, line.sigma[some, None, None], jacobian[some, :, :filled])
+        jacobian[:, :, filled:] = 0.0
         rows.append(Rows(line, jacobian.reshape(n * size, width), np.ones(n)))
     return rows
 
@@ -180,8 +182,8 @@ def _noise_induced_information(
     with evaluation.table.shifted(shifts):
         lines = part.problem.linearise(x, sigmas)
         for old, line, taken in zip(before, lines, part.rows, strict=True):
-            rows, belief = old.line.residual.shape[0], old.belief
-            was = old.jacobian.reshape(rows, -1, n)
+            belief, rows = old.belief, len(old.belief)
+            was = old.jacobian.reshape(*old.line.residual.shape, n)
             if taken is not None:
                 was, belief = was[taken], belief[taken]
             # Some at a time: the change of all is as large as all that it is made from.
@@ -201,11 +203,17 @@ def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
     residual itself, and vanishes with it: no such residual can tell where the tool points.
     """
     line, nothing = row.line, np.zeros((row.jacobian.shape[1],) * 2)
-    # In units of σ both, which is left out.
-    turning = line.by_pose[:, :, line.pattern.angular]
-    by_turn = np.sqrt(np.einsum("ndc,ndc->n", turning, turning))
-    size = np.linalg.norm(line.residual, axis=1)
-    if np.any(by_turn > 1.5 * size + 1e-9 * line.sigma) or not by_turn.any():
+    turns_at_all = False
+    for first in range(0, len(line.residual), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        # In units of σ both, which is left out.
+        turning = line.by_pose[some, :, line.pattern.angular]
+        by_turn = np.sqrt(np.einsum("ndc,ndc->n", turning, turning))
+        size = np.linalg.norm(line.residual[some], axis=1)
+        if np.any(by_turn > 1.5 * size + 1e-9 * line.sigma[some]):
+            return nothing
+        turns_at_all |= bool(by_turn.any())
+    if not turns_at_all:
         return nothing
     turns = line.by_pose * line.pattern.angular / line.sigma[:, None, None]
     arm, _ = problem.evaluation.columns(line, turns, line.by_own)
