@@ -126,19 +126,19 @@ class _Normal:
 @lru_cache(maxsize=256)
 def _chi_squared_below(q: float, df: float) -> float:
     """Below which chi-squared stays with a chance."""
-    return where(lambda x: gamma_tails(0.5 * df, 0.5 * x)[0] >= q)
+    return where(lambda x: gamma_tails(0.5 * df, 0.5 * x)[0], q)
 
 
 @lru_cache(maxsize=256)
 def _chi_squared_above(q: float, df: float) -> float:
     """Above which chi-squared is with a chance."""
-    return where(lambda x: gamma_tails(0.5 * df, 0.5 * x)[1] <= q)
+    return where(lambda x: gamma_tails(0.5 * df, 0.5 * x)[1], q)
 
 
 @lru_cache(maxsize=256)
 def _t_above(q: float, df: float) -> float:
     """Above which Student's t is with a chance of a half or less."""
-    return where(lambda x: _t_tail(x, df) <= q)
+    return where(lambda x: _t_tail(x, df), q)
 
 
 def _t_tail(x: float, df: float) -> float:

@@ -20,6 +20,7 @@ MOST_BESIDE_ONE: Final = 5e5
 LARGE: Final = 1000.0
 _SMALL: Final = 1e-300
 _ROUNDING: Final = 1e-15
+_LAST_DIGITS: Final = 4e-15
 
 
 def gamma_tails(a: float, x: float) -> tuple[float, float]:
@@ -86,21 +87,49 @@ def _log_beta(a: float, b: float) -> float:
     return math.lgamma(small) - small * math.log(large) - rest
 
 
-def where(beyond: Callable[[float], bool]) -> float:
-    """The least x above zero that is beyond a bound, to the last digit.
+def where(share: Callable[[float], float], chance: float) -> float:
+    """The least x, zero or above, at which a share comes to a chance, but for rounding.
+
+    By false position on the share's logarithm, as the Illinois algorithm has it (Dowell and Jarratt
+    1971, doi:10.1007/BF01934364), between powers of two: that of a tail is nearly a parabola there.
 
     Args:
-        beyond: whether an x is; so is all above it. Infinity is the answer where no number is.
+        share: that rises or falls from x to x, all the way. Infinity is the answer where it comes
+            to the chance at no number.
+        chance: above zero.
     """
-    low, high = 0.0, 1.0
-    while high < math.inf and not beyond(high):
-        low, high = high, 2.0 * high
-    while low < (middle := 0.5 * (low + high)) < high:
-        if beyond(middle):
-            high = middle
+    sign = 1.0 if share(0.0) < chance else -1.0
+
+    def off(x: float) -> float:
+        """Below zero before the answer, and above it beyond."""
+        found = share(x)
+        return sign * (math.log(found / chance) if found > 0.0 else -math.inf)
+
+    if share(0.0) == chance:
+        return 0.0
+    low, high, before, beyond = 0.0, 1.0, -math.inf, off(1.0)
+    while beyond < 0.0:
+        low, high, before = high, 2.0 * high, beyond
+        if high == math.inf:
+            return high
+        beyond = off(high)
+    while low == 0.0 < high:
+        if (found := off(0.5 * high)) < 0.0:
+            low, before = 0.5 * high, found
         else:
-            low = middle
-    return high
+            high, beyond = 0.5 * high, found
+    last = 0.0
+    while True:
+        part = beyond / (beyond - before) if math.isfinite(beyond - before) else 0.5
+        x = high - part * (high - low)
+        if not low < x < high or abs(found := off(x)) <= _LAST_DIGITS:
+            return x
+        # An end that stays a second time counts half, so that the other comes nearer.
+        if found < 0.0:
+            low, before, beyond = x, found, beyond * (0.5 if last < 0.0 else 1.0)
+        else:
+            high, beyond, before = x, found, before * (0.5 if last > 0.0 else 1.0)
+        last = found
 
 
 def _fraction(first: float, term: Callable[[int], tuple[float, float]]) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any, Final
 
 import casadi as ca
@@ -24,10 +25,18 @@ def symbolic_rotation(vector: Symbol) -> Symbol:
     Rodrigues' formula with the series of sin(t)/t near zero: the square root of the squared
     angle has no derivative there, so both branches are kept away from it.
     """
+    return _rotation()(vector)
+
+
+@cache
+def _rotation() -> Any:
+    """The formula, written down once: every residual that turns something has it several times."""
+    vector = ca.SX.sym("v", 3)
     squared = ca.dot(vector, vector)
     half_sinc = _symbolic_sinc(squared / 4)
     k = ca.skew(vector)
-    return ca.DM.eye(3) + _symbolic_sinc(squared) * k + half_sinc**2 / 2 * (k @ k)
+    matrix = ca.DM.eye(3) + _symbolic_sinc(squared) * k + half_sinc**2 / 2 * (k @ k)
+    return ca.Function("rotation", [vector], [matrix])
 
 
 def _symbolic_sinc(squared: Symbol) -> Symbol:
@@ -43,10 +52,6 @@ def symbolic_chordal_log(rotation: Symbol) -> Symbol:
     Uses the quaternion-like scaling 2/√(1+trace), so that the length is 2·sin(angle/2): equal to
     the angle to third order, and monotone and smooth up to 180°, where the logarithm is not.
     """
-    vee = ca.vertcat(
-        rotation[2, 1] - rotation[1, 2],
-        rotation[0, 2] - rotation[2, 0],
-        rotation[1, 0] - rotation[0, 1],
-    )
-    trace = rotation[0, 0] + rotation[1, 1] + rotation[2, 2]
-    return vee / ca.sqrt(ca.fmax(1 + trace, 1e-9))
+    turn = rotation - rotation.T
+    vee = ca.vertcat(turn[2, 1], turn[0, 2], turn[1, 0])
+    return vee / ca.sqrt(ca.fmax(1 + ca.trace(rotation), 1e-9))

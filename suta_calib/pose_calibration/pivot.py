@@ -22,6 +22,7 @@ from suta_calib.pose_calibration.robust_fit import (
     LONGEST_TIP,
     RobustAnswer,
     exchanged,
+    parts_of,
     robust_fit,
 )
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
@@ -180,6 +181,8 @@ def calibrate_pivot(
     length = max(float(tool), 0.1 * float(norms.max())) or 1.0
     scaled = (p - centre) / length
     start = _start(R, scaled, index, seed if robust else None)
+    samples = Samples.from_arrays([], np.zeros((len(p), 0)), labels={"point": labels})
+    some_poses = parts_of(MeasuredPoses(R, scaled, samples))
 
     def make(rows: IntArray, noises: Sequence[Noise]) -> FixedPoint:
         for k, name in enumerate(names):
@@ -190,10 +193,7 @@ def calibrate_pivot(
                     where="point",
                     hint="did the tool slip off it?",
                 )
-        some = slice(None) if len(rows) == len(R) else rows  # all are not copied again
-        nothing, touched = np.zeros((len(rows), 0)), {"point": labels[some]}
-        samples = Samples.from_arrays([], nothing, labels=touched)
-        return FixedPoint(MeasuredPoses(R[some], scaled[some], samples), noises[0])
+        return FixedPoint(some_poses(rows), noises[0])
 
     fit = robust_fit(make, start, robust=robust)
     # Where nothing fits though the tool turned, what the data leave open is not the trouble.

@@ -31,7 +31,13 @@ from suta_calib.pose_calibration.consensus import (
     minimal_samples,
 )
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
-from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustAnswer, RobustFit, robust_fit
+from suta_calib.pose_calibration.robust_fit import (
+    ROUNDING,
+    RobustAnswer,
+    RobustFit,
+    parts_of,
+    robust_fit,
+)
 from suta_calib.pose_calibration.stated import Agreement, StatedSpread
 from suta_calib.pose_calibration.weighed_point import WeighedPoint
 from suta_calib.showing import Shown
@@ -257,11 +263,12 @@ def register(
     moved, fixed = (a - from_centre) / length, (b - to_centre) / length
     # In which directions of b the points of a are uncertain.
     turned = register_points(a[start.inliers], b[start.inliers])[0]
+    samples = Samples.from_arrays([], np.zeros((len(a), 0)), position=fixed)
+    upright = np.tile(np.eye(3), (len(a), 1, 1))
+    some_poses = parts_of(MeasuredPoses(upright, moved, samples, exact=True))
 
     def make(rows: IntArray, noises: Sequence[Noise]) -> TrackedPoint:
-        samples = Samples.from_arrays([], np.zeros((len(rows), 0)), position=fixed[rows])
-        upright = np.tile(np.eye(3), (len(rows), 1, 1))
-        poses = MeasuredPoses(upright, moved[rows], samples, exact=True)
+        poses = some_poses(rows)
         if spread is None:
             return TrackedPoint(poses, noises[0])
         return WeighedPoint(poses, noises[0], whitening=spread.take(rows).whitening(turned))

@@ -12,7 +12,7 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import Consensus, some_rows
-from suta_calib.pose_calibration.robust_fit import RobustFit, robust_fit
+from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye import HandEye
@@ -58,7 +58,10 @@ class RobotNoise:
     """
 
     def __init__(self, hand: Poses, seen: Poses, finest_turn: float) -> None:
-        self._hand, self._seen, self._finest = hand, seen, finest_turn
+        self._seen, self._finest = seen, finest_turn
+        nothing = np.zeros((len(hand[1]), 0))
+        samples = Samples.from_arrays([], nothing, position=seen[1], rotation=seen[0])
+        self._poses = parts_of(MeasuredPoses(*hand, samples))
         self.fraction = EXPECTED
 
     def make(self, rows: IntArray, noises: Sequence[Noise]) -> HandEye:
@@ -96,8 +99,4 @@ class RobotNoise:
         return all(w <= allowed * p for w, p in zip(with_robot_noise, without, strict=True))
 
     def _term(self, rows: IntArray, noises: Sequence[Noise], fraction: float) -> HandEye:
-        (RA, pA), (RB, pB) = self._hand, self._seen
-        nothing = np.zeros((len(rows), 0))
-        samples = Samples.from_arrays([], nothing, position=pB[rows], rotation=RB[rows])
-        poses = MeasuredPoses(RA[rows], pA[rows], samples)
-        return HandEye(poses, noises[0], noises[1], robot_noise_fraction=fraction)
+        return HandEye(self._poses(rows), noises[0], noises[1], robot_noise_fraction=fraction)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Final
 
 import numpy as np
@@ -85,9 +85,7 @@ class RobustFit:
         inliers: (n,) rows that were fitted.
         suspects: (n,) those of them that stand out without being proven wrong.
         sigmas: scatter of one component of each block.
-        covariance: of the solution's parameters, in its order: from the residuals row by row (block
-            by block where neighbours are alike) where these are many, else from their common
-            scatter, which is the stated one unless the residuals contradict it.
+        spread: computes the covariance, which of most fits nobody asks for.
         agreement: of the first block's residuals with the scatter that was stated of it; None
             where nothing was.
     """
@@ -97,8 +95,18 @@ class RobustFit:
     inliers: BoolArray
     suspects: BoolArray
     sigmas: tuple[float, ...]
-    covariance: FloatArray
+    spread: Callable[[], FloatArray]
     agreement: Agreement | None = None
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the solution's parameters, in its order.
+
+        From the residuals row by row (block by block where neighbours are alike) where these are
+        many, else from their common scatter, which is the stated one unless the residuals
+        contradict it.
+        """
+        return self.spread()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -171,6 +179,20 @@ class RobustAnswer:
             f"Of the {what} {rows} (rows from 0) stand out, but so few others do not prove them "
             "wrong: they are kept, and ± is wider for it."
         ]
+
+
+def parts_of(poses: MeasuredPoses) -> Callable[[IntArray], MeasuredPoses]:
+    """What takes rows of poses, each once and in order.
+
+    Round after round it is asked for the same rows: they are the same poses then, of which it need
+    not be found again which of them hardly differ.
+    """
+
+    @lru_cache(maxsize=4)
+    def taken(rows: bytes) -> MeasuredPoses:
+        return poses.take(np.frombuffer(rows, dtype=np.intp))
+
+    return lambda rows: poses if len(rows) == len(poses) else taken(rows.tobytes())
 
 
 def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:
@@ -316,11 +338,14 @@ def _settled(
             truly, uncertain = np.array([stated]), 1.0
     # Weights that differ much leave a few rows to speak for themselves: too few for a sandwich.
     many = stated is None and witnesses >= MANY_ROWS
-    inlying = [r[rows] for r in residuals]
-    covariance = uncertain * _covariance(solution, inlying, truly, rows, many=many)
+
+    def spread() -> FloatArray:
+        inlying = [r[rows] for r in residuals]
+        return uncertain * _covariance(solution, inlying, truly, rows, many=many)
+
     none = np.zeros_like(inliers)
     found = tuple(float(s) for s in levels)
-    return RobustFit(solution, residuals, inliers, none, found, covariance, agreement)
+    return RobustFit(solution, residuals, inliers, none, found, spread, agreement)
 
 
 def _followed(solution: Solution) -> FloatArray:

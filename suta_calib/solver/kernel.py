@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.batched import Batched
+from suta_calib.batched import MANY, Batched
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Block, Pose, Residual, flat, summed
 from suta_calib.terms.poses import ArmPoses
@@ -174,7 +174,7 @@ class Kernel:
     ) -> None:
         n, poses = block.samples.shape
         function, columns, used = _compiled(
-            block.residual, poses, block.own.shape[1], block.data.shape[1], block.size
+            block.residual, poses, block.own.shape[1], block.data.shape[1], block.size, n >= MANY
         )
         samples = block.samples + first_sample
         # Of each input the array it comes from, and which of its rows.
@@ -241,7 +241,11 @@ class _BlockResiduals:
 
     def __init__(self, block: Block) -> None:
         function, used = _residual(
-            block.residual, block.samples.shape[1], block.own.shape[1], block.data.shape[1]
+            block.residual,
+            block.samples.shape[1],
+            block.own.shape[1],
+            block.data.shape[1],
+            len(block) >= MANY,
         )
         self._taken = [(place % 2, _rows(block.samples[:, place // 2])) for place in used]
         self._own, self._batch = block.own, Batched(function, len(block))
@@ -307,9 +311,12 @@ class TermErrors:
 
 @lru_cache(maxsize=64)
 def _compiled(
-    residual: Residual, poses: int, own: int, data: int, size: int
+    residual: Residual, poses: int, own: int, data: int, size: int, many: bool
 ) -> tuple[Any, IntArray, tuple[int, ...]]:
     """CasADi function (R₁, p₁, …, own, data) → residual, pose derivative, own derivative.
+
+    What occurs in it several times is sought for ``many`` rows: that takes longer than all else
+    here, and as long as to evaluate a hundred rows some fifty times.
 
     Rotations and positions that the residual does not look at are no inputs; the last answer says
     which of R₁, p₁, R₂, … are.
@@ -337,7 +344,7 @@ def _compiled(
         residual.__name__.strip("_") or "residual",
         [*(symbols[k] for k in used), own_symbol, data_symbol],
         [ca.densify(o) for o in outputs],
-        {"cse": True},
+        {"cse": many},
     )
     if value.shape != (size, 1):
         raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
@@ -363,7 +370,9 @@ def _looked_at(symbols: Sequence[Symbol], values: Symbol) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=64)
-def _residual(residual: Residual, poses: int, own: int, data: int) -> tuple[Any, tuple[int, ...]]:
+def _residual(
+    residual: Residual, poses: int, own: int, data: int, many: bool
+) -> tuple[Any, tuple[int, ...]]:
     """CasADi function (R₁, p₁, …, own, data) → residual, and which poses it has, as `_compiled`."""
     tools = [Pose(ca.SX.sym(f"R{k}", 3, 3), ca.SX.sym(f"p{k}", 3)) for k in range(poses)]
     own_symbol, data_symbol = ca.SX.sym("own", own), ca.SX.sym("data", data)
@@ -371,7 +380,7 @@ def _residual(residual: Residual, poses: int, own: int, data: int) -> tuple[Any,
     symbols = [symbol for tool in tools for symbol in (tool.R, tool.p)]
     used = _looked_at(symbols, value)
     inputs = [*(symbols[k] for k in used), own_symbol, data_symbol]
-    return ca.Function("residual", inputs, [value], {"cse": True}), used
+    return ca.Function("residual", inputs, [value], {"cse": many}), used
 
 
 def _sparse(columns: IntArray, size: int, width: int) -> Any:

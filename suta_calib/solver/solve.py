@@ -61,7 +61,7 @@ def solve(
     _check_determined(problem, before)
     checked = perf_counter()
     starts = start_points(problem, nominal, set(before.fixed.tolist()), options)
-    minimum, attempts, identification, estimated = _fit(
+    minimum, attempts, identification, estimated, noise = _fit(
         problem, nominal, starts, before, sigmas, options, progress
     )
     weights = None
@@ -72,12 +72,12 @@ def solve(
         weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
         problem = weights.applied_to(problem)
         sigmas = list(weights.sigmas)
-        minimum, _, identification, estimated = _fit(
+        minimum, _, identification, estimated, _ = _fit(
             problem, nominal, [minimum.x], identification, sigmas, options, None
         )
-    found = _solution(
-        problem, sigmas, minimum, attempts, before, identification, estimated, weights
-    )
+        noise = [found.value for found in weights.noise]
+    verdicts = before, identification
+    found = _solution(problem, sigmas, minimum, attempts, *verdicts, estimated, noise, weights)
     found.timing.update(check=checked - began, solve=perf_counter() - checked)
     if spread:
         ended = perf_counter()
@@ -116,7 +116,7 @@ def solve_again(
     if not minimum.converged or {*identification.fixed.tolist()} != {*fixed.tolist()}:
         return solve(problem, options)
     verdicts = like.before, identification
-    found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, None)
+    found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, levels, None)
     found.timing.update(check=0.0, solve=perf_counter() - began)
     return found
 
@@ -129,6 +129,7 @@ def _solution(
     before: Identification,
     identification: Identification,
     estimated: IntArray,
+    noise: Sequence[float],
     weights: Weights | None,
 ) -> Solution:
     """The minimum with what is known of it."""
@@ -136,10 +137,7 @@ def _solution(
     _check_redundant(problem, estimated)
     x = minimum.x
     free = _inside(problem, x, estimated)
-    if weights is None:
-        noise, unsure = noise_levels(problem, x, sigmas), np.zeros((len(x), len(x)))
-    else:
-        noise, unsure = [found.value for found in weights.noise], weights.covariance
+    unsure = np.zeros((len(x), len(x))) if weights is None else weights.covariance
     return Solution(
         problem=problem,
         minimum=minimum,
@@ -193,11 +191,12 @@ def _fit(
     sigmas: Sequence[float],
     options: SolverOptions,
     progress: Progress | None,
-) -> tuple[Minimum, tuple[Minimum, ...], Identification, IntArray]:
+) -> tuple[Minimum, tuple[Minimum, ...], Identification, IntArray, list[float]]:
     """Minimise from all starts, then again from the best for as long as the verdict changes.
 
     Returns:
-        The best minimum, what each start ended in, the last verdict, and what was free.
+        The best minimum, what each start ended in, the last verdict, what was free, and the noise
+        that residuals show at the minimum.
     """
     wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     fixed = set(identification.fixed.tolist())
@@ -217,7 +216,8 @@ def _fit(
         if options.confirm:
             minimum = nlp.confirmed(minimum)
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
-        levels = list(np.minimum(levels, noise_levels(problem, minimum.x, sigmas)))
+        noise = noise_levels(problem, minimum.x, sigmas)
+        levels = list(np.minimum(levels, noise))
         if len(_inside(problem, minimum.x, free)) < len(free):
             # Nor is the misfit noise that a bound too tight makes.
             levels = list(np.minimum(levels, sigmas))
@@ -230,7 +230,7 @@ def _fit(
         again = minimum.x.copy()
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
-    return minimum, attempts, identification, free
+    return minimum, attempts, identification, free, noise
 
 
 def _best(tried: Sequence[Minimum]) -> Minimum:
