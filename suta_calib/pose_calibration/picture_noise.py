@@ -21,14 +21,16 @@ have in common is added to the covariance, by `correlation`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.correlation import common_covariance
 from suta_calib.pose_calibration.picture_likelihood import (
     WAYS,
@@ -61,6 +63,11 @@ ROUNDING: Final = 1e-10
 STILL: Final = 0.03
 # What comes to what is known of a camera, in units of it, that makes it nothing.
 WIDE: Final = 30.0
+# Part of its size by which a board may be of another one than its file says: hardly anything is
+# known of it beforehand, but that motions which do not tell it leave it as it is.
+ANY_SIZE: Final = 0.3
+# Such a part that one linearisation tells as well as several.
+NEAR: Final = 5e-3
 
 
 @dataclass(frozen=True)
@@ -90,6 +97,7 @@ class Weighed:
         free: indices that were estimated.
         told: (n,) of them as the pictures alone tell them, whatever is known of the cameras.
         told_covariance: (n, n) of these.
+        levels: logarithms of what scatters, as `Likelihood` has them.
     """
 
     names: tuple[str, ...]
@@ -99,6 +107,7 @@ class Weighed:
     free: IntArray
     told: FloatArray
     told_covariance: FloatArray
+    levels: FloatArray
 
     @property
     def values(self) -> dict[str, float]:
@@ -109,7 +118,14 @@ class Weighed:
 class _Rows:
     """The corners of every camera at one x, in px."""
 
-    def __init__(self, problem: Problem, x: FloatArray, free: IntArray, hands: IntArray) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        x: FloatArray,
+        free: IntArray,
+        hands: IntArray,
+        boards: Sequence[str] = (),
+    ) -> None:
         self.groups = int(hands.max()) + 1
         self.parts: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
         lines = problem.linearise(x, problem.assumed_sigmas())
@@ -117,7 +133,12 @@ class _Rows:
             assert isinstance(term, CameraView)
             _, own = problem.evaluation.columns(line, line.by_pose, line.by_own)
             hand = hands[line.view.block.samples[:, 0] + line.view.first_sample]
-            jacobian = dense(own).reshape(*line.residual.shape, -1)[:, :, free]
+            every = dense(own).reshape(*line.residual.shape, -1)
+            jacobian = every[:, :, free]
+            if boards:
+                larger = _by_size(problem, term, every, x)
+                mine = [np.where(term.target == board, larger, 0.0) for board in boards]
+                jacobian = np.concatenate([jacobian, np.stack(mine, axis=2)], axis=2)
             self.parts.append(
                 (
                     hand,
@@ -154,6 +175,79 @@ class _Rows:
         return weights
 
 
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """Where the search for unknowns and levels has ended.
+
+    Attributes:
+        problem: with the boards as large as they came out.
+        x: (n,) its parameters.
+        eta: the levels.
+        likelihood: about x.
+        here: of the levels.
+    """
+
+    problem: Problem
+    x: FloatArray
+    eta: FloatArray
+    likelihood: Likelihood
+    here: Point
+
+
+def _settled(
+    problem: Problem,
+    start: FloatArray,
+    free: IntArray,
+    hands: IntArray,
+    boards: Mapping[str, float],
+    eta: FloatArray | None = None,
+    rounds: int = ROUNDS,
+) -> _Settled:
+    """Unknowns and levels of largest likelihood.
+
+    Args:
+        problem: of the pictures of every camera, as its job gives it.
+        start: (n,) near the answer.
+        free: indices of what is estimated.
+        hands: (samples,) pose of the hand of every sample.
+        boards: those whose size is estimated too, by label; how well it is known, as a part of it.
+        eta: the levels to begin from.
+        rounds: linearisations at most.
+    """
+    x, sizes = start.copy(), np.zeros(len(boards))
+    unknown, count = np.append(free, len(x) + np.arange(len(boards))), len(free)
+    nominal = problem.parameters.array("nominal")
+    known_sizes = np.array(list(boards.values())) ** -2.0
+    precision = np.concatenate([problem.prior_precision(), known_sizes])[unknown]
+    groups = np.pad(_camera_groups(problem), ((0, 0), (0, len(boards))))[:, unknown]
+    groups = groups[groups.any(axis=1)]
+    cameras = len(problem.terms)
+    if eta is None:
+        eta = np.log([*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))])
+    weights: list[FloatArray] | None = None
+    now = problem
+    for _ in range(rounds):
+        rows = _Rows(now, x, free, hands, list(boards))
+        weights = weights or [np.ones(len(part[0])) for part in rows.parts]
+        away = np.concatenate([(x - nominal)[free], sizes])
+        likelihood = Likelihood(
+            rows.sums(weights), Known(precision, away, groups, WeightOptions().camera)
+        )
+        before, eta = eta, likelihood.best(eta)
+        here = likelihood.at(eta)
+        if _robust(problem):
+            weights = rows.beliefs(here, np.exp(eta[:cameras]))
+        x[free] += here.step[:count]
+        std = np.sqrt(np.diag(here.covariance))
+        settled = np.all(np.abs(here.step) <= SETTLED * std)
+        if boards:
+            sizes = sizes + here.step[count:]
+            now = _resized(problem, dict(zip(boards, np.exp(sizes).tolist(), strict=True)))
+        if settled and np.all(np.abs(eta - before) <= STILL):
+            break
+    return _Settled(now, x, eta, likelihood, here)
+
+
 def weigh_pictures(
     problem: Problem,
     start: FloatArray,
@@ -171,28 +265,10 @@ def weigh_pictures(
             pictures at the same one share what is wrong with it.
         alike: spaces (poses of the hand, k) in which neighbours may err alike; 1 is far.
     """
-    problem, x = problem.as_given(), start.copy()
-    nominal = problem.parameters.array("nominal")
-    precision = problem.prior_precision()
-    groups = _camera_groups(problem)[:, free]
-    groups = groups[groups.any(axis=1)]
+    problem = problem.as_given()
     cameras = len(problem.terms)
-    eta = np.log([*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))])
-    weights: list[FloatArray] | None = None
-    for _ in range(ROUNDS):
-        rows = _Rows(problem, x, free, hands)
-        weights = weights or [np.ones(len(part[0])) for part in rows.parts]
-        known = Known(precision[free], (x - nominal)[free], groups, WeightOptions().camera)
-        likelihood = Likelihood(rows.sums(weights), known)
-        before, eta = eta, likelihood.best(eta)
-        here = likelihood.at(eta)
-        if _robust(problem):
-            weights = rows.beliefs(here, np.exp(eta[:cameras]))
-        x[free] += here.step
-        std = np.sqrt(np.diag(here.covariance))
-        settled = np.all(np.abs(here.step) <= SETTLED * std)
-        if settled and np.all(np.abs(eta - before) <= STILL):
-            break
+    found = _settled(problem, start, free, hands, {})
+    x, eta, likelihood, here = found.x, found.eta, found.likelihood, found.here
     uncertainty = likelihood.uncertainty(eta)
     log_std = np.sqrt(np.diag(uncertainty))
     covariance = here.covariance + covariance_of_levels(likelihood.at, eta, uncertainty)
@@ -217,7 +293,74 @@ def weigh_pictures(
     every, of_alone, told = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
     every[whole], of_alone[whole] = covariance, told_covariance
     told[free] += alone.step - here.step
-    return Weighed(problem.names, x, every, noise, free, told, of_alone)
+    return Weighed(problem.names, x, every, noise, free, told, of_alone, eta)
+
+
+def sizes_of_boards(
+    problem: Problem,
+    weighed: Weighed,
+    hands: IntArray,
+    alike: Sequence[FloatArray] = (),
+) -> dict[str, Learned]:
+    """How many times as large as its file says every board is, by the motions of the hand.
+
+    The hand's millimetres are held against the board's: the logarithm of each size is one more
+    unknown of the same likelihood, beside all that was free in ``weighed``.
+
+    Args:
+        problem: of which ``weighed`` is the answer.
+        weighed: what `weigh_pictures` found.
+        hands: as it was given them.
+        alike: as it was given them.
+
+    Returns:
+        By the board's label.
+    """
+    problem, first = problem.as_given(), len(weighed.free)
+    targets = dict.fromkeys(t.target for t in problem.terms if isinstance(t, CameraView))
+    boards = dict.fromkeys(targets, ANY_SIZE)
+    for rounds in (1, ROUNDS):
+        found = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
+        away = (found.likelihood.known.away + found.here.step)[first:]
+        # So near, one step is enough.
+        if np.all(np.abs(away) < NEAR):
+            break
+    levels = found.likelihood.uncertainty(found.eta)
+    covariance = found.here.covariance + _in_common(found.here, alike)
+    covariance = covariance + covariance_of_levels(found.likelihood.at, found.eta, levels)
+    stds = np.sqrt(np.diag(covariance))[first:]
+    return {
+        board: Learned(float(np.exp(size)), float(std), None)
+        for board, size, std in zip(boards, away, stds, strict=True)
+    }
+
+
+def _by_size(problem: Problem, term: CameraView, every: FloatArray, x: FloatArray) -> FloatArray:
+    """(n, 2) derivative of the residuals by the logarithm of the board's size.
+
+    A point of it moves as the whole board would if it were pushed along the way from its origin.
+
+    Args:
+        problem: of the term.
+        term: whose board it is.
+        every: (n, 2, p) derivative by all unknowns.
+        x: (p,) of them.
+    """
+    owner = term.owners[1]
+    at = [problem.names.index(f"{owner}.{key}") for key in PLACEMENT]
+    turn = rotation_from_vector(x[at[3:]])
+    _, point = term.found
+    return np.asarray(np.einsum("nda,na->nd", every[:, :, at[:3]], term.points[point] @ turn.T))
+
+
+def _resized(problem: Problem, factors: Mapping[str, float]) -> Problem:
+    """The same with every board so many times as large."""
+    terms = [
+        replace(term, board=term.board.scaled(factors[term.target]))
+        for term in problem.terms
+        if isinstance(term, CameraView)
+    ]
+    return Problem(terms)
 
 
 def _camera_groups(problem: Problem) -> BoolArray:

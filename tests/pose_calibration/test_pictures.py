@@ -385,6 +385,45 @@ def test_a_board_that_was_printed_larger_or_smaller_is_named(
     )
 
 
+def sized(seed: int, size: float, **more: Any) -> SeenCamera:
+    """From a rough hand, by a board that its file has so many times as large as it is."""
+    scene = pictures(20, pixel=0.05, robot=(2e-3, 3e-3), seed=seed)
+    (found,) = solved(
+        other(scene, scene.views[0].corners, board=BOARD.scaled(size)), **more
+    ).cameras
+    return found
+
+
+def test_how_large_the_board_is_is_told_as_surely_as_a_rough_hand_tells_it() -> None:
+    """Six of each: their root mean square scatters by a fifth or so."""
+    off = []
+    for seed in range(6):
+        told = sized(seed, 0.97, intrinsics="fixed" if seed % 2 else "free").board_size
+        off.append(np.log(told.value * 0.97) / told.log_std)
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def silent_and_alarmed(trials: int) -> tuple[int, int]:
+    """Boards 4 % too large that pass in silence, and right ones that do not."""
+    seeds = range(trials)
+    silent = sum(sized(seed, 1.04).board_scale == 1.0 for seed in seeds)
+    return silent, sum(sized(seed, 1.0).board_scale != 1.0 for seed in seeds)
+
+
+@pytest.mark.slow
+def test_a_rough_hand_tells_a_large_board_and_blames_no_right_one() -> None:
+    silent, alarmed = silent_and_alarmed(60)
+    assert silent == 0
+    assert alarmed <= 3
+
+
+def test_a_focal_length_that_is_held_wrong_is_no_board_of_another_size() -> None:
+    file = Camera(1280, 960, np.add(LENS, [20.0, 20.0, 0, 0, 0, 0, 0, 0, 0]))
+    found = solved(pictures(24, pixel=0.1, robot=(5e-4, 5e-4), given=file), intrinsics="fixed")
+    assert found.cameras[0].board_scale == 1.0
+    assert any("were held (fx" in note for note in found.assessment.notes)
+
+
 def test_a_board_of_other_counts_is_named_by_its_columns() -> None:
     scene = pictures(pixel=0.1)
     wrong = Chessboard(BOARD.columns + 1, BOARD.rows + 1, BOARD.square)
