@@ -14,7 +14,7 @@ from simulated import arm_named, camera_scene, dh_parameters, perturbed
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.errors import SamplesError
-from suta_calib.measurements import Camera, Chessboard
+from suta_calib.measurements import Board, Camera, Chessboard, Marker, Markers
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView
@@ -23,14 +23,14 @@ from suta_calib.terms.board_pictures import BoardPictures
 Change = Callable[[np.ndarray], np.ndarray]
 
 
-def board_pictures(noise: float = 0.1) -> BoardPictures:
+def board_pictures(noise: float = 0.1, board: Board = BOARD) -> BoardPictures:
     """What a camera half a metre from a board sees."""
-    (view,) = pictures(pixel=noise).views
-    pixels = np.full((16, len(BOARD.points), 2), np.nan)
+    (view,) = pictures(pixel=noise, board=board).views
+    pixels = np.full((16, len(board.points), 2), np.nan)
     for row, image in enumerate(view.corners.images):
         mine = view.corners.take(view.corners.image == image)
         pixels[row, mine.point] = mine.pixel
-    return BoardPictures(BOARD, CAMERA, pixels)
+    return BoardPictures(board, CAMERA, pixels)
 
 
 def on_the_grid(pixels: np.ndarray) -> np.ndarray:
@@ -57,6 +57,25 @@ def test_a_board_with_columns_for_rows_is_refused_by_name() -> None:
     seen = replace(board_pictures(), board=Chessboard(BOARD.rows, BOARD.columns, BOARD.square))
     with pytest.raises(SamplesError, match="if its columns and rows are exchanged"):
         seen.check()
+
+
+TAGS = Markers(
+    "DICT_APRILTAG_36h11",
+    {k: Marker(np.array([0.07 * (k % 3), 0.07 * (k // 3), 0.0]), 0.05) for k in range(6)},
+)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.01, 0.97, 1.05])
+def test_markers_of_another_size_at_the_right_places_are_refused_by_name(factor: float) -> None:
+    """Pictures alone tell it; hands need not be where they say."""
+    seen, board = board_pictures(board=TAGS), TAGS.with_markers(1.0 / factor)
+    assert board is not None
+    seen = replace(seen, board=board)
+    if factor == 1.0:
+        seen.check()
+    else:
+        with pytest.raises(SamplesError, match=f"corners of markers {factor:.2f}"):
+            seen.check()
 
 
 @pytest.mark.parametrize(("factor", "said"), [(2.0, "2560 x 1920"), (1.5, "1920 x 1440")])
