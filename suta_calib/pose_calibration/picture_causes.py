@@ -47,14 +47,12 @@ def cause_of_disagreement(
                 "show by the size of the board",
                 "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
             )
-    width = 2.0 * term.camera.intrinsics[2]
-    mirrored = term.pixels * [-1.0, 1.0] + [width, 0.0]
-    samples = replace(term.poses.samples, pixels=mirrored)
-    if _agrees(*_told(term.over_poses(term.poses.with_samples(samples))), term.setup, seed):
-        return (
-            "pictures that agree with the poses if left and right are exchanged in them",
-            "take them without mirroring",
-        )
+    for sentence, read in term.misread:
+        if _agrees(*_told(read), term.setup, seed):
+            return (
+                f"pictures that agree with the poses if {sentence}",
+                "u counts from the left and v from the top of pictures that are not mirrored",
+            )
     if given is None:
         return "", ""
     try:

@@ -148,6 +148,21 @@ class BoardPictures:
             "camera_matrix, are of pictures of another size."
         )
 
+    @property
+    def misread(self) -> Iterator[tuple[str, FloatArray]]:
+        """The pixels as they are if they were counted or taken in another way; which.
+
+        Each mirrors the pictures, which no pose of a board makes up for in all of them.
+        """
+        u, v = self.pixels[..., 0], self.pixels[..., 1]
+        right, below = self.camera.width - 1.0, self.camera.height - 1.0
+        for sentence, other in (
+            ("v counts upwards, from the lowest row, or the pictures are mirrored", (u, below - v)),
+            ("u and v are exchanged", (v, u)),
+            ("left and right are exchanged in the pictures", (right - u, v)),
+        ):
+            yield sentence, np.stack(other, axis=-1)
+
     @cached_property
     def errors(self) -> FloatArray:
         """(n, points, 2) of the corners about their picture's own pose of the board, px.

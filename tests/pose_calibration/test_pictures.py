@@ -354,6 +354,7 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
     wide = replace(corners, pixel=corners.pixel * 0.5 + [500.0, 0.0])
     half = replace(corners, pixel=(corners.pixel + 0.5) / 2 - 0.5)
     mirrored = replace(corners, pixel=[1279.0, 0.0] + corners.pixel * [-1.0, 1.0])
+    upwards = replace(corners, pixel=[0.0, 959.0] + corners.pixel * [1.0, -1.0])
     rotation, position = scene.hand.pose
     far = replace(scene, hand=replace(scene.hand, pose=(rotation, 1e3 * position)))
     small = other(scene, corners, board=BOARD.scaled(0.1))
@@ -361,7 +362,8 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
         (other(scene, wide), "focal length of some (49|50)"),
         (other(scene, half), "corners of pictures of some 640 x 480 px"),
         (other(scene, corners, board=EXCHANGED), "if its columns and rows are exchanged"),
-        (other(scene, mirrored), "if left and right are exchanged"),
+        (other(scene, mirrored), "or the pictures are mirrored"),
+        (other(scene, upwards), "if v counts upwards"),
         (far, "moves 100"),
         (small, "moves 10 times"),
     ):

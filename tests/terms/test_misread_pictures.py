@@ -13,8 +13,10 @@ from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.causes import find_cause
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Board, Camera, Chessboard, Marker, Markers
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView
@@ -215,3 +217,34 @@ def test_two_rows_of_one_camera_say_the_same_of_it(change: dict[str, Any], said:
         other.check_beside(TERM)
     replace(other, label="second", target="second").check_beside(TERM)
     TERM.take(range(8)).check_beside(TERM)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda pixels: pixels * [1.0, -1.0] + [0.0, _CAMERA.height - 1.0], "v counts upwards"),
+        (lambda pixels: pixels[..., ::-1], "u and v are exchanged"),
+    ],
+    ids=["v", "uv"],
+)
+def test_pixels_that_are_counted_otherwise_are_named(change: Change, said: str) -> None:
+    solution = solve(Problem([changed(change)], dh_parameters(ARM)), SolverOptions(starts=1))
+    cause = find_cause(solution)
+    assert cause is not None
+    assert said in cause.sentence
+    assert cause.after < 1e-4 < cause.before
+
+
+def test_pixels_counted_well_have_no_such_cause() -> None:
+    noisy = changed(lambda p: p + 0.3 * np.random.default_rng(0).standard_normal(p.shape))
+    solution = solve(Problem([noisy], dh_parameters(ARM)), SolverOptions(starts=1))
+    assert find_cause(solution) is None
+
+
+def test_corners_that_would_be_in_the_picture_the_other_way_round_say_so() -> None:
+    corners = pictures().views[0].corners
+    corners.pixel[0] = 1100.0, 300.0
+    corners.check(BOARD, CAMERA)
+    exchanged = replace(corners, pixel=corners.pixel[:, ::-1])
+    with pytest.raises(SamplesError, match="if u and v were exchanged"):
+        exchanged.check(BOARD, CAMERA)
