@@ -78,6 +78,7 @@ def other_readings(
         What would have to be so, as the end of "the data agree if …", and the terms.
     """
     yield from _of_samples(terms, options)
+    yield from _of_terms(terms)
     yield from _mirrored(terms)
     yield from _given_mirrored(terms)
 
@@ -106,6 +107,16 @@ def _of_samples(
                         for term, read in zip(terms, changed, strict=True)
                     ),
                 )
+
+
+def _of_terms(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """As each kind says that what it observes is misread: in all of its terms at once."""
+    ways: dict[str, dict[int, Term]] = {}
+    for k, term in enumerate(terms):
+        for sentence, read in term.misread:
+            ways.setdefault(sentence, {})[k] = read
+    for sentence, way in ways.items():
+        yield sentence, tuple(way.get(k, term) for k, term in enumerate(terms))
 
 
 def _of_joints(arm: ArmModel) -> Iterator[tuple[str, Change]]:

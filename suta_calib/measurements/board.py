@@ -122,6 +122,18 @@ class Board(ABC):
         """Boards of as many points, or a few more, in rows of other lengths: a file miscounted."""
         yield from ()
 
+    def with_markers(self, factor: float) -> Board | None:
+        """A board whose markers are so many times as large, at the places where they are.
+
+        Args:
+            factor: on their sizes.
+
+        Returns:
+            None where nothing but the size of markers is known of it, or no size of markers is.
+        """
+        del factor
+        return None
+
     @property
     def symmetric(self) -> bool:
         """Whether it looks the same after half a turn, so that no picture tells which way."""
@@ -277,6 +289,13 @@ class Markers(Board):
             for number, m in self.markers.items()
         }
         return replace(self, markers=markers)
+
+    def with_markers(self, factor: float) -> Board | None:
+        """Larger markers, no farther apart."""
+        if len(self.markers) < 2:
+            return None
+        larger = {n: replace(m, size=factor * m.size) for n, m in self.markers.items()}
+        return replace(self, markers=larger)
 
     def row(self) -> dict[str, Any]:
         """Type, dictionary, and a mapping of the markers."""

@@ -81,11 +81,14 @@ class Corners:
             return
         for row in np.flatnonzero(~camera.inside(self.pixel))[:1]:
             u, v = self.pixel[row]
+            exchanged = camera.inside(self.pixel[:, ::-1]).all()
             raise self.refuse(
                 int(row),
                 f"a corner at {u:.1f}, {v:.1f} px",
                 f"one in the picture, which is {camera.width} x {camera.height} px",
-                "the camera's file must be of pictures of this size",
+                "all would be in it if u and v were exchanged: u is the column, v the row"
+                if exchanged
+                else "the camera's file must be of pictures of this size",
             )
 
 

@@ -11,15 +11,17 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level
-from suta_calib.distributions import chi2
+from suta_calib.distributions import chi2, t
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
+from suta_calib.pose_calibration.picture_likelihood import WAYS
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
 from suta_calib.solver.solution import Solution
+from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
 from suta_calib.terms.camera_start import CALIBRATED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
@@ -29,6 +31,10 @@ from suta_calib.words import listed
 ROBOTS: Final = 2.0
 # Relative departure of a focal length that no calibration of the same pictures has.
 OTHER_PICTURES: Final = 0.1
+# Share by which a board's size may be off before it is asked for: arms' lengths err by less.
+MISPRINTED: Final = 0.01
+# Poses of X and Z, and the size of the board.
+UNKNOWNS: Final = 13
 # Share by which a board is of another size than its file says, from which on X is of no use.
 RESCALED: Final = 0.05
 # Focal lengths and principal point among the intrinsics.
@@ -60,8 +66,8 @@ class SeenCamera(EyePoses):
         corners: (m, 7) of every corner: picture, point, u, v, and error in u, in v (px), and
             whether its picture was fitted.
         behind: whether the board is seen from behind, which its numbering alone decides.
-        board_scale: how many times as large as its file says the board would be with which poses
-            and pictures agree far better; 1 where that is none.
+        board_size: how many times as large as its file says the board would be, for all that the
+            hand's motions tell.
         other_size: what in the camera's file denies the size of picture that it says, in a
             sentence, or empty.
         turned: pictures that were left out and agree with the others once the ``board`` or the
@@ -86,7 +92,7 @@ class SeenCamera(EyePoses):
     turns: FloatArray
     corners: FloatArray
     behind: bool
-    board_scale: float
+    board_size: Learned
     other_size: str
     turned: Mapping[str, tuple[str, ...]]
 
@@ -99,6 +105,20 @@ class SeenCamera(EyePoses):
     def held(self) -> bool:
         """Whether the intrinsics were held at what the file says."""
         return self.camera.covariance is None
+
+    @property
+    def board_scale(self) -> float:
+        """How many times as large the board must be, or as far the hand must move; 1 if by chance.
+
+        Arms' lengths err by less than `MISPRINTED`. Student's t, for the few turns and places of a
+        few pictures.
+        """
+        size = self.board_size
+        freedom = WAYS * int(self.inliers.sum()) - UNKNOWNS
+        if freedom < 1 or abs(size.value - 1.0) < MISPRINTED:
+            return 1.0
+        limit = float(t.isf(FALSE_ALARM / 2.0, freedom))
+        return size.value if abs(np.log(size.value)) > limit * size.log_std else 1.0
 
     @property
     def strange(self) -> list[str]:
@@ -254,11 +274,12 @@ def _judged(seen: SeenCamera) -> tuple[list[str], list[str]]:
     if count - fitted > MANY_OUTLIERS * count:
         bad.append(f"{count - fitted} of {count} pictures do not agree with the rest.")
     if seen.board_scale != 1.0:
+        by = seen.board_size.value * seen.board_size.log_std
         sentence = (
-            f"The hand moves {seen.board_scale:.3f} times as far as the pictures show by the size "
-            "of the board, and all agree far better with one of so many times the size: measure "
-            "the squares or markers as they were printed, and look for a wrong focal length or a "
-            "wrong unit of the hand's positions."
+            f"The hand moves {seen.board_scale:.3f} ± {by:.3f} times as far as the pictures show "
+            "by the size of the board, and X is as wrong as one of them, by more than its ±: "
+            "measure the squares or markers as they were printed (if they are so many times as "
+            "large, correct board.yaml), and check the unit and scale of the hand's positions."
         )
         (bad if abs(seen.board_scale - 1.0) > RESCALED else care).append(sentence)
     if fitted < ENOUGH:

@@ -7,31 +7,23 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.distributions import t
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements import Camera, Corners
-from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
 from suta_calib.terms import CameraView
-from suta_calib.terms.board_pictures import FAR_BETTER
 from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.hand_eye_start import (
     EYE_TO_HAND,
     EyeSetup,
     Poses,
     inverse_poses,
-    loop_closures,
     quaternion_hand_eye,
     some_poses,
 )
 
 # Ratio of two sizes that no measuring error explains.
 OTHER_SIZE: Final = 1.3
-# Places of X and Z, turn of X, and the scale: what the ends of loops are fitted with.
-UNKNOWNS: Final = 10
-# Share by which a board's size may be off before it is asked for: arms' lengths err by less.
-MISPRINTED: Final = 0.01
 
 
 def cause_of_disagreement(
@@ -55,14 +47,12 @@ def cause_of_disagreement(
                 "show by the size of the board",
                 "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
             )
-    width = 2.0 * term.camera.intrinsics[2]
-    mirrored = term.pixels * [-1.0, 1.0] + [width, 0.0]
-    samples = replace(term.poses.samples, pixels=mirrored)
-    if _agrees(*_told(term.over_poses(term.poses.with_samples(samples))), term.setup, seed):
-        return (
-            "pictures that agree with the poses if left and right are exchanged in them",
-            "take them without mirroring",
-        )
+    for sentence, read in term.misread:
+        if _agrees(*_told(read), term.setup, seed):
+            return (
+                f"pictures that agree with the poses if {sentence}",
+                "u counts from the left and v from the top of pictures that are not mirrored",
+            )
     if given is None:
         return "", ""
     try:
@@ -77,31 +67,6 @@ def cause_of_disagreement(
             "the file must be of this camera, focus and size of picture",
         )
     return "", ""
-
-
-def size_of_board(hand: Poses, seen: Poses) -> float:
-    """How many times as large as its file says a board would be that agrees far better; 1 if none.
-
-    Args:
-        hand: ``T_base_hand`` of an eye on the hand, ``T_hand_base`` of one beside it.
-        seen: ``T_eye_board``.
-    """
-    scale = _scale(hand, seen)
-    if not scale > 0 or abs(scale - 1.0) < MISPRINTED:
-        return 1.0
-    off, left = (_apart(hand, (seen[0], seen[1] * factor)) for factor in (1.0, scale))
-    freedom = 3 * len(seen[1]) - UNKNOWNS
-    # A robot's own errors scale some of its motions: a little less is no proof.
-    if freedom < 1 or off < FAR_BETTER * left:
-        return 1.0
-    chance = t.isf(FALSE_ALARM / 2.0, freedom) ** 2
-    return scale if (off - left) * freedom > chance * left else 1.0
-
-
-def _apart(hand: Poses, seen: Poses) -> float:
-    """Sum of squared distances, m², of the ends of loops A X B from their mean."""
-    _, p = loop_closures(hand, quaternion_hand_eye(hand, seen), seen)
-    return float(np.sum((p - p.mean(axis=0)) ** 2))
 
 
 def _told(term: CameraView) -> tuple[Poses, Poses]:

@@ -11,7 +11,8 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2
-from suta_calib.pose_calibration.picture_noise import FINEST, WAYS
+from suta_calib.pose_calibration.picture_likelihood import WAYS
+from suta_calib.pose_calibration.picture_noise import FINEST
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
 

@@ -21,16 +21,24 @@ have in common is added to the covariance, by `correlation`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.optimize import minimize
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.correlation import common_covariance
+from suta_calib.pose_calibration.picture_likelihood import (
+    WAYS,
+    Known,
+    Likelihood,
+    Point,
+    Sums,
+)
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.losses import huber_weight
@@ -39,9 +47,6 @@ from suta_calib.solver.weights import CAMERA, Learned, WeightOptions, prior_grou
 from suta_calib.terms import CameraView
 from suta_calib.terms.camera_start import HELD
 
-# A hand's pose is wrong in three directions and three turns.
-DIRECTIONS: Final = 3
-WAYS: Final = 2 * DIRECTIONS
 # No corner is found more finely, px: what is smaller is rounding.
 FINEST: Final = 1e-3
 # Distance of a corner from where it belongs, in its scatter, that one in a hundred good ones has:
@@ -54,15 +59,15 @@ SETTLED: Final = 1e-3
 BEGIN: Final = (0.1, 1e-4, 1e-4)
 # Relative eigenvalue that is none.
 ROUNDING: Final = 1e-10
-# Logarithms: step of the differences, how far a level may move in one round, and what is no
-# move any more.
-STEP: Final = 0.1
-FARTHEST: Final = 3.0
+# What of a level's logarithm is no move any more.
 STILL: Final = 0.03
 # What comes to what is known of a camera, in units of it, that makes it nothing.
 WIDE: Final = 30.0
-# Largest standard deviation of a logarithm that a parabola about the best tells.
-VAGUE: Final = 1.5
+# Part of its size by which a board may be of another one than its file says: hardly anything is
+# known of it beforehand, but that motions which do not tell it leave it as it is.
+ANY_SIZE: Final = 0.3
+# Such a part that one linearisation tells as well as several.
+NEAR: Final = 5e-3
 
 
 @dataclass(frozen=True)
@@ -92,6 +97,7 @@ class Weighed:
         free: indices that were estimated.
         told: (n,) of them as the pictures alone tell them, whatever is known of the cameras.
         told_covariance: (n, n) of these.
+        levels: logarithms of what scatters, as `Likelihood` has them.
     """
 
     names: tuple[str, ...]
@@ -101,6 +107,7 @@ class Weighed:
     free: IntArray
     told: FloatArray
     told_covariance: FloatArray
+    levels: FloatArray
 
     @property
     def values(self) -> dict[str, float]:
@@ -108,81 +115,17 @@ class Weighed:
         return dict(zip(self.names, self.x.tolist(), strict=True))
 
 
-@dataclass(frozen=True, eq=False)
-class _Sums:
-    """Of each camera c and pose g of the hand, over the corners, in px: JᵀWJ, JᵀWr, rᵀWr and so on.
-
-    Attributes:
-        count: (c,) numbers.
-        jj: (c, p, p).
-        jr: (c, p).
-        rr: (c,).
-        pj: (c, g, 6, p).
-        pr: (c, g, 6).
-        pp: (c, g, 6, 6).
-    """
-
-    count: FloatArray
-    jj: FloatArray
-    jr: FloatArray
-    rr: FloatArray
-    pj: FloatArray
-    pr: FloatArray
-    pp: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class _Known:
-    """What is known of the unknowns beforehand.
-
-    Attributes:
-        precision: (p,) 1/prior², zero where nothing is.
-        away: (p,) where they are against it.
-        groups: (g, p) which of them may be worse known than is said, together.
-        spread: of the logarithm of what that adds, in units of the priors.
-    """
-
-    precision: FloatArray
-    away: FloatArray
-    groups: BoolArray
-    spread: float
-
-    def widened(self, added: FloatArray) -> FloatArray:
-        """(p,) precision of priors to which independent errors come.
-
-        Args:
-            added: (g,) of each group, in units of the priors. A calibration that seems better than
-                it says may be so by chance: no prior becomes narrower.
-        """
-        return self.precision / (1.0 + added**2 @ self.groups)
-
-
-@dataclass(frozen=True, eq=False)
-class _Point:
-    """-log restricted likelihood at some levels, and what follows from them.
-
-    Attributes:
-        value: of it.
-        step: (p,) best one.
-        covariance: (p, p) of the step.
-        poses: (g, 6) by how much the hand is off, m and rad.
-        by_pose: whitened PᵀV⁻¹P (g, 6, 6), PᵀV⁻¹J (g, 6, p) and PᵀV⁻¹r (g, 6) of the corners
-            alone, in units of the hand's scatter.
-        answers: (g, 6, p) by how much the hand is off per unit of a step, in its scatter.
-    """
-
-    value: float
-    step: FloatArray
-    covariance: FloatArray
-    poses: FloatArray
-    by_pose: tuple[FloatArray, FloatArray, FloatArray]
-    answers: FloatArray
-
-
 class _Rows:
     """The corners of every camera at one x, in px."""
 
-    def __init__(self, problem: Problem, x: FloatArray, free: IntArray, hands: IntArray) -> None:
+    def __init__(
+        self,
+        problem: Problem,
+        x: FloatArray,
+        free: IntArray,
+        hands: IntArray,
+        boards: Sequence[str] = (),
+    ) -> None:
         self.groups = int(hands.max()) + 1
         self.parts: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
         lines = problem.linearise(x, problem.assumed_sigmas())
@@ -190,7 +133,12 @@ class _Rows:
             assert isinstance(term, CameraView)
             _, own = problem.evaluation.columns(line, line.by_pose, line.by_own)
             hand = hands[line.view.block.samples[:, 0] + line.view.first_sample]
-            jacobian = dense(own).reshape(*line.residual.shape, -1)[:, :, free]
+            every = dense(own).reshape(*line.residual.shape, -1)
+            jacobian = every[:, :, free]
+            if boards:
+                larger = _by_size(problem, term, every, x)
+                mine = [np.where(term.target == board, larger, 0.0) for board in boards]
+                jacobian = np.concatenate([jacobian, np.stack(mine, axis=2)], axis=2)
             self.parts.append(
                 (
                     hand,
@@ -201,7 +149,7 @@ class _Rows:
                 )
             )
 
-    def sums(self, weights: Sequence[FloatArray]) -> _Sums:
+    def sums(self, weights: Sequence[FloatArray]) -> Sums:
         """Over the corners, each weighed."""
         found = []
         for (hand, r, J, P), w in zip(self.parts, weights, strict=True):
@@ -216,9 +164,9 @@ class _Rows:
             # Rounding of this size is always there.
             rr = float(np.sum(wr * r)) + r.size * FINEST**2
             found.append((float(r.size), jj, jr, rr, pj, pr, pp))
-        return _Sums(*map(np.array, zip(*found, strict=True)))
+        return Sums(*map(np.array, zip(*found, strict=True)))
 
-    def beliefs(self, here: _Point, sigmas: FloatArray) -> list[FloatArray]:
+    def beliefs(self, here: Point, sigmas: FloatArray) -> list[FloatArray]:
         """Huber's weight of every corner, with the hand where its picture puts it."""
         weights = []
         for (hand, r, J, P), sigma in zip(self.parts, sigmas, strict=True):
@@ -227,100 +175,77 @@ class _Rows:
         return weights
 
 
-class _Likelihood:
-    """-log of the restricted likelihood of the levels, with what is known of them.
+@dataclass(frozen=True, eq=False)
+class _Settled:
+    """Where the search for unknowns and levels has ended.
 
-    The levels are the logarithms of σ of each camera, of τ_p and τ_r, and of what comes to the
-    priors of each group.
+    Attributes:
+        problem: with the boards as large as they came out.
+        x: (n,) its parameters.
+        eta: the levels.
+        likelihood: about x.
+        here: of the levels.
     """
 
-    def __init__(self, sums: _Sums, known: _Known) -> None:
-        self.sums, self.known, self.cameras = sums, known, len(sums.count)
+    problem: Problem
+    x: FloatArray
+    eta: FloatArray
+    likelihood: Likelihood
+    here: Point
 
-    def at(self, eta: FloatArray) -> _Point:
-        """At some levels."""
-        sums, known, c = self.sums, self.known, self.cameras
-        inverse, scale = np.exp(-2.0 * eta[:c]), self._scale(eta)
-        precision = known.widened(np.exp(eta[c + 2 :]))
-        pp = scale[:, None] * np.tensordot(inverse, sums.pp, 1) * scale
-        pj = scale[:, None] * np.tensordot(inverse, sums.pj, 1)
-        pr = scale * np.tensordot(inverse, sums.pr, 1)
-        inner = np.eye(WAYS) + pp
-        solved = np.linalg.solve(inner, np.concatenate([pj, pr[:, :, None]], axis=2))
-        # One product over poses and ways: every picture adds to it.
-        answered = pj.reshape(-1, pj.shape[2]).T @ solved.reshape(-1, solved.shape[2])
-        curvature = np.tensordot(inverse, sums.jj, 1) + np.diag(precision) - answered[:, :-1]
-        slope = inverse @ sums.jr + precision * known.away - answered[:, -1]
-        unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-        scaled = curvature * np.outer(unit, unit)
-        covariance = np.linalg.pinv(scaled, 1e-13, True) * np.outer(unit, unit)
-        step = -covariance @ slope
-        energy = float(inverse @ sums.rr) + float(precision @ known.away**2)
-        energy -= float(np.sum(pr * solved[:, :, -1])) - float(slope @ step)
-        whole = 2.0 * float(sums.count @ eta[:c]) + float(np.linalg.slogdet(inner)[1].sum())
-        whole += float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(unit).sum())
-        whole -= float(np.log(precision[known.groups.any(axis=0)]).sum())
-        value = 0.5 * (energy + whole) - float(eta[c : c + 2].sum())
-        value += 0.5 * float(np.sum((eta[c + 2 :] / known.spread) ** 2))
-        answers = solved[:, :, :-1]
-        poses = scale * (solved[:, :, -1] + answers @ step)
-        return _Point(value, step, covariance, poses, (pp, pj, pr), answers)
 
-    def gradient(self, eta: FloatArray, here: _Point) -> FloatArray:
-        """Derivative of the value by the levels, at what `at` found there.
+def _settled(
+    problem: Problem,
+    start: FloatArray,
+    free: IntArray,
+    hands: IntArray,
+    boards: Mapping[str, float],
+    eta: FloatArray | None = None,
+    rounds: int = ROUNDS,
+) -> _Settled:
+    """Unknowns and levels of largest likelihood.
 
-        By Fisher's identity it is that of the expectation, over what unknowns and hand may be given
-        the corners, of the likelihood that had them known: so many corners less what their squares
-        are expected to sum to, and the same of the hand's poses and of what is known.
-        """
-        sums, known, c = self.sums, self.known, self.cameras
-        scale, added = self._scale(eta), np.exp(2.0 * eta[c + 2 :])
-        # Second moments of the step and of the hand's poses in their scatter.
-        moved, together = here.poses / scale, here.answers @ here.covariance
-        steps = here.covariance + np.outer(here.step, here.step)
-        both = together + moved[:, :, None] * here.step
-        poses = np.linalg.inv(np.eye(WAYS) + here.by_pose[0])
-        poses += together @ np.swapaxes(here.answers, 1, 2) + moved[:, :, None] * moved[:, None, :]
-        squares = sums.rr + 2.0 * sums.jr @ here.step - 2.0 * np.tensordot(sums.pr, here.poses, 2)
-        squares += np.tensordot(sums.jj, steps, 2)
-        squares -= 2.0 * np.tensordot(sums.pj, scale[:, None] * both, 3)
-        squares += np.tensordot(sums.pp, scale[:, None] * poses * scale, 3)
-        ways = np.sum(1.0 - np.diagonal(poses, axis1=1, axis2=2), axis=0).reshape(2, DIRECTIONS)
-        away = np.diag(here.covariance) + (here.step + known.away) ** 2
-        excess = 1.0 - known.widened(np.sqrt(added)) * away
-        part = added[:, None] * known.groups / (1.0 + added @ known.groups)
-        return np.concatenate(
-            [
-                sums.count - np.exp(-2.0 * eta[:c]) * squares,
-                ways.sum(axis=1) - 1.0,
-                part @ excess + eta[c + 2 :] / known.spread**2,
-            ]
+    Args:
+        problem: of the pictures of every camera, as its job gives it.
+        start: (n,) near the answer.
+        free: indices of what is estimated.
+        hands: (samples,) pose of the hand of every sample.
+        boards: those whose size is estimated too, by label; how well it is known, as a part of it.
+        eta: the levels to begin from.
+        rounds: linearisations at most.
+    """
+    x, sizes = start.copy(), np.zeros(len(boards))
+    unknown, count = np.append(free, len(x) + np.arange(len(boards))), len(free)
+    nominal = problem.parameters.array("nominal")
+    known_sizes = np.array(list(boards.values())) ** -2.0
+    precision = np.concatenate([problem.prior_precision(), known_sizes])[unknown]
+    groups = np.pad(_camera_groups(problem), ((0, 0), (0, len(boards))))[:, unknown]
+    groups = groups[groups.any(axis=1)]
+    cameras = len(problem.terms)
+    if eta is None:
+        eta = np.log([*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))])
+    weights: list[FloatArray] | None = None
+    now = problem
+    for _ in range(rounds):
+        rows = _Rows(now, x, free, hands, list(boards))
+        weights = weights or [np.ones(len(part[0])) for part in rows.parts]
+        away = np.concatenate([(x - nominal)[free], sizes])
+        likelihood = Likelihood(
+            rows.sums(weights), Known(precision, away, groups, WeightOptions().camera)
         )
-
-    def best(self, start: FloatArray) -> FloatArray:
-        """The levels of largest likelihood."""
-
-        def told(eta: FloatArray) -> tuple[float, FloatArray]:
-            here = self.at(eta)
-            return here.value, self.gradient(eta, here)
-
-        bounds = [(level - FARTHEST, level + FARTHEST) for level in start.tolist()]
-        found = minimize(told, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        return np.asarray(found.x, dtype=np.float64)
-
-    def uncertainty(self, best: FloatArray) -> FloatArray:
-        """Covariance of the levels about the best, by differences of the gradient."""
-        slopes = [
-            [self.gradient(eta, self.at(eta)) for eta in (best + step, best - step)]
-            for step in STEP * np.eye(len(best))
-        ]
-        hessian = np.array([ahead - behind for ahead, behind in slopes]) / (2.0 * STEP)
-        values, vectors = np.linalg.eigh((hessian + hessian.T) / 2.0)
-        return np.asarray((vectors / np.maximum(values, VAGUE**-2)) @ vectors.T)
-
-    def _scale(self, eta: FloatArray) -> FloatArray:
-        """(6,) scatter of the hand's pose in every way, m and rad."""
-        return np.repeat(np.exp(eta[self.cameras : self.cameras + 2]), DIRECTIONS)
+        before, eta = eta, likelihood.best(eta)
+        here = likelihood.at(eta)
+        if _robust(problem):
+            weights = rows.beliefs(here, np.exp(eta[:cameras]))
+        x[free] += here.step[:count]
+        std = np.sqrt(np.diag(here.covariance))
+        settled = np.all(np.abs(here.step) <= SETTLED * std)
+        if boards:
+            sizes = sizes + here.step[count:]
+            now = _resized(problem, dict(zip(boards, np.exp(sizes).tolist(), strict=True)))
+        if settled and np.all(np.abs(eta - before) <= STILL):
+            break
+    return _Settled(now, x, eta, likelihood, here)
 
 
 def weigh_pictures(
@@ -340,28 +265,10 @@ def weigh_pictures(
             pictures at the same one share what is wrong with it.
         alike: spaces (poses of the hand, k) in which neighbours may err alike; 1 is far.
     """
-    problem, x = problem.as_given(), start.copy()
-    nominal = problem.parameters.array("nominal")
-    precision = problem.prior_precision()
-    groups = _camera_groups(problem)[:, free]
-    groups = groups[groups.any(axis=1)]
+    problem = problem.as_given()
     cameras = len(problem.terms)
-    eta = np.log([*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))])
-    weights: list[FloatArray] | None = None
-    for _ in range(ROUNDS):
-        rows = _Rows(problem, x, free, hands)
-        weights = weights or [np.ones(len(part[0])) for part in rows.parts]
-        known = _Known(precision[free], (x - nominal)[free], groups, WeightOptions().camera)
-        likelihood = _Likelihood(rows.sums(weights), known)
-        before, eta = eta, likelihood.best(eta)
-        here = likelihood.at(eta)
-        if _robust(problem):
-            weights = rows.beliefs(here, np.exp(eta[:cameras]))
-        x[free] += here.step
-        std = np.sqrt(np.diag(here.covariance))
-        settled = np.all(np.abs(here.step) <= SETTLED * std)
-        if settled and np.all(np.abs(eta - before) <= STILL):
-            break
+    found = _settled(problem, start, free, hands, {})
+    x, eta, likelihood, here = found.x, found.eta, found.likelihood, found.here
     uncertainty = likelihood.uncertainty(eta)
     log_std = np.sqrt(np.diag(uncertainty))
     covariance = here.covariance + covariance_of_levels(likelihood.at, eta, uncertainty)
@@ -386,7 +293,74 @@ def weigh_pictures(
     every, of_alone, told = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
     every[whole], of_alone[whole] = covariance, told_covariance
     told[free] += alone.step - here.step
-    return Weighed(problem.names, x, every, noise, free, told, of_alone)
+    return Weighed(problem.names, x, every, noise, free, told, of_alone, eta)
+
+
+def sizes_of_boards(
+    problem: Problem,
+    weighed: Weighed,
+    hands: IntArray,
+    alike: Sequence[FloatArray] = (),
+) -> dict[str, Learned]:
+    """How many times as large as its file says every board is, by the motions of the hand.
+
+    The hand's millimetres are held against the board's: the logarithm of each size is one more
+    unknown of the same likelihood, beside all that was free in ``weighed``.
+
+    Args:
+        problem: of which ``weighed`` is the answer.
+        weighed: what `weigh_pictures` found.
+        hands: as it was given them.
+        alike: as it was given them.
+
+    Returns:
+        By the board's label.
+    """
+    problem, first = problem.as_given(), len(weighed.free)
+    targets = dict.fromkeys(t.target for t in problem.terms if isinstance(t, CameraView))
+    boards = dict.fromkeys(targets, ANY_SIZE)
+    for rounds in (1, ROUNDS):
+        found = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
+        away = (found.likelihood.known.away + found.here.step)[first:]
+        # So near, one step is enough.
+        if np.all(np.abs(away) < NEAR):
+            break
+    levels = found.likelihood.uncertainty(found.eta)
+    covariance = found.here.covariance + _in_common(found.here, alike)
+    covariance = covariance + covariance_of_levels(found.likelihood.at, found.eta, levels)
+    stds = np.sqrt(np.diag(covariance))[first:]
+    return {
+        board: Learned(float(np.exp(size)), float(std), None)
+        for board, size, std in zip(boards, away, stds, strict=True)
+    }
+
+
+def _by_size(problem: Problem, term: CameraView, every: FloatArray, x: FloatArray) -> FloatArray:
+    """(n, 2) derivative of the residuals by the logarithm of the board's size.
+
+    A point of it moves as the whole board would if it were pushed along the way from its origin.
+
+    Args:
+        problem: of the term.
+        term: whose board it is.
+        every: (n, 2, p) derivative by all unknowns.
+        x: (p,) of them.
+    """
+    owner = term.owners[1]
+    at = [problem.names.index(f"{owner}.{key}") for key in PLACEMENT]
+    turn = rotation_from_vector(x[at[3:]])
+    _, point = term.found
+    return np.asarray(np.einsum("nda,na->nd", every[:, :, at[:3]], term.points[point] @ turn.T))
+
+
+def _resized(problem: Problem, factors: Mapping[str, float]) -> Problem:
+    """The same with every board so many times as large."""
+    terms = [
+        replace(term, board=term.board.scaled(factors[term.target]))
+        for term in problem.terms
+        if isinstance(term, CameraView)
+    ]
+    return Problem(terms)
 
 
 def _camera_groups(problem: Problem) -> BoolArray:
@@ -408,7 +382,7 @@ def _robust(problem: Problem) -> bool:
     return all(np.isfinite(block.noise.huber) for block in problem.blocks)
 
 
-def _in_common(here: _Point, alike: Sequence[FloatArray]) -> FloatArray:
+def _in_common(here: Point, alike: Sequence[FloatArray]) -> FloatArray:
     """What the covariance grows by as neighbouring pictures err alike.
 
     By the poses that the pictures give the hand, whitened: with E = PᵀP/σ² in units of the hand's

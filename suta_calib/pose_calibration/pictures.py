@@ -31,13 +31,19 @@ from suta_calib.pose_calibration.eye_poses import Model
 from suta_calib.pose_calibration.hand_eye import FEW_PAIRS, calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
-from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, size_of_board
+from suta_calib.pose_calibration.picture_causes import cause_of_disagreement
 from suta_calib.pose_calibration.picture_errors import picture_errors
-from suta_calib.pose_calibration.picture_noise import FINEST, Weighed, weigh_pictures
+from suta_calib.pose_calibration.picture_noise import (
+    FINEST,
+    Weighed,
+    sizes_of_boards,
+    weigh_pictures,
+)
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
+from suta_calib.solver.weights import Learned
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
 from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.camera_start import UNCALIBRATED, prior_beside
@@ -116,9 +122,12 @@ def hand_eye_from_pictures(
     solution, believed = _settled(terms, believed, robust)
     hands = _hands(solution)
     weighed = weigh_pictures(solution.problem, solution.x, solution.free, *hands)
-    freed = weighed if intrinsics == "free" else _freed(solution, weighed, *hands)
+    problem, freed = solution.problem, weighed
+    if intrinsics == "fixed":
+        problem, freed = _freed(solution, weighed, *hands)
+    sizes = sizes_of_boards(problem, freed, *hands)
     cameras = tuple(
-        _seen(view, term, good, weighed, freed, hand)
+        _seen(view, term, good, weighed, freed, sizes[view.target], hand)
         for view, term, good in zip(views, terms, believed, strict=True)
     )
     return PictureCalibration(
@@ -154,7 +163,7 @@ def _hands(solution: Solution) -> tuple[IntArray, list[FloatArray]]:
 
 def _freed(
     solution: Solution, held: Weighed, hands: IntArray, alike: Sequence[FloatArray]
-) -> Weighed:
+) -> tuple[Problem, Weighed]:
     """The same pictures with focal lengths and principal points estimated too.
 
     What they say of what was held: distortion stays, which would take much of it upon itself.
@@ -171,7 +180,7 @@ def _freed(
         for k, p in enumerate(problem.parameters.values())
         if p.name in estimated or (p.name not in known and p.key in (*FOCAL, *CENTRE))
     ]
-    return weigh_pictures(problem, np.array(start), np.array(free), hands, alike)
+    return problem, weigh_pictures(problem, np.array(start), np.array(free), hands, alike)
 
 
 def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) -> CameraView:
@@ -268,6 +277,7 @@ def _seen(
     good: BoolArray,
     weighed: Weighed,
     freed: Weighed,
+    size: Learned,
     hand: HandPoses,
 ) -> SeenCamera:
     """A camera of the answer; ``freed`` is one with its intrinsics estimated."""
@@ -334,9 +344,7 @@ def _seen(
         turns=turns,
         corners=corners,
         behind=refined.pictures.behind,
-        board_scale=size_of_board(
-            some_poses(A, posed & good), some_poses(refined.seen_poses, posed & good)
-        ),
+        board_size=size,
         other_size=term.pictures.other_size,
         turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
     )

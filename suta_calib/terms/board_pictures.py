@@ -38,6 +38,8 @@ FINE: Final = 1e-3
 ENOUGH: Final = 8
 # Sizes of a picture against the one that the camera's file is of.
 RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
+# Sizes of markers against those that a board's file has.
+MARKERS: Final = (0.6, 1.6)
 # Part of a picture's size up to which twice its principal point comes near it in any camera.
 CENTRED: Final = 0.8
 # Turn of a loop, rad, of a picture that is read upside down, and of one that is read well.
@@ -145,6 +147,21 @@ class BoardPictures:
             f"{whole[1]:.0f} px, and no corner is beyond: image_width and image_height, or "
             "camera_matrix, are of pictures of another size."
         )
+
+    @property
+    def misread(self) -> Iterator[tuple[str, FloatArray]]:
+        """The pixels as they are if they were counted or taken in another way; which.
+
+        Each mirrors the pictures, which no pose of a board makes up for in all of them.
+        """
+        u, v = self.pixels[..., 0], self.pixels[..., 1]
+        right, below = self.camera.width - 1.0, self.camera.height - 1.0
+        for sentence, other in (
+            ("v counts upwards, from the lowest row, or the pictures are mirrored", (u, below - v)),
+            ("u and v are exchanged", (v, u)),
+            ("left and right are exchanged in the pictures", (right - u, v)),
+        ):
+            yield sentence, np.stack(other, axis=-1)
 
     @cached_property
     def errors(self) -> FloatArray:
@@ -262,6 +279,8 @@ class BoardPictures:
                         "columns first, then rows",
                     ),
                 )
+        if other_markers := self._other_markers():
+            yield other_markers
         corners = self.pixels[found]
         for factor in RESIZED:
             camera = self.camera.resized(factor)
@@ -275,6 +294,28 @@ class BoardPictures:
                     hint="calibrate the camera on pictures of the same size, or scale its file",
                 ),
             )
+
+    def _other_markers(self) -> tuple[BoardPictures, SamplesError] | None:
+        """The same corners of markers of the size that agrees best with the ways between them."""
+        if self.board.with_markers(1.0) is None:
+            return None
+        from scipy.optimize import minimize_scalar
+
+        def resized(factor: float) -> BoardPictures:
+            board = self.board.with_markers(factor)
+            assert board is not None
+            return replace(self, board=board)
+
+        best = minimize_scalar(
+            lambda log: resized(np.exp(log)).misfit, bounds=np.log(MARKERS), method="bounded"
+        )
+        factor = float(np.exp(best.x))
+        return resized(factor), SamplesError(
+            f"corners of markers {factor:.3f} times as large, by the ways between them, as the "
+            "board's file says",
+            "markers of the size that they were printed in, and at their places",
+            hint="measure markers and the ways between them; correct size_mm, or all position_mm",
+        )
 
     def numbered_alike(self, hand: Poses, names: Sequence[str], source: Path | None) -> FloatArray:
         """The pixels, a board that looks the same after half a turn numbered from one end in all.

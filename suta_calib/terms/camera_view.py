@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -28,6 +29,7 @@ from suta_calib.measurements import (
     YamlSection,
     read_corners,
 )
+from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
@@ -507,6 +509,16 @@ class CameraView(FramedTerm):
             **{(key, "label", self.label): value for key, value in of_camera.items()},
             ("board", "target", self.target): self.board.row(),
         }
+
+    @property
+    def misread(self) -> Iterator[tuple[str, Self]]:
+        """With pixels counted in another way, and the board numbered from one end again."""
+        if self.poses.samples.pixels is None:
+            return
+        for sentence, pixels in self.pictures.misread:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", SutaCalibWarning)
+                yield sentence, self._with_pixels(pixels).numbered_alike(None)
 
     @property
     def doubts(self) -> Mapping[str, Level]:

@@ -13,7 +13,7 @@ outliers, plans, guided measuring and explanations ask the kind, and name none.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
@@ -434,6 +434,11 @@ class Term(ABC):
         Raises:
             SamplesError: what the two disagree about.
         """
+
+    @property
+    def misread(self) -> Iterator[tuple[str, Term]]:
+        """The same with what was observed read in another way; what would have to be so."""
+        return iter(())
 
     @property
     def doubts(self) -> Mapping[str, Level]:

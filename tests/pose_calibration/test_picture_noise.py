@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from suta_calib.arrays import FloatArray
-from suta_calib.pose_calibration.picture_noise import WAYS, _Known, _Likelihood, _Sums
+from suta_calib.pose_calibration.picture_likelihood import WAYS, Known, Likelihood, Sums
 
 POSES, CORNERS, UNKNOWNS = 5, 12, 8
 LEVELS = np.log([0.2, 0.4, 3e-3, 6e-3, 0.7, 1.5])
@@ -26,14 +26,14 @@ def rows() -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     return found
 
 
-def known() -> _Known:
+def known() -> Known:
     precision = np.array([0, 0, 0, 4.0, 9.0, 1.0, 0.0, 2.0])
     groups = np.zeros((2, UNKNOWNS), dtype=np.bool_)
     groups[0, 3:5] = groups[1, [5, 7]] = True
-    return _Known(precision, np.linspace(-1.0, 1.0, UNKNOWNS), groups, 1.3)
+    return Known(precision, np.linspace(-1.0, 1.0, UNKNOWNS), groups, 1.3)
 
 
-def likelihood() -> _Likelihood:
+def likelihood() -> Likelihood:
     shape = (POSES, WAYS)
     parts = [
         (
@@ -47,7 +47,7 @@ def likelihood() -> _Likelihood:
         )
         for r, J, P in rows()
     ]
-    return _Likelihood(_Sums(*map(np.array, zip(*parts, strict=True))), known())
+    return Likelihood(Sums(*map(np.array, zip(*parts, strict=True))), known())
 
 
 def by_definition(levels: FloatArray) -> float:

@@ -354,6 +354,7 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
     wide = replace(corners, pixel=corners.pixel * 0.5 + [500.0, 0.0])
     half = replace(corners, pixel=(corners.pixel + 0.5) / 2 - 0.5)
     mirrored = replace(corners, pixel=[1279.0, 0.0] + corners.pixel * [-1.0, 1.0])
+    upwards = replace(corners, pixel=[0.0, 959.0] + corners.pixel * [1.0, -1.0])
     rotation, position = scene.hand.pose
     far = replace(scene, hand=replace(scene.hand, pose=(rotation, 1e3 * position)))
     small = other(scene, corners, board=BOARD.scaled(0.1))
@@ -361,7 +362,8 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
         (other(scene, wide), "focal length of some (49|50)"),
         (other(scene, half), "corners of pictures of some 640 x 480 px"),
         (other(scene, corners, board=EXCHANGED), "if its columns and rows are exchanged"),
-        (other(scene, mirrored), "if left and right are exchanged"),
+        (other(scene, mirrored), "or the pictures are mirrored"),
+        (other(scene, upwards), "if v counts upwards"),
         (far, "moves 100"),
         (small, "moves 10 times"),
     ):
@@ -383,6 +385,45 @@ def test_a_board_that_was_printed_larger_or_smaller_is_named(
     assert any("as the pictures show by the size" in n for n in found.assessment.notes) == (
         size != 1.0
     )
+
+
+def sized(seed: int, size: float, **more: Any) -> SeenCamera:
+    """From a rough hand, by a board that its file has so many times as large as it is."""
+    scene = pictures(20, pixel=0.05, robot=(2e-3, 3e-3), seed=seed)
+    (found,) = solved(
+        other(scene, scene.views[0].corners, board=BOARD.scaled(size)), **more
+    ).cameras
+    return found
+
+
+def test_how_large_the_board_is_is_told_as_surely_as_a_rough_hand_tells_it() -> None:
+    """Six of each: their root mean square scatters by a fifth or so."""
+    off = []
+    for seed in range(6):
+        told = sized(seed, 0.97, intrinsics="fixed" if seed % 2 else "free").board_size
+        off.append(np.log(told.value * 0.97) / told.log_std)
+    assert 0.5 < np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def silent_and_alarmed(trials: int) -> tuple[int, int]:
+    """Boards 4 % too large that pass in silence, and right ones that do not."""
+    seeds = range(trials)
+    silent = sum(sized(seed, 1.04).board_scale == 1.0 for seed in seeds)
+    return silent, sum(sized(seed, 1.0).board_scale != 1.0 for seed in seeds)
+
+
+@pytest.mark.slow
+def test_a_rough_hand_tells_a_large_board_and_blames_no_right_one() -> None:
+    silent, alarmed = silent_and_alarmed(60)
+    assert silent == 0
+    assert alarmed <= 3
+
+
+def test_a_focal_length_that_is_held_wrong_is_no_board_of_another_size() -> None:
+    file = Camera(1280, 960, np.add(LENS, [20.0, 20.0, 0, 0, 0, 0, 0, 0, 0]))
+    found = solved(pictures(24, pixel=0.1, robot=(5e-4, 5e-4), given=file), intrinsics="fixed")
+    assert found.cameras[0].board_scale == 1.0
+    assert any("were held (fx" in note for note in found.assessment.notes)
 
 
 def test_a_board_of_other_counts_is_named_by_its_columns() -> None:

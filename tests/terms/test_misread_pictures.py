@@ -13,8 +13,10 @@ from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.causes import find_cause
 from suta_calib.errors import SamplesError
-from suta_calib.measurements import Camera, Chessboard
+from suta_calib.measurements import Board, Camera, Chessboard, Marker, Markers
+from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView
@@ -23,14 +25,14 @@ from suta_calib.terms.board_pictures import BoardPictures
 Change = Callable[[np.ndarray], np.ndarray]
 
 
-def board_pictures(noise: float = 0.1) -> BoardPictures:
+def board_pictures(noise: float = 0.1, board: Board = BOARD) -> BoardPictures:
     """What a camera half a metre from a board sees."""
-    (view,) = pictures(pixel=noise).views
-    pixels = np.full((16, len(BOARD.points), 2), np.nan)
+    (view,) = pictures(pixel=noise, board=board).views
+    pixels = np.full((16, len(board.points), 2), np.nan)
     for row, image in enumerate(view.corners.images):
         mine = view.corners.take(view.corners.image == image)
         pixels[row, mine.point] = mine.pixel
-    return BoardPictures(BOARD, CAMERA, pixels)
+    return BoardPictures(board, CAMERA, pixels)
 
 
 def on_the_grid(pixels: np.ndarray) -> np.ndarray:
@@ -57,6 +59,25 @@ def test_a_board_with_columns_for_rows_is_refused_by_name() -> None:
     seen = replace(board_pictures(), board=Chessboard(BOARD.rows, BOARD.columns, BOARD.square))
     with pytest.raises(SamplesError, match="if its columns and rows are exchanged"):
         seen.check()
+
+
+TAGS = Markers(
+    "DICT_APRILTAG_36h11",
+    {k: Marker(np.array([0.07 * (k % 3), 0.07 * (k // 3), 0.0]), 0.05) for k in range(6)},
+)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.01, 0.97, 1.05])
+def test_markers_of_another_size_at_the_right_places_are_refused_by_name(factor: float) -> None:
+    """Pictures alone tell it; hands need not be where they say."""
+    seen, board = board_pictures(board=TAGS), TAGS.with_markers(1.0 / factor)
+    assert board is not None
+    seen = replace(seen, board=board)
+    if factor == 1.0:
+        seen.check()
+    else:
+        with pytest.raises(SamplesError, match=f"corners of markers {factor:.2f}"):
+            seen.check()
 
 
 @pytest.mark.parametrize(("factor", "said"), [(2.0, "2560 x 1920"), (1.5, "1920 x 1440")])
@@ -196,3 +217,34 @@ def test_two_rows_of_one_camera_say_the_same_of_it(change: dict[str, Any], said:
         other.check_beside(TERM)
     replace(other, label="second", target="second").check_beside(TERM)
     TERM.take(range(8)).check_beside(TERM)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda pixels: pixels * [1.0, -1.0] + [0.0, _CAMERA.height - 1.0], "v counts upwards"),
+        (lambda pixels: pixels[..., ::-1], "u and v are exchanged"),
+    ],
+    ids=["v", "uv"],
+)
+def test_pixels_that_are_counted_otherwise_are_named(change: Change, said: str) -> None:
+    solution = solve(Problem([changed(change)], dh_parameters(ARM)), SolverOptions(starts=1))
+    cause = find_cause(solution)
+    assert cause is not None
+    assert said in cause.sentence
+    assert cause.after < 1e-4 < cause.before
+
+
+def test_pixels_counted_well_have_no_such_cause() -> None:
+    noisy = changed(lambda p: p + 0.3 * np.random.default_rng(0).standard_normal(p.shape))
+    solution = solve(Problem([noisy], dh_parameters(ARM)), SolverOptions(starts=1))
+    assert find_cause(solution) is None
+
+
+def test_corners_that_would_be_in_the_picture_the_other_way_round_say_so() -> None:
+    corners = pictures().views[0].corners
+    corners.pixel[0] = 1100.0, 300.0
+    corners.check(BOARD, CAMERA)
+    exchanged = replace(corners, pixel=corners.pixel[:, ::-1])
+    with pytest.raises(SamplesError, match="if u and v were exchanged"):
+        exchanged.check(BOARD, CAMERA)

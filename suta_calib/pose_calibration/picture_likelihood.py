@@ -1,0 +1,191 @@
+"""The likelihood of how far corners scatter and hands are off, by sums over pictures.
+
+`picture_noise` says of what; this is its mathematics: with the sums over the corners of every
+picture, value and gradient take no more than a product of six by six matrices for each.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.optimize import minimize
+
+from suta_calib.arrays import BoolArray, FloatArray
+
+# A hand's pose is wrong in three directions and three turns.
+DIRECTIONS: Final = 3
+WAYS: Final = 2 * DIRECTIONS
+# Logarithms: step of the differences, and how far a level may move in one round.
+STEP: Final = 0.1
+FARTHEST: Final = 3.0
+# Largest standard deviation of a logarithm that a parabola about the best tells.
+VAGUE: Final = 1.5
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Of each camera c and pose g of the hand, over the corners, in px: JᵀWJ, JᵀWr, rᵀWr and so on.
+
+    Attributes:
+        count: (c,) numbers.
+        jj: (c, p, p).
+        jr: (c, p).
+        rr: (c,).
+        pj: (c, g, 6, p).
+        pr: (c, g, 6).
+        pp: (c, g, 6, 6).
+    """
+
+    count: FloatArray
+    jj: FloatArray
+    jr: FloatArray
+    rr: FloatArray
+    pj: FloatArray
+    pr: FloatArray
+    pp: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of the unknowns beforehand.
+
+    Attributes:
+        precision: (p,) 1/prior², zero where nothing is.
+        away: (p,) where they are against it.
+        groups: (g, p) which of them may be worse known than is said, together.
+        spread: of the logarithm of what that adds, in units of the priors.
+    """
+
+    precision: FloatArray
+    away: FloatArray
+    groups: BoolArray
+    spread: float
+
+    def widened(self, added: FloatArray) -> FloatArray:
+        """(p,) precision of priors to which independent errors come.
+
+        Args:
+            added: (g,) of each group, in units of the priors. A calibration that seems better than
+                it says may be so by chance: no prior becomes narrower.
+        """
+        return self.precision / (1.0 + added**2 @ self.groups)
+
+
+@dataclass(frozen=True, eq=False)
+class Point:
+    """-log restricted likelihood at some levels, and what follows from them.
+
+    Attributes:
+        value: of it.
+        step: (p,) best one.
+        covariance: (p, p) of the step.
+        poses: (g, 6) by how much the hand is off, m and rad.
+        by_pose: whitened PᵀV⁻¹P (g, 6, 6), PᵀV⁻¹J (g, 6, p) and PᵀV⁻¹r (g, 6) of the corners
+            alone, in units of the hand's scatter.
+        answers: (g, 6, p) by how much the hand is off per unit of a step, in its scatter.
+    """
+
+    value: float
+    step: FloatArray
+    covariance: FloatArray
+    poses: FloatArray
+    by_pose: tuple[FloatArray, FloatArray, FloatArray]
+    answers: FloatArray
+
+
+class Likelihood:
+    """-log of the restricted likelihood of the levels, with what is known of them.
+
+    The levels are the logarithms of σ of each camera, of τ_p and τ_r, and of what comes to the
+    priors of each group.
+    """
+
+    def __init__(self, sums: Sums, known: Known) -> None:
+        self.sums, self.known, self.cameras = sums, known, len(sums.count)
+
+    def at(self, eta: FloatArray) -> Point:
+        """At some levels."""
+        sums, known, c = self.sums, self.known, self.cameras
+        inverse, scale = np.exp(-2.0 * eta[:c]), self._scale(eta)
+        precision = known.widened(np.exp(eta[c + 2 :]))
+        pp = scale[:, None] * np.tensordot(inverse, sums.pp, 1) * scale
+        pj = scale[:, None] * np.tensordot(inverse, sums.pj, 1)
+        pr = scale * np.tensordot(inverse, sums.pr, 1)
+        inner = np.eye(WAYS) + pp
+        solved = np.linalg.solve(inner, np.concatenate([pj, pr[:, :, None]], axis=2))
+        # One product over poses and ways: every picture adds to it.
+        answered = pj.reshape(-1, pj.shape[2]).T @ solved.reshape(-1, solved.shape[2])
+        curvature = np.tensordot(inverse, sums.jj, 1) + np.diag(precision) - answered[:, :-1]
+        slope = inverse @ sums.jr + precision * known.away - answered[:, -1]
+        unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
+        scaled = curvature * np.outer(unit, unit)
+        covariance = np.linalg.pinv(scaled, 1e-13, True) * np.outer(unit, unit)
+        step = -covariance @ slope
+        energy = float(inverse @ sums.rr) + float(precision @ known.away**2)
+        energy -= float(np.sum(pr * solved[:, :, -1])) - float(slope @ step)
+        whole = 2.0 * float(sums.count @ eta[:c]) + float(np.linalg.slogdet(inner)[1].sum())
+        whole += float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(unit).sum())
+        whole -= float(np.log(precision[known.groups.any(axis=0)]).sum())
+        value = 0.5 * (energy + whole) - float(eta[c : c + 2].sum())
+        value += 0.5 * float(np.sum((eta[c + 2 :] / known.spread) ** 2))
+        answers = solved[:, :, :-1]
+        poses = scale * (solved[:, :, -1] + answers @ step)
+        return Point(value, step, covariance, poses, (pp, pj, pr), answers)
+
+    def gradient(self, eta: FloatArray, here: Point) -> FloatArray:
+        """Derivative of the value by the levels, at what `at` found there.
+
+        By Fisher's identity it is that of the expectation, over what unknowns and hand may be given
+        the corners, of the likelihood that had them known: so many corners less what their squares
+        are expected to sum to, and the same of the hand's poses and of what is known.
+        """
+        sums, known, c = self.sums, self.known, self.cameras
+        scale, added = self._scale(eta), np.exp(2.0 * eta[c + 2 :])
+        # Second moments of the step and of the hand's poses in their scatter.
+        moved, together = here.poses / scale, here.answers @ here.covariance
+        steps = here.covariance + np.outer(here.step, here.step)
+        both = together + moved[:, :, None] * here.step
+        poses = np.linalg.inv(np.eye(WAYS) + here.by_pose[0])
+        poses += together @ np.swapaxes(here.answers, 1, 2) + moved[:, :, None] * moved[:, None, :]
+        squares = sums.rr + 2.0 * sums.jr @ here.step - 2.0 * np.tensordot(sums.pr, here.poses, 2)
+        squares += np.tensordot(sums.jj, steps, 2)
+        squares -= 2.0 * np.tensordot(sums.pj, scale[:, None] * both, 3)
+        squares += np.tensordot(sums.pp, scale[:, None] * poses * scale, 3)
+        ways = np.sum(1.0 - np.diagonal(poses, axis1=1, axis2=2), axis=0).reshape(2, DIRECTIONS)
+        away = np.diag(here.covariance) + (here.step + known.away) ** 2
+        excess = 1.0 - known.widened(np.sqrt(added)) * away
+        part = added[:, None] * known.groups / (1.0 + added @ known.groups)
+        return np.concatenate(
+            [
+                sums.count - np.exp(-2.0 * eta[:c]) * squares,
+                ways.sum(axis=1) - 1.0,
+                part @ excess + eta[c + 2 :] / known.spread**2,
+            ]
+        )
+
+    def best(self, start: FloatArray) -> FloatArray:
+        """The levels of largest likelihood."""
+
+        def told(eta: FloatArray) -> tuple[float, FloatArray]:
+            here = self.at(eta)
+            return here.value, self.gradient(eta, here)
+
+        bounds = [(level - FARTHEST, level + FARTHEST) for level in start.tolist()]
+        found = minimize(told, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return np.asarray(found.x, dtype=np.float64)
+
+    def uncertainty(self, best: FloatArray) -> FloatArray:
+        """Covariance of the levels about the best, by differences of the gradient."""
+        slopes = [
+            [self.gradient(eta, self.at(eta)) for eta in (best + step, best - step)]
+            for step in STEP * np.eye(len(best))
+        ]
+        hessian = np.array([ahead - behind for ahead, behind in slopes]) / (2.0 * STEP)
+        values, vectors = np.linalg.eigh((hessian + hessian.T) / 2.0)
+        return np.asarray((vectors / np.maximum(values, VAGUE**-2)) @ vectors.T)
+
+    def _scale(self, eta: FloatArray) -> FloatArray:
+        """(6,) scatter of the hand's pose in every way, m and rad."""
+        return np.repeat(np.exp(eta[self.cameras : self.cameras + 2]), DIRECTIONS)
