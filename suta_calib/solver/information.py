@@ -22,9 +22,9 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.evaluation import AT_ONCE, Linearised
 from suta_calib.solver.losses import radial
-from suta_calib.solver.problem import Problem
+from suta_calib.solver.problem import Part, Problem
 from suta_calib.terms.block import summed
-from suta_calib.terms.poses import ArmPoses, MeasuredPoses
+from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.units import Unit
 
 # Weight that lets a direction count as noise-induced once half of its information is made by
@@ -64,9 +64,11 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
     width = evaluation.arm_count + evaluation.own_count
     for line in problem.linearise(x, sigmas):
         n, size = line.residual.shape
-        jacobian = np.zeros((n, size, width))
+        jacobian, filled = np.empty((n, size, width)), 0
         for some, part in evaluation.parts(line):
-            np.divide(part, line.sigma[some, None, None], jacobian[some, :, : part.shape[2]])
+            filled = part.shape[2]
+            np.divide(part, line.sigma[some, None, None], jacobian[some, :, :filled])
+        jacobian[:, :, filled:] = 0.0
         rows.append(Rows(line, jacobian.reshape(n * size, width), np.ones(n)))
     return rows
 
@@ -166,25 +168,31 @@ def _noise_induced_information(
     and the turn of every measured pose, gets its share of it. Information that only the size of the
     residuals makes counts as well.
 
-    ``before`` are the rows of the latest evaluation, whose lines are still its own.
+    Of very many samples a part tells it: ``before`` are the rows of all.
     """
     n = problem.arm_count + problem.evaluation.own_count
     total = np.zeros((n, n))
     for row in before:
         total += _by_residual_alone(problem, row)
-    shifts = _jitter(problem, before)
+    part = problem.part or Part(problem, (None,) * len(before))
+    shifts = _jitter(problem, [term.poses for term in part.problem.terms], before)
     if not any(np.any(shift) for shift in shifts):
         return total
-    with problem.evaluation.table.shifted(shifts):
-        for old, line in zip(before, problem.linearise(x, sigmas), strict=True):
-            was = old.jacobian.reshape(*line.residual.shape, n)
+    evaluation = part.problem.evaluation
+    with evaluation.table.shifted(shifts):
+        lines = part.problem.linearise(x, sigmas)
+        for old, line, taken in zip(before, lines, part.rows, strict=True):
+            belief, rows = old.belief, len(old.belief)
+            was = old.jacobian.reshape(*old.line.residual.shape, n)
+            if taken is not None:
+                was, belief = was[taken], belief[taken]
             # Some at a time: the change of all is as large as all that it is made from.
-            for some, part in problem.evaluation.parts(line):
-                width = part.shape[2]
-                change = part / line.sigma[some, None, None] - was[some, :, :width]
-                change *= old.belief[some, None, None]
+            for some, now in evaluation.parts(line):
+                width = now.shape[2]
+                change = now / line.sigma[some, None, None] - was[some, :, :width]
+                change *= belief[some, None, None]
                 change = change.reshape(-1, width)
-                total[:width, :width] += change.T @ change
+                total[:width, :width] += rows / len(belief) * (change.T @ change)
     return total
 
 
@@ -195,11 +203,17 @@ def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
     residual itself, and vanishes with it: no such residual can tell where the tool points.
     """
     line, nothing = row.line, np.zeros((row.jacobian.shape[1],) * 2)
-    # In units of σ both, which is left out.
-    turning = line.by_pose[:, :, line.pattern.angular]
-    by_turn = np.sqrt(np.einsum("ndc,ndc->n", turning, turning))
-    size = np.linalg.norm(line.residual, axis=1)
-    if np.any(by_turn > 1.5 * size + 1e-9 * line.sigma) or not by_turn.any():
+    turns_at_all = False
+    for first in range(0, len(line.residual), AT_ONCE):
+        some = slice(first, first + AT_ONCE)
+        # In units of σ both, which is left out.
+        turning = line.by_pose[some, :, line.pattern.angular]
+        by_turn = np.sqrt(np.einsum("ndc,ndc->n", turning, turning))
+        size = np.linalg.norm(line.residual[some], axis=1)
+        if np.any(by_turn > 1.5 * size + 1e-9 * line.sigma[some]):
+            return nothing
+        turns_at_all |= bool(by_turn.any())
+    if not turns_at_all:
         return nothing
     turns = line.by_pose * line.pattern.angular / line.sigma[:, None, None]
     arm, _ = problem.evaluation.columns(line, turns, line.by_own)
@@ -207,12 +221,13 @@ def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
     return np.asarray(whole.T @ whole) * RESIDUAL_MADE
 
 
-def _jitter(problem: Problem, rows: Sequence[Rows]) -> list[FloatArray]:
-    """Noise of every source's readings that moves the tip as the residuals say."""
+def _jitter(
+    problem: Problem, sources: Sequence[PoseSource], rows: Sequence[Rows]
+) -> list[FloatArray]:
+    """Noise of the readings of each term's source that moves the tip as the residuals say."""
     random = np.random.default_rng(0)
     shifts = list[FloatArray]()
-    for term in problem.terms:
-        source = term.poses
+    for term, source in zip(problem.terms, sources, strict=True):
         mine = [r.line for r in rows if any(r.line.view.block is b for b in term.blocks)]
         if isinstance(source, ArmPoses):
             share = _levels(mine)["m"] * np.sqrt(3.0) / source.reach

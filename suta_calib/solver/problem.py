@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -25,6 +26,24 @@ from suta_calib.terms.term import Term
 # Noise of one component where a job does not say: half a millimetre, as optical trackers and seated
 # plugs scatter, and a tenth of a degree. It only matters against priors and between kinds.
 DEFAULT_SIGMA: Final = {"m": 0.5e-3, "rad": np.radians(0.1)}
+
+
+# Samples of a term of which what is true on average of all is asked, where there are twice as many:
+# what is summed over them is then known to a hundredth.
+ENOUGH: Final = 10_000
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A problem over some of another's samples.
+
+    Attributes:
+        problem: over the same parameters.
+        rows: of each block of the other which it has, (k,); None for all.
+    """
+
+    problem: Problem
+    rows: tuple[IntArray | None, ...]
 
 
 class Problem:
@@ -140,6 +159,26 @@ class Problem:
             grouped_rows(each[view.block.samples + view.first_sample])
             for view in self.evaluation.views
         )
+
+    @cached_property
+    def part(self) -> Part | None:
+        """A random part of each term that has very many samples, a row for each; None of few.
+
+        None as well where the part would have other unknowns, or the same in another order.
+        """
+        random = np.random.default_rng(0)
+        terms, rows = list[Term](), list[IntArray | None]()
+        for term in self.terms:
+            n, some = len(term.poses), None
+            each = np.arange(n)[:, None]
+            if n > 2 * ENOUGH and all(np.array_equal(b.samples, each) for b in term.blocks):
+                some = np.sort(random.choice(n, ENOUGH, replace=False)).astype(np.intp)
+            terms.append(term if some is None else term.take(some))
+            rows += [some] * len(term.blocks)
+        if all(some is None for some in rows):
+            return None
+        part = Problem(terms, self.arm_parameters)
+        return Part(part, tuple(rows)) if part.names == self.names else None
 
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""

@@ -27,12 +27,14 @@ from suta_calib.diagnostics.accuracy import assess
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.solver import problem as problem_module
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.information import whitened_rows
+from suta_calib.solver.information import predicted_information, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import identify_at, solve
-from suta_calib.terms import Noise
+from suta_calib.terms import FixedPoint, Noise, PoseNoise
+from suta_calib.units import from_deg, from_mm
 
 HIDDEN = {"joint_1.offset", "joint_2.z", "tip.y"}
 SEATING = Spread(position=1e-4)
@@ -250,3 +252,28 @@ def test_parameters_that_are_not_asked_for_stay_fixed() -> None:
     assert solution.estimates["joint_4.z"].state == "fixed"
     assert solution.values["joint_4.z"] == arm.parameters["joint_4.z"].nominal
     assert "joint_4.z" not in solution.unidentified
+
+
+def test_of_very_many_samples_a_part_tells_what_noise_makes_up(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    noise = PoseNoise(from_mm(0.3), from_deg(0.1))
+    data = FixedPoint.simulate(6_000, spread=noise, seed=0)
+    found = {}
+    for enough in (2_000, 6_000):
+        monkeypatch.setattr(problem_module, "ENOUGH", enough)
+        problem = Problem([data.term])
+        assert (problem.part is None) == (enough == 6_000)
+        x = problem.start()
+        found[enough] = predicted_information(problem, x, [noise.position], robust=True)
+    part, whole = (np.diag(each.noise_induced) for each in found.values())
+    assert np.all(whole[3:] > 0.0)  # where the post is, turns tell; the tip they leave alone
+    np.testing.assert_allclose(part, whole, rtol=0.08)
+    np.testing.assert_array_equal(found[2_000].curvature, found[6_000].curvature)
+
+
+def test_a_part_has_the_unknowns_of_all_or_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(problem_module, "ENOUGH", 10)
+    posts = np.random.default_rng(0).normal(size=(12, 3))
+    data = FixedPoint.simulate(48, posts=posts, seed=0)
+    assert Problem([data.term]).part is None
