@@ -2,17 +2,40 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cache, wraps
 from threading import local
-from typing import ParamSpec, TypeVar
-
-from threadpoolctl import ThreadpoolController
+from typing import Any, Final, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 R = TypeVar("R")
-_controller = cache(ThreadpoolController)  # looked for once: that takes longer than the work
 _within = local()
+# What OpenBLAS, which the wheels of NumPy and SciPy have in them, reads when it is loaded.
+VARIABLE: Final = "OPENBLAS_NUM_THREADS"
+
+
+def one_thread_from_the_start() -> None:
+    """Ask for one BLAS thread, unless somebody has asked for others; before NumPy is imported."""
+    os.environ.setdefault(VARIABLE, "1")
+
+
+@cache
+def _controller() -> Any:
+    """Looked for once: that takes longer than the work."""
+    from threadpoolctl import ThreadpoolController
+
+    return ThreadpoolController()
+
+
+def _is_one() -> bool:
+    """Whether there is but one thread from the start on, so that nothing needs to be looked for."""
+    if os.environ.get(VARIABLE) != "1":
+        return False
+    from numpy import show_config
+
+    built = show_config(mode="dicts") or {}
+    return "openblas" in str(built.get("Build Dependencies", {}).get("blas", {}).get("name"))
 
 
 def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
@@ -23,7 +46,7 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
 
     @wraps(function)
     def limited(*args: P.args, **kwargs: P.kwargs) -> R:
-        if getattr(_within, "one", False):
+        if getattr(_within, "one", False) or _is_one():
             return function(*args, **kwargs)
         _within.one = True
         try:

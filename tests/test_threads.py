@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from suta_calib.threads import single_threaded
+from suta_calib.threads import VARIABLE, single_threaded
 
 
 def blas_threads() -> set[int]:
@@ -27,7 +31,10 @@ def outer(fails: bool) -> set[int]:
     return inner(fails) | blas_threads()
 
 
-def test_a_call_within_a_call_keeps_the_limit_and_the_outer_one_gives_back_what_was() -> None:
+def test_a_call_within_a_call_keeps_the_limit_and_the_outer_one_gives_back_what_was(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
     with threadpool_limits(2, user_api="blas"):
         before = blas_threads()
         for _ in range(2):
@@ -35,3 +42,26 @@ def test_a_call_within_a_call_keeps_the_limit_and_the_outer_one_gives_back_what_
             with pytest.raises(ValueError, match="spoilt"):
                 outer(True)
             assert blas_threads() == before
+
+
+@pytest.mark.parametrize("asked", [None, "2"])
+def test_a_command_has_one_thread_from_the_start_unless_another_number_is_asked_for(
+    asked: str | None,
+) -> None:
+    code = (
+        "import sys\n"
+        "from suta_calib.cli import main\n"
+        "sys.argv[1:] = ['--version']\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "import numpy as np\n"
+        "from suta_calib.threads import single_threaded\n"
+        "single_threaded(np.eye)(3) @ np.eye(3)\n"
+        "print('threadpoolctl' in sys.modules, end=' ')\n"
+        "import threadpoolctl\n"
+        "print(*{p['num_threads'] for p in threadpoolctl.threadpool_info()})"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
+    environment |= {} if asked is None else {VARIABLE: asked}
+    run = [sys.executable, "-c", code]
+    said = subprocess.run(run, env=environment, capture_output=True, text=True, check=True).stdout
+    assert said.splitlines()[-1] == ("False 1" if asked is None else "True 2")

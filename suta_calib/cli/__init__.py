@@ -27,7 +27,10 @@ def main() -> None:
     try:
         # Here, for importing takes long enough to be interrupted.
         from suta_calib.cli._app import run
+        from suta_calib.threads import one_thread_from_the_start
 
+        # All that is solved takes one thread: others need not be started, nor found to be stopped.
+        one_thread_from_the_start()
         code = run()
         _end_undisturbed()
     except KeyboardInterrupt:

@@ -16,6 +16,7 @@ import numpy as np
 from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion
+from suta_calib.ordered import evenly
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
@@ -150,7 +151,7 @@ def _in_other_rows(A: Poses, B: Poses) -> Iterator[tuple[str, Poses, Poses]]:
 
 def _some(rows: IntArray) -> IntArray:
     """`MOST_PAIRS` of the rows at most."""
-    return rows[np.unique(np.linspace(0, len(rows) - 1, MOST_PAIRS).astype(np.intp))]
+    return rows[evenly(0, len(rows) - 1, MOST_PAIRS)]
 
 
 def _reordered(poses: Poses) -> Poses:

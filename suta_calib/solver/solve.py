@@ -109,7 +109,8 @@ def solve_again(
         term.check_enough()
     began, sigmas = perf_counter(), problem.assumed_sigmas()
     fixed = like.identification.fixed
-    free = np.setdiff1d([k for k, p in enumerate(problem.parameters.values()) if p.free], fixed)
+    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
+    free = np.setdiff1d(wanted, fixed, assume_unique=True)
     minimum = RobustNlp(problem, free, sigmas, options).minimise(like.x)
     levels = noise_levels(problem, minimum.x, sigmas)
     identification = identify_at(problem, minimum.x, levels, robust=True)
@@ -158,7 +159,7 @@ def _check_determined(problem: Problem, verdict: Identification) -> None:
     wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     if not len(wanted):
         raise ParameterError("no unknowns", "at least one parameter to estimate")
-    free = np.setdiff1d(wanted, verdict.fixed)
+    free = np.setdiff1d(wanted, verdict.fixed, assume_unique=True)
     if np.any(wanted < problem.arm_count) and not np.any(free < problem.arm_count):
         equations = sum(term.equations() for term in problem.terms)
         raise SamplesError(
@@ -208,7 +209,7 @@ def _fit(
             progress(done, len(starts))
 
     for revision in range(MAX_REVISIONS):
-        free = np.setdiff1d(wanted, list(fixed))
+        free = np.setdiff1d(wanted, list(fixed), assume_unique=True)
         nlp = RobustNlp(problem, free, sigmas, options)
         tried = nlp.minimise_all(starts, tell if revision == 0 else lambda _: None)
         attempts = attempts or tuple(tried)

@@ -267,7 +267,7 @@ def test_of_very_many_samples_a_part_tells_what_noise_makes_up(
         x = problem.start()
         found[enough] = predicted_information(problem, x, [noise.position], robust=True)
     part, whole = (np.diag(each.noise_induced) for each in found.values())
-    assert np.all(whole[:3] > 0.0)
+    assert np.all(whole[3:] > 0.0)  # where the post is, turns tell; the tip they leave alone
     np.testing.assert_allclose(part, whole, rtol=0.08)
     np.testing.assert_array_equal(found[2_000].curvature, found[6_000].curvature)
 
