@@ -85,9 +85,7 @@ class RobustFit:
         inliers: (n,) rows that were fitted.
         suspects: (n,) those of them that stand out without being proven wrong.
         sigmas: scatter of one component of each block.
-        covariance: of the solution's parameters, in its order: from the residuals row by row (block
-            by block where neighbours are alike) where these are many, else from their common
-            scatter, which is the stated one unless the residuals contradict it.
+        spread: computes `covariance`, which of many fits one is asked for.
         agreement: of the first block's residuals with the scatter that was stated of it; None
             where nothing was.
     """
@@ -97,8 +95,18 @@ class RobustFit:
     inliers: BoolArray
     suspects: BoolArray
     sigmas: tuple[float, ...]
-    covariance: FloatArray
+    spread: Callable[[], FloatArray]
     agreement: Agreement | None = None
+
+    @cached_property
+    def covariance(self) -> FloatArray:
+        """Of the solution's parameters, in its order.
+
+        From the residuals row by row (block by block where neighbours are alike) where these are
+        many, else from their common scatter, which is the stated one unless the residuals
+        contradict it.
+        """
+        return self.spread()
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -316,11 +324,14 @@ def _settled(
             truly, uncertain = np.array([stated]), 1.0
     # Weights that differ much leave a few rows to speak for themselves: too few for a sandwich.
     many = stated is None and witnesses >= MANY_ROWS
-    inlying = [r[rows] for r in residuals]
-    covariance = uncertain * _covariance(solution, inlying, truly, rows, many=many)
+
+    def spread() -> FloatArray:
+        inlying = [r[rows] for r in residuals]
+        return np.asarray(uncertain * _covariance(solution, inlying, truly, rows, many=many))
+
     none = np.zeros_like(inliers)
     found = tuple(float(s) for s in levels)
-    return RobustFit(solution, residuals, inliers, none, found, covariance, agreement)
+    return RobustFit(solution, residuals, inliers, none, found, spread, agreement)
 
 
 def _followed(solution: Solution) -> FloatArray:
