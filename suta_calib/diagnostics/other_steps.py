@@ -12,14 +12,19 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import chain, pairwise
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SutaCalibError
+from suta_calib.measurements.sample_files import JointRange, check_readings
+from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term
+from suta_calib.terms.poses import joint_ranges
 from suta_calib.units import from_deg, text
 
 # Shifts of a joint that are tried first, and how finely their step is told, rad.
@@ -100,10 +105,30 @@ class _Touches:
 
     terms: tuple[Term, ...]
 
-    @property
+    @cached_property
     def q(self) -> FloatArray:
         """(samples, joints) readings of all terms, one after the other."""
         return np.vstack([term.poses.samples.q for term in self.terms])
+
+    @cached_property
+    def origin(self) -> tuple[str, ...]:
+        """(samples,) where each was read."""
+        return tuple(row for term in self.terms for row in term.poses.samples.origin)
+
+    @cached_property
+    def given(self) -> Problem:
+        """The terms as they are."""
+        return self.problem(self.none)
+
+    @cached_property
+    def _errors(self) -> tuple[TermErrors, ...]:
+        return tuple(TermErrors(term, ()) for term in self.terms)
+
+    @cached_property
+    def _ranges(self) -> tuple[JointRange, ...]:
+        poses = self.terms[0].poses
+        assert isinstance(poses, ArmPoses)
+        return joint_ranges(poses.arm)
 
     @property
     def none(self) -> FloatArray:
@@ -127,14 +152,20 @@ class _Touches:
     def squares(self, shifts: FloatArray, x: FloatArray) -> FloatArray:
         """(samples,) of the residuals of each, in units of the noise; infinite out of range."""
         try:
-            problem = self.problem(shifts)
+            check_readings(self.q + shifts, self._ranges, self.origin)
         except SutaCalibError:
             return np.full(len(shifts), np.inf)
+        given = self.given
+        values, sigmas = given.values(x), given.assumed_sigmas()
+        ends = given.evaluation.table.first
+        parts = (shifts[a:b] for a, b in pairwise(ends.tolist()))
+        errors = chain(*(e(values, part) for e, part in zip(self._errors, parts, strict=True)))
         found = np.zeros(len(shifts))
-        for line in problem.linearise(x, problem.assumed_sigmas()):
-            block = line.view.block
-            squared = np.sum((line.residual / line.sigma[:, None]) ** 2, axis=1)
-            np.add.at(found, block.samples[:, 0] + line.view.first_sample, squared)
+        for view, error, sigma in zip(given.evaluation.views, errors, sigmas, strict=True):
+            block = view.block
+            spread = np.hypot(sigma, block.known_sigma)
+            squared = np.sum((error / block.relative) ** 2, axis=1) / spread**2
+            np.add.at(found, block.samples[:, 0] + view.first_sample, squared)
         return found
 
     def some(self) -> _Touches:
@@ -144,7 +175,7 @@ class _Touches:
         rows = (np.arange(0, len(term.poses), every) for term in self.terms)
         some = _Touches(tuple(term.take(r) for term, r in zip(self.terms, rows, strict=True)))
         # What is external must be the same, place by place.
-        return some if some.problem(some.none).names == self.problem(self.none).names else self
+        return some if some.given.names == self.given.names else self
 
 
 def _steps(touches: _Touches, some: _Touches, joint: int, size: float) -> Iterator[_Step]:
@@ -214,12 +245,11 @@ def _part_of_a_turn(size: float) -> float:
 
 def _where(touches: _Touches, step: _Step) -> str:
     """In which rows it is so, where these are beyond a reading, or follow one another."""
-    origin = [row for term in touches.terms for row in term.poses.samples.origin]
     in_rows = np.flatnonzero(step.rows)
     first, last = int(in_rows[0]), int(in_rows[-1])
     doubt = IN_DOUBT * min(len(in_rows), len(step.rows) - len(in_rows))
     if last - first + 1 - len(in_rows) <= doubt:
-        return f"from {origin[first]} to {origin[last]}"
+        return f"from {touches.origin[first]} to {touches.origin[last]}"
     q = touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0)
     files = np.concatenate([term.poses.samples.file_names for term in touches.terms])
     count = f"in {len(in_rows)} of {len(q)} rows, where it truly is"

@@ -69,41 +69,72 @@ def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
         ValueError: a matrix that reflects, or is singular.
     """
     rotation = np.asarray(rotation, dtype=float)
-    r = rotation.reshape(-1, 3, 3)
-    if not (np.linalg.det(r) > 0.0).all():
+    rows = rotation.reshape(-1, 3, 3)
+    made = np.empty((len(rows), 4))
+    for first in range(0, len(rows), _AT_ONCE):
+        some = slice(first, first + _AT_ONCE)
+        made[some] = _quaternions(rows[some])
+    return made.reshape(*rotation.shape[:-2], 4)
+
+
+def _quaternions(rotation: FloatArray) -> FloatArray:
+    """`quaternion_from_rotation` of matrices (n, 3, 3)."""
+    r = _by_number(rotation)
+    if not (_handed(r) > 0.0).all():
         raise ValueError("found a matrix of no positive determinant; expected a rotation")
-    off = np.abs(r @ np.swapaxes(r, 1, 2) - np.eye(3)).max(axis=(1, 2), initial=0.0) > _ORTHOGONAL
+    products = np.einsum("ijn,kjn->ikn", r, r)
+    off = np.abs(products - _UNIT) > _ORTHOGONAL
     if off.any():
-        left, _, right = np.linalg.svd(r[off])
-        r = r.copy()
-        r[off] = left @ right
+        some = off.any(axis=(0, 1))
+        left, _, right = np.linalg.svd(r[:, :, some].transpose(2, 0, 1))
+        r[:, :, some] = (left @ right).transpose(1, 2, 0)
     # Four multiples of the quaternion, one by each of its numbers; the largest is rounded least.
-    diagonal = np.diagonal(r, axis1=1, axis2=2)
-    trace = diagonal.sum(axis=1)
-    four = np.empty((len(r), 4, 4))
-    for i in range(3):
-        j, k = (i + 1) % 3, (i + 2) % 3
-        four[:, i, i] = 1.0 - trace + 2.0 * r[:, i, i]
-        four[:, i, j] = four[:, j, i] = r[:, j, i] + r[:, i, j]
-        four[:, i, 3] = four[:, 3, i] = r[:, k, j] - r[:, j, k]
-    four[:, 3, 3] = 1.0 + trace
-    largest = np.argmax(np.column_stack([diagonal, trace]), axis=1)
-    quaternion = four[np.arange(len(r)), largest]
+    four = (_MULTIPLES @ r.reshape(9, -1) + _MULTIPLES_OF_NONE).reshape(4, 4, -1)
+    largest = np.argmax(four.reshape(16, -1)[::5], axis=0)
+    quaternion = four[largest, :, np.arange(len(largest))]
     quaternion /= _length(quaternion)[:, None]
     quaternion *= _canonical_sign(quaternion)[:, None]
-    return np.asarray(quaternion.reshape(*rotation.shape[:-2], 4))
+    return np.asarray(quaternion)
+
+
+def _multiples() -> tuple[FloatArray, FloatArray]:
+    """What makes ``4 q qᵀ`` (16,) of a rotation (9,) row by row: a matrix, and what is added."""
+    of, none = np.zeros((4, 4, 3, 3)), np.eye(4)
+    for i in range(3):
+        j, k = (i + 1) % 3, (i + 2) % 3
+        of[i, i] = np.diag(2.0 * (np.arange(3) == i) - 1.0)
+        of[i, j, j, i] = of[i, j, i, j] = 1.0
+        of[i, 3, k, j], of[i, 3, j, k] = 1.0, -1.0
+        of[j, i], of[3, i] = of[i, j], of[i, 3]
+    of[3, 3] = np.eye(3)
+    return of.reshape(16, 9), none.reshape(16, 1)
+
+
+_MULTIPLES, _MULTIPLES_OF_NONE = _multiples()
+_UNIT: Final = np.eye(3)[:, :, None]
+_NEXT, _AFTER = [1, 2, 0], [2, 0, 1]
+
+
+def _by_number(matrices: FloatArray) -> FloatArray:
+    """Matrices (n, 3, 3) as (3, 3, n), one number of all after the other.
+
+    NumPy multiplies small matrices one by one, which takes ten times as long.
+    """
+    return np.array(matrices.transpose(1, 2, 0), order="C")
+
+
+def _handed(rows: FloatArray) -> FloatArray:
+    """Determinants (n,) of `_by_number`."""
+    first, second, third = rows
+    normal = second[_NEXT] * third[_AFTER] - second[_AFTER] * third[_NEXT]
+    return np.asarray(np.add.reduce(first * normal))
 
 
 def are_rotations(matrices: FloatArray) -> BoolArray:
     """Which of matrices of finite numbers, (n, 3, 3), are orthonormal and right-handed, (n,)."""
-    # One number of all matrices after the other: NumPy multiplies small matrices one by one.
-    rows = np.ascontiguousarray(np.moveaxis(matrices, 0, -1))
-    off = np.zeros(len(matrices))
-    for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-        off = np.maximum(off, np.abs(sum(rows[i] * rows[k]) - (i == k)))
-    first, second, third = rows
-    handed = sum(np.cross(first, second, axis=0) * third)
-    return np.asarray((off <= _ORTHONORMAL) & (handed > 0.0))
+    rows = _by_number(matrices)
+    off = np.abs(np.einsum("ijn,kjn->ikn", rows, rows) - _UNIT).max(axis=(0, 1))
+    return np.asarray((off <= _ORTHONORMAL) & (_handed(rows) > 0.0))
 
 
 def right_singular(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -117,7 +148,8 @@ def right_singular(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _length(vectors: FloatArray) -> FloatArray:
     """Length of vectors (..., n)."""
-    return np.asarray(np.sqrt(np.add.reduce(np.moveaxis(vectors * vectors, -1, 0))))
+    # One number of all vectors after the other: NumPy adds few numbers of each row slowly.
+    return np.asarray(np.sqrt(np.add.reduce((vectors * vectors).T)).T)
 
 
 def _canonical_sign(quaternion: FloatArray) -> FloatArray:
@@ -126,6 +158,8 @@ def _canonical_sign(quaternion: FloatArray) -> FloatArray:
     Of half a turn, where w is zero, the one whose first number of x, y, z is positive.
     """
     x, y, z, w = quaternion.T
+    if w.all():
+        return np.asarray(np.sign(w))
     first = np.where(x != 0.0, x, np.where(y != 0.0, y, z))
     return np.where(np.where(w != 0.0, w, first) < 0.0, -1.0, 1.0)
 

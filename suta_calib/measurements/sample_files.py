@@ -7,6 +7,7 @@ import io
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -226,8 +227,13 @@ def check_readings(q: FloatArray, joints: Sequence[JointRange], origin: Sequence
     Raises:
         SamplesError: names the first of them, and what it looks like.
     """
+    lower, upper = _plausible(tuple(joints))
+    wrong = (q < lower) | (q > upper)
+    # Asked of thousands of readings of the same data.
+    if not wrong.any():
+        return
     for k, joint in enumerate(joints):
-        for row in np.flatnonzero(_implausible(q[:, k], joint)).tolist():
+        for row in np.flatnonzero(wrong[:, k]).tolist():
             raise SamplesError(
                 f"{q[row, k]:.6g}",
                 f"{joint.unit}, joint range {joint}",
@@ -252,13 +258,27 @@ def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
 
 
 def _implausible(values: FloatArray, joint: JointRange) -> NDArray[np.bool_]:
-    if joint.unit == "rad":
-        limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + _REVOLUTE_MARGIN
-        return np.abs(values) > (limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE)
-    beyond = np.maximum(joint.lower - values, values - joint.upper)
-    width = joint.upper - joint.lower
-    most = max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN)
-    return np.asarray((beyond > most) | (np.abs(values) > FARTHEST))
+    lower, upper = _plausible((joint,))
+    return np.asarray((values < lower) | (values > upper))
+
+
+@lru_cache(maxsize=64)
+def _plausible(joints: tuple[JointRange, ...]) -> tuple[FloatArray, FloatArray]:
+    """(joints,) the least and the greatest reading that need not be in another unit, rad or m."""
+    limits = list[tuple[float, float]]()
+    for joint in joints:
+        if joint.unit == "rad":
+            limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + _REVOLUTE_MARGIN
+            limit = limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE
+            limits.append((-limit, limit))
+        else:
+            width = joint.upper - joint.lower
+            beyond = max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN)
+            limits.append(
+                (max(joint.lower - beyond, -FARTHEST), min(joint.upper + beyond, FARTHEST))
+            )
+    lower, upper = np.array(limits).reshape(-1, 2).T
+    return lower, upper
 
 
 def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:

@@ -123,7 +123,9 @@ class ArmModel(Shown):
             raise ParameterError(repr(values), "values by name: {'joint_2.offset': 0.01}")
         arm = copy(self)
         arm.parameters, arm.nongeometric = (
-            ParameterSet(replace(p, nominal=float(values.get(n, p.nominal))) for n, p in s.items())
+            ParameterSet(
+                replace(p, nominal=float(values[n])) if n in values else p for n, p in s.items()
+            )
             for s in (self.parameters, self.nongeometric)
         )
         for derived in ("offered", "gearing"):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,8 @@ _PRISMATIC_REACH: Final = 1.0
 # of its Jacobian, over the largest, that is a way.
 _ASKED: Final = 8
 _A_WAY: Final = 1e-6
+# Targets times starts that are searched at once: so few take hardly longer than one.
+_AT_ONCE: Final = 16
 # By this start the whole range of every joint is searched.
 _WIDEST_START: Final = 6
 
@@ -177,23 +179,32 @@ class InverseKinematics:
         q = np.clip(first, self._lower, self._upper)
         error = np.full((len(targets), 6), np.inf)
 
+        # The generator's state before each attempt was drawn, and the attempt that came last.
+        state, last = dict[int, Any](), 0
+
         @cache
         def begin(attempt: int) -> FloatArray:
+            state[attempt] = rng.bit_generator.state
             share = min(1.0, attempt / _WIDEST_START)
             return first + share * (self.random_readings(rng, len(first)) - first)
 
         def search(attempts: range, rows: NDArray[np.intp]) -> NDArray[np.intp]:
             """From further starts, all at once; which of the rows are left."""
+            nonlocal last
             if not len(rows) or not attempts:
                 return rows
             begins = np.concatenate([begin(k)[rows] if k else q[rows] for k in attempts])
             each = np.tile(rows, len(attempts))
             answers = self._descend(targets.take(each), begins)
-            for found, left in zip(*(np.split(a, len(attempts)) for a in answers), strict=True):
+            parts = (np.split(each, len(attempts)) for each in answers)
+            for attempt, found, left in zip(attempts, *parts, strict=True):
+                last = attempt
                 before = np.linalg.norm(error[rows], axis=1)
                 better = (np.linalg.norm(left, axis=1) < before) & (before > _TOLERANCE)
                 q[rows[better]], error[rows[better]] = found[better], left[better]
-            away = np.linalg.norm(error[rows], axis=1) > _TOLERANCE
+                away = np.linalg.norm(error[rows], axis=1) > _TOLERANCE
+                if not away.any():
+                    break
             return np.asarray(rows[away], dtype=np.intp)
 
         left, given_up = search(range(1), np.arange(len(targets))), np.zeros(len(q), dtype=bool)
@@ -206,8 +217,16 @@ class InverseKinematics:
             given_up = np.isin(together, together[sought])
             given_up[sought] = False
             left = left[~np.isin(left, asked) & ~given_up[left]]
-        for attempt in range(1, starts):
-            left = search(range(attempt, attempt + 1), left)
+        attempt, ahead = 1, 1
+        while len(left) and attempt < starts:
+            state.clear()
+            left = search(range(attempt, min(attempt + ahead, starts)), left)
+            attempt += ahead
+            # Where many have failed, more are tried at once.
+            ahead = max(min(attempt - 1, _AT_ONCE // max(len(left), 1)), 1)
+        if last + 1 in state:
+            # What was drawn in vain is drawn again: nothing depends on how many are tried at once.
+            rng.bit_generator.state = state[last + 1]
         reached = np.linalg.norm(error, axis=1) <= _ARRIVED
         distance = np.linalg.norm(error[:, :3], axis=1) * _LENGTH
         angle = np.linalg.norm(error[:, 3:], axis=1)

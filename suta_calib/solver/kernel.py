@@ -288,21 +288,25 @@ class TermErrors:
         if isinstance(source, ArmPoses):
             samples, told = source.samples, source.samples.told
             self._batch = Batched(source.arm.function(names, told, 0), len(samples), [0])
-            known = (samples.q, *told.values())
-            for place, numbers in zip(self._batch.inputs[1:], known, strict=True):
+            self._q = samples.q
+            for place, numbers in zip(self._batch.inputs[2:], told.values(), strict=True):
                 place[:] = numbers
         else:
             rotation, position = source.at({})
             self._poses = flat(rotation), position
 
-    def __call__(self, values: Mapping[str, float]) -> list[FloatArray]:
+    def __call__(
+        self, values: Mapping[str, float], shifts: FloatArray | float = 0.0
+    ) -> list[FloatArray]:
         """Residuals (n, d) of every block as they were measured, m or rad.
 
         Args:
             values: by name, m or rad.
+            shifts: (samples, joints) of the arm's readings, rad or m.
         """
         if self._batch is not None:
             self._batch.inputs[0][:] = [values[name] for name in self._names]
+            np.add(self._q, shifts, out=self._batch.inputs[1])
             rotation, position, _ = self._batch()
             self._poses = rotation, position
         own = np.array([values[name] for name in self._own])

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import product
 from typing import TYPE_CHECKING, Final
 
@@ -97,6 +97,8 @@ class PoseSource(ABC):
         """The poses of some samples, by number or by boolean mask."""
 
 
+# Every reading of the same data asks again.
+@lru_cache(maxsize=8)
 def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
     """What the columns of a samples file must hold for this arm."""
     followers = {
