@@ -122,7 +122,7 @@ STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
     "calibrate": ((JOB,), 157, ARM[1:]),
     "observe": ((JOB,), 120, ARM),
-    "validate": (("urdf/suta.urdf", JOB), 114, ARM),
+    "validate": (("urdf/suta.urdf", JOB), 92, ARM),
     "outliers --out": ((JOB,), 133, ()),
     "pivot": (("data/poses/pivot.csv",), 75, NO_ARM),
     "hand-eye": (("data/poses/hand_eye.csv",), 82, NO_ARM),
