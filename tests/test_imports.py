@@ -120,10 +120,10 @@ NO_ARM = ("jinja2", "numpy.ma.core", "scipy", "pinocchio", "lxml", "yaml", "ruam
 ARM = ("jinja2", "scipy", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB,), 158, ARM[1:]),
-    "observe": ((JOB,), 121, ARM),
-    "validate": (("urdf/suta.urdf", JOB), 115, ARM),
-    "outliers --out": ((JOB,), 134, ()),
+    "calibrate": ((JOB,), 155, ARM[1:]),
+    "observe": ((JOB,), 118, ARM),
+    "validate": (("urdf/suta.urdf", JOB), 85, ARM),
+    "outliers --out": ((JOB,), 131, ()),
     "pivot": (("data/poses/pivot.csv",), 75, NO_ARM),
     "hand-eye": (("data/poses/hand_eye.csv",), 82, NO_ARM),
     "register": (

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.ipopt import RobustNlp, SolverOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit
+
+if TYPE_CHECKING:
+    from suta_calib.solver.solution import Solution
 
 # Chance that an arm which is as good as the other is called better, and the same for worse.
 CHANCE: Final = 0.01

@@ -21,12 +21,12 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.scores import Scores, scores_of
+from suta_calib.diagnostics.scores import Scores, curvature_of, scores_of
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
 from suta_calib.solver.identifiability import WEAK
-from suta_calib.solver.information import Rows, robust_jacobian, whitened_rows
+from suta_calib.solver.information import Rows, robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
@@ -228,11 +228,18 @@ class Residuals:
 
     @cached_property
     def _alone(self) -> Scores:
-        return scores_of(self.problem, self.rows, self._columns, self._geometry)
+        return self._scores(self._columns, self._geometry)
 
     @cached_property
     def _beside_geometry(self) -> Scores:
-        return scores_of(self.problem, self.rows, self._columns, np.zeros(0, dtype=np.intp))
+        return self._scores(self._columns, np.zeros(0, dtype=np.intp))
+
+    def _scores(self, columns: IntArray, known: IntArray) -> Scores:
+        return scores_of(self.problem, self.rows, columns, known, self._curvature)
+
+    @cached_property
+    def _curvature(self) -> FloatArray:
+        return curvature_of(self.problem, self.rows)
 
     @property
     def _freedom(self) -> int:
@@ -257,7 +264,7 @@ class Residuals:
         more = self._geometry
         if not len(more):
             return 0.0
-        scores = scores_of(self.problem, self.rows, more, self._columns)
+        scores = self._scores(more, self._columns)
         plausible = self.problem.parameters.array("plausible")[more]
         values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
         estimated = int(np.sum(values > WEAK**-2))
@@ -311,6 +318,6 @@ def effective_unknowns(solution: Solution) -> float:
     """
     problem, free = solution.problem, solution.free
     rows = whitened_rows(problem, solution.x, solution.sigmas)
-    told = sum(j.T @ j for j in (robust_jacobian(r)[:, free] for r in rows))
+    told = np.asarray(sum(map(robust_curvature, rows)))[np.ix_(free, free)]
     kept = told + np.diag(problem.prior_precision()[free])
     return float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))

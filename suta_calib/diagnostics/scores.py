@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import f
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
-from suta_calib.solver.information import Rows, robust_jacobian
+from suta_calib.solver.information import Rows, robust_curvature
 from suta_calib.solver.problem import Problem
 
 # Predicted standard deviation over what is plausible up to which a parameter is worth a test.
@@ -72,6 +72,7 @@ def scores_of(
     rows: Sequence[Rows],
     columns: IntArray,
     known: IntArray,
+    curvature: FloatArray | None = None,
 ) -> Scores:
     """Of ``columns``, with every other parameter free to follow but the ``known`` ones.
 
@@ -80,11 +81,12 @@ def scores_of(
         rows: at the fit, with a column for each parameter.
         columns: (k,) to be tested.
         known: that stay.
+        curvature: `curvature_of` these, where it is known.
     """
     plausible = problem.parameters.array("plausible")
     others = np.setdiff1d(np.arange(len(plausible)), np.concatenate([columns, known]))
-    curvature = np.asarray(sum(j.T @ j for j in map(robust_jacobian, rows)))
-    curvature[np.diag_indices(len(plausible))] += known_beforehand(problem)
+    if curvature is None:
+        curvature = curvature_of(problem, rows)
     follow = _solved(curvature[np.ix_(others, others)], curvature[np.ix_(others, columns)])
     left = np.zeros((len(plausible), len(columns)))
     left[columns, np.arange(len(columns))] = 1.0
@@ -104,6 +106,13 @@ def scores_of(
         for line in (r.line for r in rows)
     )
     return Scores(score, reduced, variance, telling, touches, squares)
+
+
+def curvature_of(problem: Problem, rows: Sequence[Rows]) -> FloatArray:
+    """(n, n) of a robust fit's cost by all of its parameters, with what is `known_beforehand`."""
+    curvature = np.asarray(sum(map(robust_curvature, rows)))
+    curvature[np.diag_indices(len(curvature))] += known_beforehand(problem)
+    return curvature
 
 
 def known_beforehand(problem: Problem) -> FloatArray:

@@ -29,8 +29,6 @@ from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.showing import Shown
 from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 from suta_calib.terms.poses import joint_ranges as joint_ranges
 from suta_calib.terms.poses import together
@@ -40,6 +38,8 @@ if TYPE_CHECKING:
     from suta_calib.diagnostics.explanation import Explanation
     from suta_calib.diagnostics.repeats import TouchRepeatability
     from suta_calib.plotting.scene import Scene
+    from suta_calib.solver.solution import Solution
+    from suta_calib.solver.solve import Progress
     from suta_calib.view.calibrated import Calibrated
     from suta_calib.view.server import Viewer
 
@@ -111,6 +111,9 @@ class CalibrationJob(Shown):
 
     def run(self, progress: Progress | None = None) -> CalibrationResult:
         """Solve and validate."""
+        # Who only looks at a job solves nothing.
+        from suta_calib.solver.solve import solve
+
         began = perf_counter()
         problem = self.problem()
         build = perf_counter() - began

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 from typing import Final
 
 from suta_calib.job.tip_offset import TIP_OFFSET_KEYS
 from suta_calib.measurements.exclusion import exclusion_keys
 from suta_calib.measurements.keys import BASE, TIP, URDF, Key, Keys
-from suta_calib.terms import GROUPINGS, KINDS
+from suta_calib.terms import KINDS, every_grouping
 from suta_calib.terms.given import POSE_KEYS
 from suta_calib.units import SHOWN, Unit, key
 
@@ -68,7 +69,8 @@ SEATING_KEYS: Final = Keys(
     Key("clearance_mm", "mm", "How far the tip may sit off the sockets' axes."),
     Key("rotation_deg", "deg", "How far it may be turned about them."),
 )
-_OBSERVATION: Final = (
+# What every kind has, whether or not it has a use for it.
+COMMON_KEYS: Final = Keys(
     Key("kind", "text", "Which kind of observation it is.", required=True),
     Key(
         "samples",
@@ -82,7 +84,7 @@ _OBSERVATION: Final = (
         "exclude",
         "mapping",
         "Samples that are left out, by name.",
-        inside=exclusion_keys(GROUPINGS),
+        inside=Keys(lambda: exclusion_keys(every_grouping())),
     ),
     Key(
         "huber_mm",
@@ -108,20 +110,26 @@ _OBSERVATION: Final = (
         inside=POSE_KEYS,
     ),
 )
-FRAME_KEYS: Final = Keys(
-    *{
+
+
+def _of_frames() -> Iterable[Key]:
+    return {
         frame.key: Key(frame.key, "mapping", f"What is known of {frame.about}.", inside=POSE_KEYS)
         for kind in KINDS.values()
         for frame in kind.frames
     }.values()
-)
-# Of one kind or other: what a kind needs, `job.schema` asks it.
-OWN_KEYS: Final = Keys(
-    *{
+
+
+def _of_kinds() -> Iterable[Key]:
+    return {
         key.name: replace(key, required=False) for kind in KINDS.values() for key in kind.keys
     }.values()
-)
-OBSERVATION_KEYS: Final = Keys(*_OBSERVATION, *FRAME_KEYS, *OWN_KEYS)
+
+
+FRAME_KEYS: Final = Keys(_of_frames)
+# Of one kind or other: what a kind needs, `job.schema` asks it.
+OWN_KEYS: Final = Keys(_of_kinds)
+OBSERVATION_KEYS: Final = Keys(*COMMON_KEYS, _of_frames, _of_kinds)
 
 SOLVER_KEYS: Final = Keys(
     Key("starts", "whole number", "How many starts; the first is nominal. 1 without it."),

@@ -16,6 +16,7 @@ from suta_calib.job.couplings import Couplings
 from suta_calib.job.keys import (
     ARM_KEYS,
     BOUND_AND_PRIOR_KEYS,
+    COMMON_KEYS,
     ENCODER_KEYS,
     FRAME_KEYS,
     JOB_KEYS,
@@ -30,7 +31,7 @@ from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
-from suta_calib.terms import GROUPINGS, KINDS, GivenPose, Term
+from suta_calib.terms import KINDS, GivenPose, Term, every_grouping
 from suta_calib.terms.given import POSE_KEYS
 
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
@@ -265,9 +266,7 @@ def _selection(row: YamlSection) -> Selection:
 
 
 def _observation(row: YamlSection) -> ObservationSpec:
-    OBSERVATION_KEYS.check(row)
-    kind = KINDS[row.choice("kind", KINDS)]
-    _check_keys_of_kind(row, kind)
+    kind = _kind(row)
     clearance_m, clearance_rad = _seating(row, kind)
     fixed = row.flag("fixed")
     levels = ("sigma_px",) if kind.unit == "px" else ("sigma_mm", "sigma_deg")
@@ -287,7 +286,9 @@ def _observation(row: YamlSection) -> ObservationSpec:
         sigma_rad=_angle(row, "sigma_deg"),
         sigma_fixed=fixed,
         line=row.line,
-        exclude=read_exclusion(row.section("exclude"), GROUPINGS) if "exclude" in row else None,
+        exclude=read_exclusion(row.section("exclude"), every_grouping())
+        if "exclude" in row
+        else None,
         clearance_m=clearance_m,
         clearance_rad=clearance_rad,
         settings=kind.read_settings(row),
@@ -322,6 +323,30 @@ def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
     return _length(section, "clearance_mm") or 0.0, _angle(section, "rotation_deg") or 0.0
 
 
+def _kind(row: YamlSection) -> type[Term]:
+    """The kind of a row whose keys it has a use for."""
+    name = row.data.get("kind")
+    if isinstance(name, str) and name in KINDS:
+        kind = KINDS[name]
+        own = {key.name for key in kind.keys} | {frame.key for frame in kind.frames}
+        needed = {*COMMON_KEYS.required, *kind.required_keys()}
+        needed |= {"artefact"} if kind.needs_artefact else set()
+        if needed <= {*row.data} <= ({*COMMON_KEYS.names} | own) - _senseless(kind):
+            return kind
+    # Something is wrong: only to say what, all kinds are asked for their keys.
+    OBSERVATION_KEYS.check(row)
+    kind = KINDS[row.choice("kind", KINDS)]
+    _check_keys_of_kind(row, kind)
+    return kind
+
+
+def _senseless(kind: type[Term]) -> set[str]:
+    """Keys that every kind has, but which say nothing of this one."""
+    senseless = set() if kind.needs_artefact else {"artefact", "seating"}
+    senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
+    return senseless if kind.unit == "mm" else senseless | {*_LENGTH_KEYS}
+
+
 def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
     if kind.needs_artefact and "artefact" not in row:
         needed = f"the artefact's file: {kind.kind} needs it"
@@ -329,11 +354,8 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
     for key in kind.required_keys():
         if key not in row:
             raise row.refuse("no such key", f"a file: {kind.kind} needs it", at=(key,))
-    senseless = {*OWN_KEYS.names} - {key.name for key in kind.keys}
-    senseless |= set() if kind.needs_artefact else {"artefact", "seating"}
-    senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
+    senseless = _senseless(kind) | ({*OWN_KEYS.names} - {key.name for key in kind.keys})
     senseless |= {*FRAME_KEYS.names} - {frame.key for frame in kind.frames}
-    senseless |= set() if kind.unit == "mm" else {*_LENGTH_KEYS}
     for key in OBSERVATION_KEYS.names:
         if key in row and key in senseless:
             raise row.refuse(

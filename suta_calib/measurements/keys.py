@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, Final
 
 if TYPE_CHECKING:
@@ -33,14 +35,20 @@ class Keys:
     """The keys that one mapping of a file may have.
 
     Args:
-        keys: each name once, in the order in which they are shown.
+        keys: each name once, in the order in which they are shown; a function stands for those
+            that take long to find out, and is asked when they are needed.
     """
 
-    def __init__(self, *keys: Key) -> None:
-        self._keys: Final = keys
+    def __init__(self, *keys: Key | Callable[[], Iterable[Key]]) -> None:
+        self._given: Final = keys
 
     def __iter__(self) -> Iterator[Key]:
         return iter(self._keys)
+
+    @cached_property
+    def _keys(self) -> tuple[Key, ...]:
+        found = ((each,) if isinstance(each, Key) else each() for each in self._given)
+        return tuple(chain.from_iterable(found))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -34,12 +34,12 @@ from suta_calib.report.document import (
     Text,
 )
 from suta_calib.report.errors import (
-    GROUPINGS,
     RESIDUALS,
     KindErrors,
     accuracy_json,
     by_kind,
     errors_table,
+    groupings,
     groups,
     residual_rows,
 )
@@ -295,8 +295,8 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
 def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
     accuracy, found = result.accuracy, list[Figure]()
     for name, terms in (("Validation", accuracy.validation), ("Calibration", accuracy.calibration)):
-        of = {label: groups(terms, label) for label in (*GROUPINGS, "file")}
-        told = [label for label in GROUPINGS if len(of[label]) > 1]
+        of = {label: groups(terms, label) for label in (*groupings(), "file")}
+        told = [label for label in groupings() if len(of[label]) > 1]
         # Files are usually split by label: only without labels do they tell more.
         for label in told or ["file"] * (len(of["file"]) > 1):
             rest = len(of[label]) - MOST_GROUPS

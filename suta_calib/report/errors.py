@@ -15,14 +15,12 @@ from suta_calib import units
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
 from suta_calib.report.listing import Column, Json, Listing, Table
-from suta_calib.terms import GROUPINGS as LABEL_COLUMNS
+from suta_calib.terms import every_grouping
 from suta_calib.terms.block import grouped
 from suta_calib.units import NOTHING, Unit
 
 # Unit of what was seen in pictures.
 SEEN: Final[Unit] = "px"
-# Label columns of samples that errors are looked at by.
-GROUPINGS: Final = tuple(noun for noun, columns in LABEL_COLUMNS.items() if columns == (noun,))
 
 
 @dataclass(frozen=True)
@@ -236,6 +234,11 @@ def residual_rows(sets: Mapping[str, Sequence[tuple[str, TermAccuracy]]]) -> Ite
     for data, labelled in sets.items():
         for label, term in labelled:
             yield from (BlockRows(data, label, term, block) for block in term.blocks)
+
+
+def groupings() -> tuple[str, ...]:
+    """Label columns of samples that errors are looked at by."""
+    return tuple(noun for noun, columns in every_grouping().items() if columns == (noun,))
 
 
 def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report.listing import Column, Listing
-from suta_calib.solver.weights import Learned
 from suta_calib.terms.block import Block
 from suta_calib.units import Unit, text, unit_name
+
+if TYPE_CHECKING:
+    from suta_calib.solver.weights import Learned
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +66,7 @@ NOISE: Final = Listing[BlockNoise](
         cell=lambda row: _between(row.interval, row.block.unit) if row.interval else "",
     ),
 )
-PRIORS: Final = Listing[tuple[str, Learned]](
+PRIORS: Final = Listing["tuple[str, Learned]"](
     "Priors",
     Column("group", "of", lambda row: row[0]),
     Column("factor", "times what the job gives", lambda row: row[1].value, form=".2f"),

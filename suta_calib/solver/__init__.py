@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from suta_calib.solver.solution import Solution as Solution
     from suta_calib.solver.solve import identify_at as identify_at
     from suta_calib.solver.solve import start_points as start_points
-    from suta_calib.solver.weights import WeightOptions as WeightOptions
+    from suta_calib.solver.weight_options import WeightOptions as WeightOptions
     from suta_calib.solver.weights import Weights as Weights
 
 __getattr__, __all__ = public(__name__)

@@ -16,7 +16,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.descent import NEGLIGIBLE, Basin, Descent, descend
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.weights import WeightOptions
+from suta_calib.solver.weight_options import WeightOptions
 
 # Whitened costs that differ by less are the same minimum.
 SAME_COST: Final = 1e-3

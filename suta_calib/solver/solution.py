@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -18,8 +18,10 @@ from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import SAME_COST, STALLED, Minimum
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.weights import Weights
 from suta_calib.units import Unit
+
+if TYPE_CHECKING:
+    from suta_calib.solver.weights import Weights
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Of the variance that a prior leaves, the part the data must take away to call it identified.

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from suta_calib.terms.fixed_point import FixedPoint as FixedPoint
     from suta_calib.terms.given import GivenPose as GivenPose
     from suta_calib.terms.hand_eye import HandEye as HandEye
-    from suta_calib.terms.kinds import GROUPINGS as GROUPINGS
     from suta_calib.terms.kinds import KINDS as KINDS
+    from suta_calib.terms.kinds import every_grouping as every_grouping
     from suta_calib.terms.kinds import first_kind as first_kind
     from suta_calib.terms.landmark import TouchedLandmark as TouchedLandmark
     from suta_calib.terms.line import TouchedLine as TouchedLine

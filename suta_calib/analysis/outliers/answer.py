@@ -13,7 +13,7 @@ from suta_calib.assessment import Assessment
 from suta_calib.showing import Shown
 from suta_calib.solver.problem import DEFAULT_SIGMA
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import GROUPINGS
+from suta_calib.terms import every_grouping
 from suta_calib.units import mm
 
 Metric = Literal["contribution", "cooks_distance", "leave_one_out", "bias"]
@@ -26,7 +26,7 @@ METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_o
 AGREEMENT: Final = 3
 # Times the noise of one coordinate that is stated, or assumed, from which on it is no noise.
 STRANGE: Final = 20.0
-GROUPING_NOUN: Final = {f"{noun}s": noun for noun in GROUPINGS}
+GROUPING_NOUN: Final = {f"{noun}s": noun for noun in every_grouping()}
 WORDS: Final = {
     "contribution": "error contribution",
     "cooks_distance": "Cook's distance",
