@@ -10,9 +10,23 @@ from scipy.stats import multivariate_normal, norm
 
 cv2 = pytest.importorskip("cv2")
 
-from vision_scenes import CHARUCO, MARKERS, OPTIONS, facing, taken, truth  # noqa: E402
+from vision_scenes import (  # noqa: E402
+    CHARUCO,
+    CHESSBOARD,
+    MARKERS,
+    OPTIONS,
+    facing,
+    taken,
+    truth,
+)
 
-from suta_calib.vision.corner_model import crossed, evaluated, fit_corners  # noqa: E402
+from suta_calib.measurements import Board  # noqa: E402
+from suta_calib.vision.corner_model import (  # noqa: E402
+    crossed,
+    evaluated,
+    fit_corners,
+    fitted,
+)
 from suta_calib.vision.detection import finder_of  # noqa: E402
 
 
@@ -59,6 +73,46 @@ def test_markers_seen_aslant_are_where_they_are(tilt_deg: tuple[float, float, fl
     stated = np.array([each.std for each in found])[..., None]
     assert error.shape == (4, 8, 2)
     assert 0.7 < np.sqrt(np.mean((error / stated) ** 2)) < 1.4
+
+
+def moved(picture: np.ndarray, length: float, angle_deg: float) -> np.ndarray:
+    """A picture that was taken while everything in it moved by ``length`` px."""
+    kernel = np.zeros((15, 15))
+    way = np.array([np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))])
+    for part in np.linspace(-0.5, 0.5, 121):
+        place = 7.0 + part * length * way
+        (i, j), (x, y) = np.floor(place).astype(int), place % 1.0
+        kernel[j : j + 2, i : i + 2] += np.outer([1.0 - y, y], [1.0 - x, x])
+    return cv2.filter2D(picture, -1, kernel / kernel.sum())
+
+
+@pytest.mark.parametrize("board", [CHESSBOARD, MARKERS], ids=["chessboard", "markers"])
+@pytest.mark.parametrize("angle_deg", [20.0, 100.0])
+def test_pictures_of_a_moving_hand_have_corners_as_good_as_they_say(board: Board, angle_deg: float):
+    clean = taken(board, options=replace(OPTIONS, samples=8, noise=0.0)).astype(float)
+    clean = moved(clean, 4.0, angle_deg)
+    ratios = []
+    for random in map(np.random.default_rng, range(3)):
+        picture = np.round(clean + random.standard_normal(clean.shape)).astype(np.uint8)
+        found = finder_of(board).find(picture)
+        ratios.append((found.pixel - truth(board, found.point)) / found.std[:, None])
+    assert 0.6 < np.sqrt(np.mean(np.square(np.concatenate(ratios)))) < 1.5
+
+
+def test_a_blur_that_is_longer_one_way_is_told_and_a_round_one_left_round():
+    clean = taken(CHESSBOARD, options=replace(OPTIONS, blur=0.0, samples=8, noise=0.0))
+    there = truth(CHESSBOARD, np.arange(len(CHESSBOARD.points)))
+    for across, along in ((1.2, 1.2), (0.8, 1.8)):
+        blurred = cv2.GaussianBlur(clean.astype(float), (0, 0), along, sigmaY=across)
+        noise = np.random.default_rng(0).standard_normal(clean.shape)
+        fit = fitted(blurred + noise, there, 6)
+        longer = np.log(fit.shape[0, 0] / fit.shape[1, 1])
+        # A pixel blurs by a twelfth of its square besides.
+        expected = 0.5 * np.log((along**2 + 1 / 12) / (across**2 + 1 / 12))
+        assert longer == pytest.approx(expected, abs=0.04)
+        assert np.linalg.det(fit.shape) == pytest.approx(1.0)
+        if across == along:
+            assert np.array_equal(fit.shape, np.eye(2))
 
 
 def test_corners_among_markers_seen_aslant_are_no_markers_corners():
