@@ -24,7 +24,6 @@ from suta_calib.measurements.csv_table import (
     read_csv_table,
     rotations,
 )
-from suta_calib.ordered import median
 from suta_calib.units import from_mm, mm
 
 # Different rows that any of these problems needs.
@@ -237,7 +236,7 @@ def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> tuple
     """Warn where lengths look like another unit, and say so to whoever judges the answer."""
     in_mm = f"{prefix}x_mm" in table.columns
     first = f"{prefix}x_mm" if in_mm else f"{prefix}x"
-    distance = float(median(np.linalg.norm(found, axis=1)))
+    distance = float(np.median(np.linalg.norm(found, axis=1)))
     if not in_mm and distance > FAR:
         said, other = f"{distance:.0f} m away; looks like millimetres", "_mm"
     elif in_mm and 0.0 < distance < NEAR:
@@ -270,7 +269,7 @@ def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
     for k in range(numbers.shape[1]):
         _, which, times = np.unique(some[:, k], return_inverse=True, return_counts=True)
         some = some[times[which] > 1]
-    different = len(table) - len(some) + len({*map(tuple, some.tolist())})
+    different = len(table) - len(some) + len(np.unique(some, axis=0))
     if len(table) >= LEAST_ROWS > different:
         raise SamplesError(
             f"{_rows(len(table))}, all but {different} repeating another",
@@ -282,7 +281,7 @@ def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
 
 def _size(points: FloatArray) -> float:
     """Typical distance from the middle, whatever a few rows say."""
-    return float(median(np.linalg.norm(points - median(points, axis=0), axis=1)))
+    return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
 def _rows(count: int) -> str:

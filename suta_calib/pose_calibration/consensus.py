@@ -17,7 +17,6 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2
-from suta_calib.ordered import different
 
 TRIES: Final = 300
 REFINED: Final = 8
@@ -127,7 +126,7 @@ def minimal_samples(group: IntArray, size: int, seed: int) -> IntArray:
 def _drawn(groups: bytes, size: int, seed: int) -> IntArray:
     group = np.frombuffer(groups, dtype=np.intp)
     random = np.random.default_rng(seed)
-    members = [np.flatnonzero(group == g) for g in different(group)]
+    members = [np.flatnonzero(group == g) for g in np.unique(group)]
     members = [m for m in members if len(m) >= size]
     weight = np.array([len(m) for m in members]) / sum(len(m) for m in members)
     chosen = random.choice(len(members), TRIES, p=weight)

@@ -18,7 +18,6 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.ordered import evenly
 from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.terms.block import summed
 
@@ -128,7 +127,7 @@ def _variances(
     series = (
         order[first].astype(float) if correlation_length(mean[np.argsort(first)]) > 1.0 else None
     )
-    some = evenly(0, groups - 1, min(groups, ENOUGH))
+    some = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
     seen, slopes, pulls = (np.array(each) for each in zip(*views, strict=True))
     pulls = pulls.reshape(len(views), groups, size * unknowns)
 

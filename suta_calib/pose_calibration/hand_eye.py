@@ -21,7 +21,6 @@ from suta_calib.geometry.numbers import (
     vector_from_rotation,
 )
 from suta_calib.measurements.pose_files import PosePairs
-from suta_calib.ordered import median
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.distance_trend import DistanceTrend, distance_trend
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
@@ -279,9 +278,9 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
 def _norms(A: Poses, B: Poses, X: Poses) -> FloatArray:
     """Distance (m, n, 2) of every loop from the middle of all, in length and in angle."""
     R, p = _loops(A, B, X)
-    middle = median(p, axis=-1, keepdims=True)
+    middle = np.median(p, axis=-1, keepdims=True)
     # Of every number of the rotations the median, and the rotation next to these.
-    centre = chordal_mean(median(R, axis=-1).reshape(-1, 1, 3, 3)).reshape(-1, 1, 9)
+    centre = chordal_mean(np.median(R, axis=-1).reshape(-1, 1, 3, 3)).reshape(-1, 1, 9)
     cosine = ((centre @ R)[:, 0] - 1.0) / 2.0
     turned = np.arccos(np.clip(cosine, -1.0, 1.0))
     return np.stack([np.linalg.norm(p - middle, axis=1), turned], axis=-1)

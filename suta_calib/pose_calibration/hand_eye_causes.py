@@ -16,7 +16,6 @@ import numpy as np
 from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion
-from suta_calib.ordered import evenly
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
@@ -151,7 +150,7 @@ def _in_other_rows(A: Poses, B: Poses) -> Iterator[tuple[str, Poses, Poses]]:
 
 def _some(rows: IntArray) -> IntArray:
     """`MOST_PAIRS` of the rows at most."""
-    return rows[evenly(0, len(rows) - 1, MOST_PAIRS)]
+    return rows[np.unique(np.linspace(0, len(rows) - 1, MOST_PAIRS).astype(np.intp))]
 
 
 def _reordered(poses: Poses) -> Poses:

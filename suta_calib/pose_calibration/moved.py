@@ -18,7 +18,6 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import f
-from suta_calib.ordered import evenly
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.solver.information import whitened_rows
@@ -102,7 +101,7 @@ def _moved_among_fitted(
     rows = whitened_rows(problem, x, fit.sigmas)
     jacobians = [r.jacobian.reshape(count, -1, len(x)) for r in rows]
     residuals = [r.line.residual / sigma for r, sigma in zip(rows, fit.sigmas, strict=True)]
-    starts = evenly(FEWEST, count - FEWEST, TIMES)
+    starts = np.unique(np.linspace(FEWEST, count - FEWEST, TIMES).astype(np.intp))
     told, pull = _from_each(starts, jacobians, residuals)
     best = _best(starts, parts, told.sum(axis=0), pull.sum(axis=0))
     squares = np.array([np.sum(r**2) for r in residuals])

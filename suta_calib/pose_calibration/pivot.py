@@ -14,7 +14,6 @@ from suta_calib.assessment import Assessment, Level
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
-from suta_calib.ordered import median
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.moved import Moved, moved
@@ -255,7 +254,7 @@ def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> F
     touched = p + (tips @ R.reshape(-1, 3).T).reshape(len(tips), *p.shape)
     norms = np.zeros(touched.shape[:2])
     for rows in rows_of_each(index):
-        middle = median(touched[:, rows], axis=1, keepdims=True)
+        middle = np.median(touched[:, rows], axis=1, keepdims=True)
         away = touched[:, rows] - middle
         norms[:, rows] = np.sqrt(np.einsum("mni,mni->mn", away, away))
     return norms[..., None]

@@ -18,7 +18,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.distributions import chi2, f
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.ordered import different
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
@@ -244,7 +243,7 @@ def robust_fit(
     suspects = suspects[np.argsort(-distance[suspects])]
     found, least = fit, 1.0
     # All of them, then fewer: of many not one by one, each costs a fit.
-    numbers = different(np.geomspace(1, len(suspects), SUBSETS).round().astype(np.intp))[::-1]
+    numbers = np.unique(np.geomspace(1, len(suspects), SUBSETS).round().astype(np.intp))[::-1]
     for dropped, fewer in zip(numbers.tolist(), [*numbers[1:].tolist(), 0], strict=True):
         # Rows that err alike where they are alike are not independent, nor are their components: a
         # row is one witness.

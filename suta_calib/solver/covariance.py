@@ -18,7 +18,6 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.ordered import different
 from suta_calib.solver.artefact_covariance import (
     artefact_covariance,
     artefact_rows,
@@ -188,7 +187,7 @@ def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatAr
     """Scores per touch multiplied by (I - YᵀY)^(-½), Y the touch's rows in units of the fit."""
     freed, n = by_touch.copy(), len(members)
     # Each touch with each of its rows, once.
-    pairs = different((members * n + np.arange(n)[:, None]).reshape(-1))
+    pairs = np.unique(members * n + np.arange(n)[:, None])
     touches, first = np.unique(pairs // n, return_index=True)
     rows = np.split(pairs % n, first[1:])
     # Touches of as many rows are decomposed together.

@@ -113,8 +113,7 @@ def solve_again(
         term.check_enough()
     began, sigmas = perf_counter(), problem.assumed_sigmas()
     fixed = like.identification.fixed
-    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
-    free = np.setdiff1d(wanted, fixed, assume_unique=True)
+    free = np.setdiff1d([k for k, p in enumerate(problem.parameters.values()) if p.free], fixed)
     minimum = RobustNlp(problem, free, sigmas, options).minimise(like.x)
     levels = noise_levels(problem, minimum.x, sigmas)
     identification = identify_at(problem, minimum.x, levels, robust=True)
@@ -163,7 +162,7 @@ def _check_determined(problem: Problem, verdict: Identification) -> None:
     wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     if not len(wanted):
         raise ParameterError("no unknowns", "at least one parameter to estimate")
-    free = np.setdiff1d(wanted, verdict.fixed, assume_unique=True)
+    free = np.setdiff1d(wanted, verdict.fixed)
     if np.any(wanted < problem.arm_count) and not np.any(free < problem.arm_count):
         equations = sum(term.equations() for term in problem.terms)
         raise SamplesError(
@@ -213,7 +212,7 @@ def _fit(
             progress(done, len(starts))
 
     for revision in range(MAX_REVISIONS):
-        free = np.setdiff1d(wanted, list(fixed), assume_unique=True)
+        free = np.setdiff1d(wanted, list(fixed))
         nlp = RobustNlp(problem, free, sigmas, options)
         tried = nlp.minimise_all(starts, tell if revision == 0 else lambda _: None)
         attempts = attempts or tuple(tried)

@@ -15,7 +15,6 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
-from suta_calib.ordered import different
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import point_named, point_parameters
@@ -171,7 +170,7 @@ def rows_of_each(point: IntArray) -> list[slice | BoolArray]:
     """The rows (n,) of each of the points that are touched; all of them where it is one."""
     if not np.any(point != point[:1]):
         return [slice(None)]  # which copies nothing
-    return [point == k for k in different(point)]
+    return [point == k for k in np.unique(point)]
 
 
 def stacked_pivot(

@@ -17,7 +17,6 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation
-from suta_calib.ordered import evenly, median
 from suta_calib.terms.hand_eye_start import (
     FEWEST,
     HALF_TURN,
@@ -47,7 +46,7 @@ def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> Bo
     n = len(hand)
     if n < 2:
         return np.zeros(n, dtype=np.bool_)
-    some = evenly(0, n - 1, min(n, COMPARED))
+    some = np.unique(np.linspace(0, n - 1, min(n, COMPARED)).astype(np.intp))
     moved = _angles(hand, hand[some])
     same = np.abs(_angles(seen, seen[some]) - moved)
     other = np.abs(_angles(otherwise, seen[some]) - moved)
@@ -58,7 +57,7 @@ def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> Bo
     alike = np.where(vector < 0.0, -1.0, 1.0)
     sign = np.where(said @ alike < 0.0, -1.0, 1.0)
     left = np.where(sign[:, None] * alike > 0.0, same, other)
-    if median(left) > OTHER_MOTIONS:
+    if np.median(left) > OTHER_MOTIONS:
         return np.zeros(n, dtype=np.bool_)
     turned = sign < 0.0
     return turned if 2 * turned.sum() <= n else ~turned
@@ -89,7 +88,7 @@ def from_other_end(
     else:
         board = agreeing_hand_eye(hand, seen)[1][0][None]
     off = np.stack([_angles(side, there[0][None])[:, 0] for side in (board, board @ HALF_TURN)])
-    if median(off.min(axis=0)) > OTHER_BOARD:
+    if np.median(off.min(axis=0)) > OTHER_BOARD:
         return np.zeros(n, dtype=np.bool_)
     return np.broadcast_to(off[1] < off[0], n)
 

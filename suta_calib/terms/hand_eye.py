@@ -17,7 +17,6 @@ from suta_calib.geometry.numbers import extent, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.ordered import median
 from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
@@ -198,7 +197,7 @@ class HandEye(SeenTerm):
         if not isinstance(self.poses, ArmPoses):
             return
         _, seen = self._seen
-        away = float(median(np.linalg.norm(seen, axis=1)))
+        away = float(np.median(np.linalg.norm(seen, axis=1)))
         # About a target in its middle a camera may turn without seeing it move.
         if away > FAR or away < NEAR:
             what, expected = "the target's positions", "the target's positions in the eye, in m"

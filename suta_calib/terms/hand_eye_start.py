@@ -13,7 +13,6 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion, skew
-from suta_calib.ordered import median
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
 # Where the eye is; what it sees is on the other.
@@ -107,17 +106,17 @@ def _trimmed(hand: Poses, seen: Poses, kept: BoolArray) -> tuple[Poses, Poses, f
         apart, turned = _off(hand, seen, X, Z[0])
         agreeing = np.ones_like(kept)
         for off in (apart, turned):
-            agreeing &= off <= _STRANGE * max(float(median(off)), 1e-9)
+            agreeing &= off <= _STRANGE * max(float(np.median(off)), 1e-9)
         if agreeing.sum() < FEWEST or np.array_equal(agreeing, kept):
             break
         kept = agreeing
-    return X, Z, float(median(turned))
+    return X, Z, float(np.median(turned))
 
 
 def _off(hand: Poses, seen: Poses, X: Poses, R_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(..., n) how far loops end from the middle one, m, and how they are turned against Z, rad."""
     R, p = loop_closures(hand, X, seen)
-    apart = np.linalg.norm(p - median(p, axis=-2, keepdims=True), axis=-1)
+    apart = np.linalg.norm(p - np.median(p, axis=-2, keepdims=True), axis=-1)
     # Of small turns, √2 times their angle.
     turned = np.linalg.norm(R - R_Z[..., None, :, :], axis=(-2, -1)) / np.sqrt(2.0)
     return apart, turned
@@ -131,7 +130,7 @@ def _like_a_few(hand: Poses, seen: Poses) -> BoolArray:
     A, B = (hand[0][few], hand[1][few]), (seen[0][few], seen[1][few])
     X = quaternion_hand_eye(A, B)
     _, turned = _off(hand, seen, X, close_the_loop(A, X, B)[0])
-    middle = median(turned, axis=1)
+    middle = np.median(turned, axis=1)
     best = int(np.argmin(middle))
     return np.asarray(turned[best] <= _STRANGE * max(float(middle[best]), 1e-9))
 

@@ -20,7 +20,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
-from suta_calib.ordered import different
 from suta_calib.terms.block import numbered
 
 if TYPE_CHECKING:
@@ -380,7 +379,7 @@ def resolutions(q: FloatArray) -> FloatArray:
 
 
 def _resolution(readings: FloatArray) -> float:
-    steps = np.diff(different(readings))
+    steps = np.diff(np.unique(readings))
     smallest = float(steps.min(initial=np.inf))
     whole = steps / smallest
     coarse = WANDER < smallest < COARSEST and len(steps) > 1
