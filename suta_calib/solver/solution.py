@@ -5,21 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
-from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import SAME_COST, STALLED, Minimum
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.weights import Weights
 from suta_calib.units import Unit
+
+if TYPE_CHECKING:
+    from suta_calib.plotting.change import Change
+    from suta_calib.solver.weights import Weights
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Of the variance that a prior leaves, the part the data must take away to call it identified.
@@ -192,6 +194,8 @@ class Solution(Shown):
     @property
     def changes(self) -> list[Change]:
         """How far every estimated parameter of the arm moved from nominal."""
+        from suta_calib.plotting.change import Change
+
         return [
             Change(e.name, e.unit, e.value - e.nominal, e.std, e.state == "prior")
             for e in self.arm_estimates.values()

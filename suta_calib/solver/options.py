@@ -1,0 +1,50 @@
+"""How a problem is solved: what a caller may choose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True)
+class WeightOptions:
+    """What is believed of noise levels and priors beforehand: logarithmic standard deviations.
+
+    Attributes:
+        stated: of a noise level that the job states; a data sheet is right within a factor of two.
+        assumed: of one that nobody stated.
+        common: of the factor common to all priors; a guess is right within one of ten.
+        between: of a group's factor about the common one: whoever guesses one size too small is
+            likely to guess the others so. Free factors would let groups of few parameters run away.
+        camera: of the factor on what is known of a camera: what its calibration says of itself, or
+            what calibrations usually are, is right within one of three.
+    """
+
+    stated: float = math.log(2.0)
+    assumed: float = math.log(10.0)
+    common: float = math.log(10.0)
+    between: float = 0.2
+    camera: float = math.log(3.0)
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How to minimise.
+
+    Attributes:
+        starts: number of starting points; the first is nominal.
+        seed: of the other starting points.
+        hessian: ``gauss-newton`` or ``exact``.
+        max_iterations: of each method, per start.
+        weights: how far learned noise levels and prior sizes may be from given ones; None to take
+            what was given.
+        confirm: whether IPOPT goes on from the lowest end of Gauss-Newton steps. It is another
+            method's word for the minimum, which refits by the thousand can do without.
+    """
+
+    starts: int = 1
+    seed: int = 0
+    hessian: str = "gauss-newton"
+    max_iterations: int = 200
+    weights: WeightOptions | None = field(default_factory=WeightOptions)
+    confirm: bool = True
