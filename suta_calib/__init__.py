@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from suta_calib.pose_calibration.registration import register as register
     from suta_calib.simulation import InverseKinematics as InverseKinematics
     from suta_calib.simulation import simulate as simulate
-    from suta_calib.solver.ipopt import SolverOptions as SolverOptions
+    from suta_calib.solver.options import SolverOptions as SolverOptions
     from suta_calib.solver.problem import Problem as Problem
     from suta_calib.solver.solution import Estimate as Estimate
     from suta_calib.solver.solution import Solution as Solution

@@ -120,22 +120,22 @@ NO_ARM = ("jinja2", "scipy", "pinocchio", "lxml", "yaml", "ruamel.yaml")
 ARM = ("jinja2", "scipy", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB,), 155, ARM[1:]),
-    "observe": ((JOB,), 118, ARM),
-    "validate": (("urdf/suta.urdf", JOB), 85, ARM),
-    "outliers --out": ((JOB,), 131, ()),
-    "pivot": (("data/poses/pivot.csv",), 75, NO_ARM),
-    "hand-eye": (("data/poses/hand_eye.csv",), 82, NO_ARM),
+    "calibrate": ((JOB,), 159, ARM[1:]),
+    "observe": ((JOB,), 121, ARM),
+    "validate": (("urdf/suta.urdf", JOB), 115, ARM),
+    "outliers --out": ((JOB,), 134, ()),
+    "pivot": (("data/poses/pivot.csv",), 71, NO_ARM),
+    "hand-eye": (("data/poses/hand_eye.csv",), 78, NO_ARM),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        78,
+        74,
         NO_ARM,
     ),
-    "pivot --out": (("data/poses/pivot.csv",), 85, NO_ARM[1:]),
-    "hand-eye --out": (("data/poses/hand_eye.csv",), 92, NO_ARM[1:]),
+    "pivot --out": (("data/poses/pivot.csv",), 82, NO_ARM[1:]),
+    "hand-eye --out": (("data/poses/hand_eye.csv",), 89, NO_ARM[1:]),
     "register --out": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        88,
+        85,
         NO_ARM[1:],
     ),
 }

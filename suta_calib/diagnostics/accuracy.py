@@ -15,7 +15,8 @@ from suta_calib.distributions import chi2, f, t
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import whitened_rows
-from suta_calib.solver.ipopt import RobustNlp, SolverOptions
+from suta_calib.solver.ipopt import RobustNlp
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded

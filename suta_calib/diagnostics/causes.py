@@ -32,7 +32,7 @@ from suta_calib.diagnostics.other_steps import other_steps
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.parameters import Parameter, ParameterSet
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve

@@ -16,7 +16,7 @@ import numpy as np
 
 from suta_calib.diagnostics.common_scale import scale_step
 from suta_calib.errors import SutaCalibError
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve

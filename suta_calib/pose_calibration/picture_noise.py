@@ -42,8 +42,9 @@ from suta_calib.pose_calibration.picture_likelihood import (
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.losses import huber_weight
+from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.weights import CAMERA, Learned, WeightOptions, prior_groups
+from suta_calib.solver.weights import CAMERA, Learned, prior_groups
 from suta_calib.terms import CameraView
 from suta_calib.terms.camera_start import HELD
 

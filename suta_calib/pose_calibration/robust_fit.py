@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
-from suta_calib.pose_calibration.stated import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import (
     Information,
@@ -30,9 +29,9 @@ from suta_calib.solver.information import (
     scaled_inverse,
     whitened_rows,
 )
-from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.losses import huber_threshold
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve, solve_again
@@ -41,6 +40,9 @@ from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.term import Term
 from suta_calib.units import text
 from suta_calib.words import listed
+
+if TYPE_CHECKING:
+    from suta_calib.pose_calibration.stated import Agreement
 
 MAX_ROUNDS: Final = 12
 # Rows from which on each may speak for its own scatter.
@@ -230,7 +232,7 @@ def robust_fit(
 
     def plainly(rows: BoolArray) -> RobustFit:
         believed = Consensus(rows, np.array(fit.sigmas))
-        return _settled(make, believed, floors, False, None, stated)
+        return _settled(make, believed, floors, False, None, stated, fit.solution)
 
     fit = _settled(make, start, floors, robust, revise, stated)
     count, suspects = len(fit.inliers), np.flatnonzero(~fit.inliers)
@@ -282,12 +284,12 @@ def _settled(
     robust: bool,
     revise: Callable[[Mapping[str, float], BoolArray], None] | None,
     stated: float | None,
+    last: Solution | None = None,
 ) -> RobustFit:
-    """`robust_fit` where every row that stands out is an outlier."""
+    """`robust_fit` where every row that stands out is an outlier; from a solution of other rows."""
     everything = np.arange(len(start.inliers))
     inliers, sigmas = start.inliers, np.maximum(start.sigmas, ROUNDING)
     least = np.full(len(sigmas), FINEST) if floors is None else np.maximum(floors, FINEST)
-    last: Solution | None = None
     for round_ in range(MAX_ROUNDS):
         assumed = [float(s) for s in np.maximum(sigmas, least)]
         noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
@@ -331,6 +333,8 @@ def _settled(
     uncertain = freedom / (freedom - 2.0) if witnesses < MANY_ROWS and freedom > 2.0 else 1.0
     agreement = None
     if stated is not None:
+        from suta_calib.pose_calibration.stated import Agreement
+
         misfit = float(np.sum(residuals[0][inliers] ** 2)) / stated**2
         agreement = Agreement.of(misfit, float(left[0]))
         # What rows have in common leaves no residual: no less than what is stated is believed.

@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from suta_calib.solver.information import whitened_rows as whitened_rows
     from suta_calib.solver.ipopt import Minimum as Minimum
     from suta_calib.solver.ipopt import RobustNlp as RobustNlp
-    from suta_calib.solver.ipopt import SolverOptions as SolverOptions
     from suta_calib.solver.losses import huber_threshold as huber_threshold
+    from suta_calib.solver.options import SolverOptions as SolverOptions
+    from suta_calib.solver.options import WeightOptions as WeightOptions
     from suta_calib.solver.problem import Problem as Problem
     from suta_calib.solver.solution import Estimate as Estimate
     from suta_calib.solver.solution import Solution as Solution
     from suta_calib.solver.solve import identify_at as identify_at
     from suta_calib.solver.solve import start_points as start_points
-    from suta_calib.solver.weight_options import WeightOptions as WeightOptions
     from suta_calib.solver.weights import Weights as Weights
 
 __getattr__, __all__ = public(__name__)

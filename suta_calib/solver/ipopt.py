@@ -6,7 +6,7 @@ Both work on x divided by the parameters' scales, within their bounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from threading import get_ident
 from typing import Any, Final
 
@@ -15,8 +15,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.solver.descent import NEGLIGIBLE, Basin, Descent, descend
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.weight_options import WeightOptions
 
 # Whitened costs that differ by less are the same minimum.
 SAME_COST: Final = 1e-3
@@ -31,29 +31,6 @@ GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 # What Gauss-Newton steps come to: a minimum, or one that an earlier start has found.
 SETTLED: Final = "Gauss_Newton_Settled"
 JOINED: Final = "Joined_Earlier_Start"
-
-
-@dataclass(frozen=True)
-class SolverOptions:
-    """How to minimise.
-
-    Attributes:
-        starts: number of starting points; the first is nominal.
-        seed: of the other starting points.
-        hessian: ``gauss-newton`` or ``exact``.
-        max_iterations: of each method, per start.
-        weights: how far learned noise levels and prior sizes may be from given ones; None to take
-            what was given.
-        confirm: whether IPOPT goes on from the lowest end of Gauss-Newton steps. It is another
-            method's word for the minimum, which refits by the thousand can do without.
-    """
-
-    starts: int = 1
-    seed: int = 0
-    hessian: str = "gauss-newton"
-    max_iterations: int = 200
-    weights: WeightOptions | None = field(default_factory=WeightOptions)
-    confirm: bool = True
 
 
 @dataclass(frozen=True, eq=False)

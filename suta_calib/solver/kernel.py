@@ -173,16 +173,26 @@ class Kernel:
         own_count: int,
     ) -> None:
         n, poses = block.samples.shape
-        function, columns, used = _compiled(
-            block.residual, poses, block.own.shape[1], block.data.shape[1], block.size, n >= MANY
+        # What every row looks at alike is computed once for all of them.
+        alike = bool(n) and bool(np.all(own_columns == own_columns[0]))
+        self._own = own_columns[0] if alike else own_columns
+        function, columns, used, ahead = _compiled(
+            block.residual,
+            poses,
+            block.own.shape[1],
+            block.data.shape[1],
+            block.size,
+            n >= MANY,
+            alike and n < MANY,
         )
         samples = block.samples + first_sample
         # Of each input the array it comes from, and which of its rows.
         self._taken = [(place % 2, _rows(samples[:, place // 2])) for place in used]
-        # What every row looks at alike is computed once for all of them.
-        alike = bool(n) and bool(np.all(own_columns == own_columns[0]))
-        self._own = own_columns[0] if alike else own_columns
-        self._batch = Batched(function, n, [function.n_in() - 2] if alike else [])
+        # The last inputs are what is made of own parameters, if anything is, they, and the data.
+        last = function.n_in()
+        shared = ([last - 2] if alike else []) + ([last - 3] if ahead is not None else [])
+        self._batch = Batched(function, n, shared)
+        self._ahead = None if ahead is None else Batched(ahead, 1, [0])
         self._batch.inputs[-1][:] = block.data
         self._shape = (n, block.size, len(columns))
         self._known_sigma, self._spread = block.known_sigma, (math.nan, block.known_sigma)
@@ -212,12 +222,20 @@ class Kernel:
             own parameters (n, d, m). Views of arrays that the next call overwrites.
         """
         n, size, width = self._shape
-        for slot, (part, rows) in zip(self._batch.inputs[:-2], self._taken, strict=True):
+        for slot, (part, rows) in zip(self._batch.inputs, self._taken, strict=False):
             _take(position if part else rotation, rows, slot)
         self._batch.inputs[-2][:] = own[self._own]
-        residual, by_pose, by_own = self._batch()
         looked_at = self._own.shape[-1]
-        return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, looked_at)
+        if self._ahead is None:
+            residual, by_pose, by_own = self._batch()
+            return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, looked_at)
+        self._ahead.inputs[0][:] = own[self._own]
+        made, change = self._ahead()
+        self._batch.inputs[-3][:] = made[0]
+        residual, by_pose, by_own, by_made = self._batch()
+        chained = by_made.reshape(n * size, -1) @ change.reshape(-1, looked_at)
+        chained += by_own.reshape(n * size, looked_at)
+        return residual, by_pose.reshape(n, size, width), chained.reshape(n, size, looked_at)
 
 
 def _rows(numbers: IntArray) -> slice | IntArray:
@@ -315,14 +333,18 @@ class TermErrors:
 
 @lru_cache(maxsize=64)
 def _compiled(
-    residual: Residual, poses: int, own: int, data: int, size: int, many: bool
-) -> tuple[Any, IntArray, tuple[int, ...]]:
+    residual: Residual, poses: int, own: int, data: int, size: int, many: bool, apart: bool
+) -> tuple[Any, IntArray, tuple[int, ...], Any]:
     """CasADi function (R₁, p₁, …, own, data) → residual, pose derivative, own derivative.
 
     What occurs in it several times is sought for ``many`` rows: that takes longer than all else
     here, and as long as to evaluate a hundred rows some fifty times.
 
-    Rotations and positions that the residual does not look at are no inputs; the last answer says
+    Where it is to be taken ``apart``, what is made of own parameters alone, such as a rotation
+    matrix, is an input before them, and the last output is the derivative by that; the last answer
+    is the function own → what is made of them, and its derivative. None where nothing is.
+
+    Rotations and positions that the residual does not look at are no inputs; the third answer says
     which of R₁, p₁, R₂, … are.
 
     Derivatives are transposed, so that CasADi's column order is row order per residual component.
@@ -335,24 +357,42 @@ def _compiled(
         Pose(R + ca.skew(velocity[6 * k + 3 : 6 * k + 6]) @ R, p + velocity[6 * k : 6 * k + 3])
         for k, (R, p) in enumerate(zip(rotations, positions, strict=True))
     ]
-    value = residual(moved, own_symbol, data_symbol)
-    at_rest = [
-        ca.substitute(e, velocity, ca.SX.zeros(6 * poses, 1))
-        for e in (value, ca.jacobian(value, velocity), _by_own(value, own_symbol))
-    ]
+    value, first, ahead = residual(moved, own_symbol, data_symbol), list[Symbol](), None
+    if value.shape != (size, 1):
+        raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
+    # Of no parameters nothing is made.
+    made, of_own, rest = _made_of(value, own_symbol if apart else ca.SX.sym("none", 0))
+    if made is None:
+        derivatives = [ca.jacobian(value, velocity), _by_own(value, own_symbol)]
+    else:
+        value, first = rest, [made]
+        derivatives = [ca.jacobian(value, each) for each in (velocity, own_symbol, made)]
+        both = [of_own, ca.densify(ca.jacobian(of_own, own_symbol).T)]
+        ahead = ca.Function("made", [own_symbol], both)
+    at_rest = [ca.substitute(e, velocity, ca.SX.zeros(6 * poses, 1)) for e in (value, *derivatives)]
     columns = np.flatnonzero(np.diff(at_rest[1].sparsity().colind())).astype(np.intp)
     symbols = [s for pair in zip(rotations, positions, strict=True) for s in pair]
-    outputs = [at_rest[0], at_rest[1][:, columns.tolist()].T, at_rest[2].T]
+    by_pose = at_rest[1][:, columns.tolist()]
+    outputs = [at_rest[0], by_pose.T, *(each.T for each in at_rest[2:])]
     used = _looked_at(symbols, ca.veccat(*outputs))
     function = ca.Function(
         residual.__name__.strip("_") or "residual",
-        [*(symbols[k] for k in used), own_symbol, data_symbol],
+        [*(symbols[k] for k in used), *first, own_symbol, data_symbol],
         [ca.densify(o) for o in outputs],
         {"cse": many},
     )
-    if value.shape != (size, 1):
-        raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
-    return function, columns, used
+    return function, columns, used, ahead
+
+
+def _made_of(value: Symbol, own: Symbol) -> tuple[Symbol, Symbol, Symbol]:
+    """Symbols of what a value makes of own parameters alone, as one vector; these; the value of it.
+
+    None, None and the value itself where it makes nothing of them.
+    """
+    rest, names, expressions = ca.extract_parametric(value, own, {})
+    if not names:
+        return None, None, value
+    return ca.vertcat(*names), ca.vertcat(*expressions), rest
 
 
 def _by_own(value: Symbol, own: Symbol) -> Symbol:
@@ -361,10 +401,9 @@ def _by_own(value: Symbol, own: Symbol) -> Symbol:
     How that changes with them is computed once where all rows look at the same ones; and in any
     case no row's derivative is taken back through the formula of a rotation vector.
     """
-    rest, names, expressions = ca.extract_parametric(value, own, {})
-    if not names:
+    made, of_own, rest = _made_of(value, own)
+    if made is None:
         return ca.jacobian(value, own)
-    made, of_own = ca.vertcat(*names), ca.vertcat(*expressions)
     chained = ca.jacobian(rest, made) @ ca.jacobian(of_own, own)
     return ca.substitute(ca.jacobian(rest, own) + chained, made, of_own)
 

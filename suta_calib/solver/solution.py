@@ -12,7 +12,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
-from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
@@ -21,6 +20,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
+    from suta_calib.plotting.change import Change
     from suta_calib.solver.weights import Weights
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
@@ -194,6 +194,8 @@ class Solution(Shown):
     @property
     def changes(self) -> list[Change]:
         """How far every estimated parameter of the arm moved from nominal."""
+        from suta_calib.plotting.change import Change
+
         return [
             Change(e.name, e.unit, e.value - e.nominal, e.std, e.state == "prior")
             for e in self.arm_estimates.values()

@@ -14,7 +14,8 @@ from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
-from suta_calib.solver.ipopt import Minimum, RobustNlp, SolverOptions
+from suta_calib.solver.ipopt import Minimum, RobustNlp
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
 from suta_calib.threads import single_threaded
@@ -70,8 +71,9 @@ def solve(
     # One block without priors is weighed against nothing.
     weighed = len(problem.blocks) > 1 or problem.prior_precision()[estimated].any()
     if options.weights is not None and minimum.converged and weighed:
-        inside = _inside(problem, minimum.x, estimated)
         from suta_calib.solver.weights import learn_weights
+
+        inside = _inside(problem, minimum.x, estimated)
 
         weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
         problem = weights.applied_to(problem)

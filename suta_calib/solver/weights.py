@@ -42,8 +42,8 @@ from suta_calib.solver.evidence import (
 )
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.level_uncertainty import covariance_of_levels
+from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.weight_options import WeightOptions as WeightOptions
 from suta_calib.terms.block import grouped_rows, summed
 
 # The group of what is known of a camera's intrinsics.

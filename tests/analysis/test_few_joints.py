@@ -16,7 +16,7 @@ from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise

@@ -17,7 +17,7 @@ from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, MeasuredPoses, Noise

@@ -26,7 +26,7 @@ from suta_calib.analysis.planning import (
 from suta_calib.errors import JobError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.plan import plan_document
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 

@@ -35,7 +35,7 @@ from suta_calib.analysis.study import (
 from suta_calib.analysis.study.trial import FullDataFit, Trial, held_out_rms, nominal_rms, run_trial
 from suta_calib.diagnostics.accuracy import Accuracy, assess
 from suta_calib.errors import SamplesError
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 

@@ -19,7 +19,7 @@ from suta_calib.diagnostics.explanation import explain
 from suta_calib.errors import ParameterError
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.noise import full_circle
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise, TrackedPoint

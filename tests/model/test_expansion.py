@@ -20,7 +20,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.report.model_selection import row_text
 from suta_calib.simulation import write_simulation
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, TrackedPoint

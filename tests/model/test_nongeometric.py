@@ -20,7 +20,7 @@ from suta_calib.measurements import SampleColumns, read_samples, write_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation import read_simulation, simulate, write_simulation
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise, TrackedPoint

@@ -26,7 +26,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.pose_calibration.hand_eye import _loops, calibrate_hand_eye
 from suta_calib.pose_calibration.robot_noise import estimate_robot_noise_fraction
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, MeasuredPoses, Noise

@@ -23,7 +23,7 @@ from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.solver.artefact_covariance import artefact_rows
 from suta_calib.solver.information import whitened_rows
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve

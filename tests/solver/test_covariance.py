@@ -22,7 +22,7 @@ from simulated import (
 
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.information import predicted_information, whitened_rows
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve

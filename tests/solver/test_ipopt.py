@@ -12,14 +12,8 @@ from solver_problems import DIRTY, HUBER, SIGMA, dirty_problem, distances, far_p
 from suta_calib.arrays import FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.callbacks import Ipopt
-from suta_calib.solver.ipopt import (
-    SETTLED,
-    STALLED,
-    Minimum,
-    RobustNlp,
-    SolverOptions,
-    hopeless,
-)
+from suta_calib.solver.ipopt import SETTLED, STALLED, Minimum, RobustNlp, hopeless
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 

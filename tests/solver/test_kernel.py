@@ -8,6 +8,8 @@ import pytest
 from suta_calib.elementwise import formula
 from suta_calib.solver import kernel
 from suta_calib.solver.kernel import RowPattern
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import FixedPoint, HandEye, Term
 from suta_calib.terms.block import Block, Noise
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.terms.reprojection import REPROJECTION
@@ -76,10 +78,23 @@ def test_rows_are_taken_whether_they_follow_one_another_or_not(numbers: list[int
 @pytest.mark.parametrize("free", [False, True])
 def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) -> None:
     residual, own = REPROJECTION[EYE_IN_HAND, free], 21 if free else 12
-    function, *_ = kernel._compiled(residual, 1, own, 15, 2, True)
+    function, *_ = kernel._compiled(residual, 1, own, 15, 2, True, False)
     rule = formula(function, (function.n_in() - 2,))
     assert rule is not None
     assert np.sqrt in {operation for operation, _ in rule.once}
     assert np.sqrt not in {operation for operation, _ in rule.each}
     # By hand it is some 350: three products with matrices for each derivative of a pixel.
     assert len(rule.each) < 700
+
+
+@pytest.mark.parametrize("term", [HandEye.simulate(9).term, FixedPoint.simulate(9).term])
+def test_what_is_made_of_own_parameters_may_be_computed_apart(
+    monkeypatch: pytest.MonkeyPatch, term: Term
+) -> None:
+    x, found = 0.3 * np.random.default_rng(0).normal(size=len(term.own)), []
+    for many in (10, 9):
+        monkeypatch.setattr(kernel, "MANY", many)
+        lines = Problem([term]).linearise(x, [1.0] * len(term.blocks))
+        found.append([a for line in lines for a in (line.residual, line.by_pose, line.by_own)])
+    for apart, together in zip(*found, strict=True):
+        np.testing.assert_allclose(apart, together, rtol=1e-12, atol=1e-14)

@@ -30,7 +30,8 @@ from suta_calib.model.parameters import Selection
 from suta_calib.solver import evaluation, information
 from suta_calib.solver.covariance import observed_covariance
 from suta_calib.solver.information import predicted_information
-from suta_calib.solver.ipopt import RobustNlp, SolverOptions
+from suta_calib.solver.ipopt import RobustNlp
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import identify_at, solve, solve_again, start_points

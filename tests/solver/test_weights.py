@@ -24,8 +24,8 @@ from simulated import (
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Samples
 from suta_calib.model.parameters import ParameterSet, Selection
-from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.losses import huber_threshold
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve

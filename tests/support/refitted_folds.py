@@ -15,7 +15,7 @@ from suta_calib.analysis.model_selection.cross_validation import (
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 

@@ -20,7 +20,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import Samples
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import MeasuredPoses, Noise, TouchedPlane

@@ -22,7 +22,7 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.schema import read_job
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.parameters import Selection
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve

@@ -12,7 +12,7 @@ from simulated import (
 )
 from terms_cases import CASES, SIGMA, each_case, noises, problem_of, scene
 
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import pairwise_distance

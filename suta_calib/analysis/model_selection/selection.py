@@ -37,7 +37,7 @@ from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, offered_nam
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLAUSIBLE, Family, ParameterSet, Selection
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve

@@ -28,8 +28,9 @@ from suta_calib.solver.information import (
     scaled_inverse,
     whitened_rows,
 )
-from suta_calib.solver.ipopt import RobustNlp, SolverOptions
+from suta_calib.solver.ipopt import RobustNlp
 from suta_calib.solver.kernel import term_residuals
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term

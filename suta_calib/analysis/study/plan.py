@@ -25,7 +25,7 @@ from suta_calib.analysis.study.trial import (
 )
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve

@@ -27,8 +27,8 @@ from suta_calib.errors import InputError, SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations, stream
-from suta_calib.solver.ipopt import SolverOptions
 from suta_calib.solver.kernel import TermErrors
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, State
 from suta_calib.solver.solve import solve

@@ -1,9 +1,9 @@
-"""How far learned noise levels and prior sizes may be from given ones."""
+"""How a problem is solved: what a caller may choose."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -25,3 +25,26 @@ class WeightOptions:
     common: float = math.log(10.0)
     between: float = 0.2
     camera: float = math.log(3.0)
+
+
+@dataclass(frozen=True)
+class SolverOptions:
+    """How to minimise.
+
+    Attributes:
+        starts: number of starting points; the first is nominal.
+        seed: of the other starting points.
+        hessian: ``gauss-newton`` or ``exact``.
+        max_iterations: of each method, per start.
+        weights: how far learned noise levels and prior sizes may be from given ones; None to take
+            what was given.
+        confirm: whether IPOPT goes on from the lowest end of Gauss-Newton steps. It is another
+            method's word for the minimum, which refits by the thousand can do without.
+    """
+
+    starts: int = 1
+    seed: int = 0
+    hessian: str = "gauss-newton"
+    max_iterations: int = 200
+    weights: WeightOptions | None = field(default_factory=WeightOptions)
+    confirm: bool = True
