@@ -82,11 +82,16 @@ def energies_of_rows(
     return parts[0], parts[1], int(np.sum(weight == 1.0))
 
 
+def limit_of(block: Block, spread: Any) -> Any:
+    """Huber's threshold, m or rad, for the noise ``spread``: of `huber_threshold` at the most."""
+    given = block.noise.huber
+    stays = block.noise.fixed or math.isinf(given)
+    return given if stays else np.minimum(given, huber_threshold(block.size) * spread)
+
+
 def threshold_of(block: Block, spread: Any) -> Any:
-    """Huber's, in units of the noise ``spread``, m or rad: of `huber_threshold` at the most."""
-    given = block.noise.huber / spread
-    stays = block.noise.fixed or math.isinf(block.noise.huber)
-    return given if stays else np.minimum(given, huber_threshold(block.size))
+    """The same in units of that noise."""
+    return limit_of(block, spread) / spread
 
 
 def energy_of_prior(precision: FloatArray, away: FloatArray) -> Energy:

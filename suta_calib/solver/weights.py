@@ -36,6 +36,7 @@ from suta_calib.solver.evidence import (
     Evidence,
     energies_of_rows,
     energy_of_prior,
+    limit_of,
     most_likely,
     threshold_of,
     told_by_data,
@@ -219,7 +220,7 @@ def learn_weights(
             for v, k, t in zip(values[noise], known, trust, strict=True)
         ),
         tuple(
-            float(threshold_of(block, spread) * spread)
+            float(limit_of(block, spread))
             for block, spread in zip(blocks, np.sqrt(values[noise] ** 2 + known), strict=True)
         ),
         scale,
