@@ -32,6 +32,7 @@ from suta_calib.diagnostics.other_steps import other_steps
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -187,7 +188,13 @@ def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> floa
         cap: as many times the first block's unit.
         fitted: how many parameters followed these residuals.
     """
-    residuals = _alike(problem, x)
+    return _misfit(problem, x, _alike(problem, x), cap, fitted)
+
+
+def _misfit(
+    problem: Problem, x: FloatArray, residuals: Sequence[FloatArray], cap: float, fitted: int
+) -> float:
+    """`misfit` of these residuals, which are `_alike`."""
     squared = [np.minimum(np.einsum("nd,nd->n", r, r), r.shape[1] * cap**2) for r in residuals]
     pulls = (x - problem.parameters.array("nominal")) ** 2 * problem.prior_precision()
     known = float(pulls.sum()) * problem.assumed_sigmas()[0] ** 2
@@ -210,7 +217,14 @@ def _registered(terms: Sequence[Term], cap: float) -> float:
     """Misfit with the nominal arm, and what is external at its closed-form start."""
     with suppress(SutaCalibError):
         problem = Problem(terms)
-        return misfit(problem, problem.start(), cap, len(problem.names))
+        x, sigmas = problem.start(), problem.assumed_sigmas()
+        # Without derivatives: hundreds of readings are asked once each.
+        errors = chain(*(TermErrors(term, ())(problem.values(x)) for term in terms))
+        residuals = [
+            error / block.relative * (sigmas[0] / s)
+            for block, error, s in zip(problem.blocks, errors, sigmas, strict=True)
+        ]
+        return _misfit(problem, x, residuals, cap, len(x))
     return math.inf
 
 

@@ -59,7 +59,6 @@ class Problem:
         arm_parameters: the arm's alone.
         arm: the arm all terms share, or None.
         arm_count: how many of the parameters are the arm's.
-        evaluation: cost and derivatives; built once, used by every start and every study.
 
     Raises:
         ParameterError: no term, terms over different arms, or one name for different unknowns.
@@ -78,13 +77,27 @@ class Problem:
         self.parameters = ParameterSet([*chosen.values(), *own.values()]) if own else chosen
         self.arm_parameters, self.arm_count = chosen, len(chosen)
         self._own_index = {name: k for k, name in enumerate(own)}
-        self.evaluation = self._evaluation()
         self._prior_scale = np.ones(len(self.parameters))
 
     @property
     def blocks(self) -> tuple[Block, ...]:
         """Blocks of all terms, in order."""
-        return tuple(view.block for view in self.evaluation.views)
+        return tuple(block for term in self.terms for block in term.blocks)
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """Cost and derivatives; built once, used by every start and every study."""
+        views, first = [], 0
+        for term in self.terms:
+            columns = np.array([self._own_index[p.name] for p in term.own], dtype=np.intp)
+            views += [
+                BlockView(block, first, columns[block.own] if block.own.shape[1] else block.own)
+                for block in term.blocks
+            ]
+            first += len(term.poses)
+        names = self.names[: self.arm_count]
+        sources = [term.poses for term in self.terms]
+        return Evaluation(sources, views, names, len(self._own_index))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -133,7 +146,7 @@ class Problem:
     def with_priors_scaled(self, scale: FloatArray) -> Problem:
         """The same problem with priors that are wider by a factor per parameter (n,)."""
         other = copy(self)
-        other._prior_scale = scale
+        other.evaluation, other._prior_scale = self.evaluation, scale
         return other
 
     def with_thresholds(self, limits: Sequence[float]) -> Problem:
@@ -183,19 +196,6 @@ class Problem:
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Residuals and derivatives of every block at x, for given noise levels."""
         return self.evaluation.linearise(x, sigmas)
-
-    def _evaluation(self) -> Evaluation:
-        views, first = [], 0
-        for term in self.terms:
-            columns = np.array([self._own_index[p.name] for p in term.own], dtype=np.intp)
-            views += [
-                BlockView(block, first, columns[block.own] if block.own.shape[1] else block.own)
-                for block in term.blocks
-            ]
-            first += len(term.poses)
-        names = self.names[: self.arm_count]
-        sources = [term.poses for term in self.terms]
-        return Evaluation(sources, views, names, len(self._own_index))
 
 
 def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:

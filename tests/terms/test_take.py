@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from simulated import dh_parameters
@@ -106,6 +108,20 @@ def test_errors_without_derivatives_are_those_of_the_problem(name: str) -> None:
         lines = problem.linearise(x, problem.assumed_sigmas())
         for line, found in zip(lines, errors(problem.values(x)), strict=True):
             np.testing.assert_allclose(found, line.error, rtol=1e-12, atol=1e-15)
+
+
+@each_case
+def test_errors_at_other_readings_are_those_of_samples_that_have_them(name: str) -> None:
+    problem = problem_of(name)
+    (term,), samples = problem.terms, problem.terms[0].poses.samples
+    shifts = 1e-3 * np.sin(np.arange(samples.q.size)).reshape(samples.q.shape)
+    values, errors = problem.values(problem.start()), TermErrors(term, ())
+    there = term.over_poses(term.poses.with_samples(replace(samples, q=samples.q + shifts)))
+    shifted = [found.copy() for found in errors(values, shifts)]
+    for found, expected in zip(shifted, TermErrors(there, ())(values), strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
+    for found, expected in zip(errors(values), TermErrors(term, ())(values), strict=True):
+        np.testing.assert_array_equal(found, expected)
 
 
 @each_case
