@@ -16,7 +16,7 @@ from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Board, Camera, Chessboard, Marker, Markers
-from suta_calib.solver.ipopt import SolverOptions
+from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView
