@@ -29,9 +29,7 @@ PAGE: Final = RESULTS / "limits.md"
 IMPORTS: Final = "import pinocchio, casadi, scipy"
 # The floor of a command: the libraries that it uses, before any line of ours. None needs SciPy; for
 # a median or the different numbers of an array NumPy loads its masked arrays.
-_POSES: Final = (
-    "import numpy.ma, numpy.random, casadi, threadpoolctl, click, rich.console, rich.table"
-)
+_POSES: Final = "import numpy.ma, numpy.random, casadi, click, rich.console, rich.table"
 _JOB: Final = f"{_POSES}, pinocchio, lxml.etree, yaml"
 NEEDED_IMPORTS: Final = {
     "calibrate": f"{_JOB}, jinja2",
