@@ -74,7 +74,6 @@ def solve(
         from suta_calib.solver.weights import learn_weights
 
         inside = _inside(problem, minimum.x, estimated)
-
         weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
         problem = weights.applied_to(problem)
         sigmas = list(weights.sigmas)
