@@ -30,12 +30,15 @@ IN_SECONDS = {
     "plan": ("plan", JOB, "-n", "4", "--out", "{out}"),
     "tip-map": ("tip-map", JOB, "--out", "{out}"),
 }
-WITHOUT_REPORT = (*BESIDE_IMPORTS["calibrate"], "--no-report")
 
 
 def beside_imports(folder: str) -> None:
-    """Time each short command right after the imports, and record the ratios."""
+    """Time each short command right after the imports, and record the ratios.
+
+    What a report takes is what `calibrate` takes more than without one just afterwards.
+    """
     ratios: dict[str, list[tuple[float, ...]]] = {name: [] for name in BESIDE_IMPORTS}
+    report: list[float] = []
     for _ in range(PAIRS):
         for name, arguments in BESIDE_IMPORTS.items():
             bare, bare_waited = times(["-c", IMPORTS])
@@ -43,6 +46,9 @@ def beside_imports(folder: str) -> None:
             told = [each.format(out=folder) for each in arguments]
             taken, waited = times(["-m", "suta_calib", *told])
             ratios[name].append((taken / bare, waited / bare_waited, needed / bare, taken, waited))
+            if name == "calibrate":
+                report.append(taken - processor_time(["-m", "suta_calib", *told, "--no-report"]))
+    record("report", report)
     for name, rows in ratios.items():
         ratio, ratio_waited, floor, taken, waited = np.transpose(rows)
         alone = f"the libraries that it needs alone {np.median(floor):.2f}"
@@ -52,20 +58,14 @@ def beside_imports(folder: str) -> None:
 
 
 def in_seconds(folder: str) -> None:
-    """Time what takes seconds, and what the report of a calibration takes."""
-    commands = {
-        **IN_SECONDS,
-        "calibrate": BESIDE_IMPORTS["calibrate"],
-        "no report": WITHOUT_REPORT,
-    }
-    taken: dict[str, list[float]] = {name: [] for name in commands}
+    """Time what takes seconds, in turns."""
+    taken: dict[str, list[float]] = {name: [] for name in IN_SECONDS}
     for _ in range(ROUNDS):
-        for name, arguments in commands.items():
+        for name, arguments in IN_SECONDS.items():
             told = [each.format(out=folder) for each in arguments]
             taken[name].append(processor_time(["-m", "suta_calib", *told]))
     for name in IN_SECONDS:
         record(name, taken[name])
-    record("report", np.subtract(taken["calibrate"], taken["no report"]))
 
 
 def main() -> None:
