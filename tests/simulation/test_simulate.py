@@ -264,7 +264,9 @@ def test_nothing_depends_on_how_many_starts_are_searched_at_once(
         answers.append(np.array(found))
     one_by_one, together = answers
     np.testing.assert_array_equal(together[:, -1], one_by_one[:, -1])
-    np.testing.assert_allclose(together, one_by_one, rtol=0, atol=1e-9)
+    # Where the arm is singular, joints tell of an error of the tip by its square root.
+    singular = math.sqrt(inverse_kinematics._TOLERANCE)
+    np.testing.assert_allclose(together, one_by_one, rtol=0, atol=singular)
 
 
 def test_targets_that_count_together_are_given_up_together(suta_urdf: Path) -> None:
