@@ -10,7 +10,6 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from itertools import product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -41,10 +40,10 @@ LEVERS: Final = 50
 FEW: Final = 1000
 # Rows that are compared at once sooner than they are sorted into cells.
 FEWEST: Final = 100
-# Joints of a grid, which is moved in every combination of them, and the width of its cells in
-# distances of neighbours: twice that, and room for rounding.
+# Joints of a grid, and how far grids are moved along each other in distances of neighbours: that,
+# and room for rounding.
 GRID: Final = 3
-CELL: Final = 2.0 + 1e-6
+APART: Final = 1.0 + 1e-6
 # What makes one number of a cell's: large and odd, so that hardly any two cells have the same.
 MIXED: Final = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64
@@ -279,7 +278,9 @@ def together(q: FloatArray, apart: float = WANDER) -> IntArray:
         (n,) number of the group of each row, by first appearance.
     """
     steps = q / np.maximum(apart, FLICKER * resolutions(q))
-    first, (waiting, near_to) = np.arange(len(q)), _neighbours(steps)
+    first, (waiting, near_to) = np.arange(len(q), dtype=np.intp), _neighbours(steps)
+    if not waiting.any():
+        return first
     for row in np.flatnonzero(waiting):
         if waiting[row]:
             near = near_to(int(row))
@@ -301,8 +302,10 @@ def _neighbours(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]
 def _not_alone(steps: FloatArray) -> IntArray:
     """Rows (n, joints), among them all that have another within one in every joint.
 
-    Of two that are so near, one grid of some joints has both in a cell: it, or it moved by half a
-    cell in some of them. Where rows are many, most have every cell for themselves.
+    Where two that are so near are in different cells of a joint, a boundary lies between them. It
+    is one of one grid only of several that are moved along each other by more than one: of one more
+    than there are joints, one has both in a cell. Where rows are many, most have every cell for
+    themselves.
     """
     some = np.arange(len(steps), dtype=np.intp)
     joints = np.argsort(-np.ptp(steps, axis=0), kind="stable") if len(steps) else some
@@ -311,18 +314,15 @@ def _not_alone(steps: FloatArray) -> IntArray:
     for first in range(0, len(joints), GRID):
         if len(some) <= FEWEST:
             break
-        # For each joint the cells of both grids, mixed into a part of the number of a cell.
-        parts = [
-            [np.floor(cells + moved).astype(np.int64) * mixed for moved in (0.0, 0.5)]
-            for cells, mixed in zip(
-                (steps[some, joint] / CELL for joint in joints[first : first + GRID]),
-                MIXED,
-                strict=False,
-            )
-        ]
+        looked_at = joints[first : first + GRID]
+        grids = len(looked_at) + 1
+        cells = [steps[some, joint] / (grids * APART) for joint in looked_at]
         shared = np.zeros(len(some), dtype=np.bool_)
-        for chosen in product(*parts):
-            number = np.add.reduce(chosen)
+        for moved in np.arange(grids) / grids:
+            # The cells of all these joints, mixed into one number.
+            number = np.zeros(len(some), dtype=np.int64)
+            for each, mixed in zip(cells, MIXED, strict=False):
+                number += np.floor(each + moved).astype(np.int64) * mixed
             ordered = np.sort(number)
             twice = ordered[1:][ordered[1:] == ordered[:-1]]
             if len(twice):
