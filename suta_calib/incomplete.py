@@ -98,15 +98,16 @@ def where(share: Callable[[float], float], chance: float) -> float:
             to the chance at no number.
         chance: above zero.
     """
-    sign = 1.0 if share(0.0) < chance else -1.0
+    at_zero = share(0.0)
+    if at_zero == chance:
+        return 0.0
+    sign = 1.0 if at_zero < chance else -1.0
 
     def off(x: float) -> float:
         """Below zero before the answer, and above it beyond."""
         found = share(x)
         return sign * (math.log(found / chance) if found > 0.0 else -math.inf)
 
-    if share(0.0) == chance:
-        return 0.0
     low, high, before, beyond = 0.0, 1.0, -math.inf, off(1.0)
     while beyond < 0.0:
         low, high, before = high, 2.0 * high, beyond
