@@ -282,24 +282,25 @@ def extent(points: ArrayLike) -> float:
 
 
 def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, FloatArray]:
-    """Least-squares rigid transform between corresponding points.
+    """Least-squares rigid transforms between corresponding points, of one set or of many.
 
     Arun, Huang, Blostein (1987), doi:10.1109/TPAMI.1987.4767965, with Umeyama's sign (1991),
     doi:10.1109/34.88573: never a reflection.
 
     Args:
-        source: (n, 3) points in frame b, m.
-        target: (n, 3) the same points in frame a, m.
+        source: (..., n, 3) points in frame b, m.
+        target: (..., n, 3) the same points in frame a, m.
 
     Returns:
-        ``R`` (3x3) and ``p`` (3,) of ``T_a_b``: ``target ≈ source @ R.T + p``. Where the points
-        leave a rotation undetermined (fewer than three, or all on a line) it is one of the
+        ``R`` (..., 3, 3) and ``p`` (..., 3) of ``T_a_b``: ``target ≈ source @ R.T + p``. Where the
+        points leave a rotation undetermined (fewer than three, or all on a line) it is one of the
         equally good ones.
     """
     a, b = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
-    centre_a, centre_b = a.mean(axis=0), b.mean(axis=0)
-    rotation = turned_onto((a - centre_a).T @ (b - centre_b))
-    return rotation, centre_a - rotation @ centre_b
+    centre_a, centre_b = a.mean(axis=-2, keepdims=True), b.mean(axis=-2, keepdims=True)
+    rotation = turned_onto(np.swapaxes(a - centre_a, -1, -2) @ (b - centre_b))
+    position = centre_a[..., 0, :] - (rotation @ centre_b[..., 0, :, None])[..., 0]
+    return rotation, position
 
 
 def turned_onto(moment: FloatArray) -> FloatArray:

@@ -126,9 +126,7 @@ def _of_kinds() -> Iterable[Key]:
     }.values()
 
 
-FRAME_KEYS: Final = Keys(_of_frames)
 # Of one kind or other: what a kind needs, `job.schema` asks it.
-OWN_KEYS: Final = Keys(_of_kinds)
 OBSERVATION_KEYS: Final = Keys(*COMMON_KEYS, _of_frames, _of_kinds)
 
 SOLVER_KEYS: Final = Keys(

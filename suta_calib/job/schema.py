@@ -18,10 +18,8 @@ from suta_calib.job.keys import (
     BOUND_AND_PRIOR_KEYS,
     COMMON_KEYS,
     ENCODER_KEYS,
-    FRAME_KEYS,
     JOB_KEYS,
     OBSERVATION_KEYS,
-    OWN_KEYS,
     SEATING_KEYS,
     SELECTION_KEYS,
     SOLVER_KEYS,
@@ -326,38 +324,37 @@ def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
 def _kind(row: YamlSection) -> type[Term]:
     """The kind of a row whose keys it has a use for."""
     name = row.data.get("kind")
-    if isinstance(name, str) and name in KINDS:
-        kind = KINDS[name]
-        own = {key.name for key in kind.keys} | {frame.key for frame in kind.frames}
-        needed = {*COMMON_KEYS.required, *kind.required_keys()}
-        needed |= {"artefact"} if kind.needs_artefact else set()
-        if needed <= {*row.data} <= ({*COMMON_KEYS.names} | own) - _senseless(kind):
-            return kind
-    # Something is wrong: only to say what, all kinds are asked for their keys.
-    OBSERVATION_KEYS.check(row)
-    kind = KINDS[row.choice("kind", KINDS)]
-    _check_keys_of_kind(row, kind)
+    kind = KINDS[name] if isinstance(name, str) and name in KINDS else None
+    if kind is None or not {*_needed(kind)} <= {*row.data} <= _useful(kind):
+        # Something is wrong: only to say what, all kinds are asked for their keys.
+        OBSERVATION_KEYS.check(row)
+        kind = KINDS[row.choice("kind", KINDS)]
+        _check_keys_of_kind(row, kind)
     return kind
 
 
-def _senseless(kind: type[Term]) -> set[str]:
-    """Keys that every kind has, but which say nothing of this one."""
-    senseless = set() if kind.needs_artefact else {"artefact", "seating"}
-    senseless |= set() if kind.has_angles else {*_ANGLE_KEYS}
-    return senseless if kind.unit == "mm" else senseless | {*_LENGTH_KEYS}
+def _needed(kind: type[Term]) -> tuple[str, ...]:
+    """Keys that a row of the kind must have."""
+    artefact = ("artefact",) if kind.needs_artefact else ()
+    return (*COMMON_KEYS.required, *artefact, *kind.required_keys())
+
+
+def _useful(kind: type[Term]) -> set[str]:
+    """Keys that a row of the kind may have: its own, and those common to all that it can use."""
+    useful = {*COMMON_KEYS.names}
+    useful -= set() if kind.needs_artefact else {"artefact", "seating"}
+    useful -= set() if kind.has_angles else {*_ANGLE_KEYS}
+    useful -= set() if kind.unit == "mm" else {*_LENGTH_KEYS}
+    return useful | {key.name for key in kind.keys} | {frame.key for frame in kind.frames}
 
 
 def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
-    if kind.needs_artefact and "artefact" not in row:
-        needed = f"the artefact's file: {kind.kind} needs it"
-        raise row.refuse("no such key", needed, at=("artefact",))
-    for key in kind.required_keys():
+    for key in _needed(kind):
         if key not in row:
-            raise row.refuse("no such key", f"a file: {kind.kind} needs it", at=(key,))
-    senseless = _senseless(kind) | ({*OWN_KEYS.names} - {key.name for key in kind.keys})
-    senseless |= {*FRAME_KEYS.names} - {frame.key for frame in kind.frames}
+            file = "the artefact's file" if key == "artefact" else "a file"
+            raise row.refuse("no such key", f"{file}: {kind.kind} needs it", at=(key,))
     for key in OBSERVATION_KEYS.names:
-        if key in row and key in senseless:
+        if key in row and key not in _useful(kind):
             raise row.refuse(
                 f"a key that {kind.kind} has no use for",
                 at=(key,),

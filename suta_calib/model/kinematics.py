@@ -38,7 +38,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Final, Literal
+from typing import Literal
 
 import casadi as ca
 import numpy as np
@@ -62,8 +62,6 @@ from suta_calib.model.parameters import (
 Motion = Literal["revolute", "prismatic", "fixed"]
 # From which side joints came, and how warm the arm was.
 Told = Literal["direction", "warmth"]
-# How much a parameter turns or shifts whose column is the turn or shift itself.
-_WHOLLY: Final = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +187,7 @@ class _Walk:
             axes, along = axes * stretch, along * stretch
         for k, name in enumerate(names):
             if name in self.index:
-                self.note({name: _WHOLLY}, axes[:, k])
+                self.note({name: 1}, axes[:, k])
         self.position += along
         if not segment.climbed:
             self._rotate(nominal)
@@ -207,7 +205,7 @@ class _Walk:
             self.rotation = self.rotation @ turn.T
         about = (-self.rotation if segment.climbed else self.rotation) @ axes
         for k, name in enumerate(names):
-            self.note({name: _WHOLLY}, about[:, k], self.position)
+            self.note({name: 1}, about[:, k], self.position)
         if not segment.climbed:
             self.rotation = self.rotation @ turn
 
@@ -247,7 +245,7 @@ class _Walk:
         self, segment: Segment, reading: Symbol, q: Symbol
     ) -> Iterator[tuple[str, Symbol]]:
         """Names of its offset and of errors that are no geometry, with its turn per unit."""
-        turns: dict[str, Callable[[], Symbol]] = {OFFSET: lambda: _WHOLLY, GAIN: lambda: reading}
+        turns: dict[str, Callable[[], Symbol]] = {OFFSET: lambda: 1, GAIN: lambda: reading}
         if segment.motion == "revolute":
             turns |= {
                 "ecc_c1": lambda: ca.cos(reading),
@@ -280,9 +278,7 @@ class _Walk:
             for direction, point in self.ways
         ]
         for k in range(self.rows):
-            parts = [
-                done[way] if much is _WHOLLY else done[way] * much for way, much in self.columns[k]
-            ]
+            parts = [done[way] * much for way, much in self.columns[k]]
             rows.append(sum(parts[1:], parts[0]) if parts else ca.SX(6, 1))
         return ca.horzcat(*rows)
 

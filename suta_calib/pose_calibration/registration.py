@@ -379,17 +379,9 @@ def agreeing_points(
         return np.asarray((np.linalg.norm(error, axis=2) / each[rows])[..., None])
 
     samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)
-    return find_consensus(len(a), samples, lambda rows: kabsch(a[rows], b[rows]), residuals, needed)
-
-
-def kabsch(source: FloatArray, target: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """`geometry.register_points` for many small sets at once: (m, k, 3) → (m, 3, 3), (m, 3)."""
-    from_centre, to_centre = source.mean(axis=1), target.mean(axis=1)
-    moment = np.einsum("mki,mkj->mij", target - to_centre[:, None], source - from_centre[:, None])
-    u, _, v = np.linalg.svd(moment)
-    u[..., 2] *= np.linalg.det(u @ v)[:, None]
-    R = u @ v
-    return R, to_centre - np.einsum("mij,mj->mi", R, from_centre)
+    return find_consensus(
+        len(a), samples, lambda rows: register_points(a[rows], b[rows]), residuals, needed
+    )
 
 
 def _check_points(a: FloatArray, b: FloatArray) -> None:

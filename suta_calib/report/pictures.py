@@ -20,6 +20,7 @@ from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.report.document import Document, Figure, File, Part, Text
+from suta_calib.report.hand_eye import NAME
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
 from suta_calib.report.poses import (
     MOST_OUTLIERS,
@@ -32,7 +33,6 @@ from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
-NAME: Final = "hand_eye"
 _DIGITS: Final = 6
 # Of the picture's width, how long the largest error is drawn.
 _ARROW: Final = 0.06

@@ -10,6 +10,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import register_points
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.registration import (
     ENOUGH_TO_JUDGE,
@@ -17,7 +18,6 @@ from suta_calib.pose_calibration.registration import (
     MIRRORED,
     ON_A_LINE,
     agreeing_points,
-    kabsch,
 )
 
 MAX_ROUNDS: Final = 10
@@ -114,7 +114,7 @@ def _register(
     """Least squares over the markers used: (N_frames, 3, 3), (N_frames, 3)."""
     # Markers left out come to lie on both centroids, where they pull at nothing.
     bodies, weight = np.broadcast_to(markers, frames.shape), used[..., None]
-    return kabsch(
+    return register_points(
         np.where(weight, bodies, _centres(bodies, used)),
         np.where(weight, frames, _centres(frames, used)),
     )

@@ -16,10 +16,10 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import extent, rms_length
+from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
-from suta_calib.pose_calibration.registration import Registration, kabsch, register
+from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
     Output1,
@@ -277,7 +277,7 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
     affine = np.linalg.lstsq(there, seen, rcond=None)[0]
     if np.linalg.norm(affine - np.eye(3), 2) > BENT:
         return [f"{found}: look for another unit, or other axes, of the C markers in calreadings."]
-    R = kabsch(np.broadcast_to(body, expected.shape), expected)[0]
+    R = register_points(np.broadcast_to(body, expected.shape), expected)[0]
     by_marker = result.em_error @ R
     frames = len(by_marker)
     # Each frame less the mean of the others.
@@ -294,7 +294,7 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
 def _misfit(given: FloatArray, frames: FloatArray) -> FloatArray:
     """RMS distance (N_frames,) of each frame's markers from the given ones laid over them, m."""
     same = np.broadcast_to(given, frames.shape)
-    R, p = kabsch(same, frames)
+    R, p = register_points(same, frames)
     apart = np.einsum("fij,fmj->fmi", R, same) + p[:, None] - frames
     return np.asarray(np.sqrt(np.mean(np.sum(apart**2, axis=2), axis=1)))
 

@@ -151,6 +151,8 @@ class PairwiseDistance(Term):
         block = whole.among(index)
         if not len(block):
             return super().take(rows)  # which says what is missing
+        # Past the constructor, which forms all pairs. What is known is no field: whoever replaces
+        # another one would take it along.
         found = object.__new__(type(self))
         for each in fields(self):
             object.__setattr__(found, each.name, getattr(self, each.name))

@@ -51,30 +51,30 @@ class FramedTerm(Term):
         marks = self.poses.samples.labels[self.mark] if self.marked else ()
         return pose.of_pose(f"{self.mark}[{label}]") if label in marks else {}
 
-    def check_given(self) -> None:
-        """Refuse given poses of what is not there, or that leave open what they must say."""
-        marks = sorted(set(self.poses.samples.labels[self.mark].tolist())) if self.marked else []
-        for label, pose in self.given.items():
-            partly = pose.rotation is None or (
-                (pose.position_std is None) != (pose.rotation_std is None)
+    def checked_known(self, label: str, pose: GivenPose) -> dict[str, Known]:
+        """What `known` makes of a given pose, of something that is there, and known well enough."""
+        where = f"{self.kind}: pose"
+        partly = pose.rotation is None or (pose.position_std is None) != (pose.rotation_std is None)
+        if not label and self.frames[0].seen_from and partly:
+            raise SamplesError(
+                f"a pose of the {self.medium} that is known in part",
+                "position_mm and rotation_rpy_deg, and both of prior_mm and prior_deg or none",
+                where=where,
+                hint=f"or give {self.frames[0].key}, each part of which may be left out",
             )
-            if not label and self.frames[0].seen_from and partly:
-                raise SamplesError(
-                    f"a pose of the {self.medium} that is known in part",
-                    "position_mm and rotation_rpy_deg, and both of prior_mm and prior_deg or none",
-                    where=f"{self.kind}: pose",
-                    hint=f"or give {self.frames[0].key}, each part of which may be left out",
-                )
-            known = self.known(label, pose)
-            if not set(known) & {p.name for p in self.own}:
-                noun = self.mark or "place"
-                raise SamplesError(
-                    f"a pose of {noun} '{label}'",
-                    f"one of {', '.join(marks)}" if marks else f"the pose of the {self.medium}",
-                    where=f"{self.kind}: pose",
-                    hint=did_you_mean(label, marks),
-                )
-            self.check_in_mm(label, known)
+        known = self.known(label, pose)
+        if not set(known) & {p.name for p in self.own}:
+            noun = self.mark or "place"
+            marks = sorted(
+                set(self.poses.samples.labels[self.mark].tolist()) if self.marked else ()
+            )
+            raise SamplesError(
+                f"a pose of {noun} '{label}'",
+                f"one of {', '.join(marks)}" if marks else f"the pose of the {self.medium}",
+                where=where,
+                hint=did_you_mean(label, marks),
+            )
+        return known
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -157,44 +157,51 @@ class Term(ABC):
         return pose.of_pose(owner) if self.place_turns else pose.of_point(owner)
 
     def check_given(self) -> None:
-        """Refuse given poses of what is not there, or of what nothing here depends on.
+        """Refuse given poses of what is not there, or a thousand times nearer than the arm has it.
 
         Raises:
-            SamplesError: says what there is.
+            SamplesError: says what there is, or how far away.
         """
-        there, own = self.places[0], {p.name for p in self.own}
-        for label, pose in self.given.items():
-            if not self.place_turns and pose.rotation is not None:
-                raise SamplesError(
-                    f"rotation_rpy_deg of {self.place} {label}".strip(),
-                    "position_mm alone: it is a point",
-                    where=f"{self.kind}: pose",
-                )
-            known = self.known(label, pose)
-            if not known:
-                raise SamplesError(
-                    f"a pose of {self.place} '{label}'" if label else "one pose",
-                    f"poses by label, of {', '.join(there)}",
-                    where=f"{self.kind}: pose",
-                    hint=did_you_mean(label, there) if label else "",
-                )
-            if not set(known) <= own:
-                raise SamplesError(
-                    f"a pose of {self.place} {label}".strip(),
-                    "none",
-                    where=f"{self.kind}: pose",
-                    hint=f"{self.kind} does not see where it stands",
-                )
-            self.check_in_mm(label, known)
-
-    def check_in_mm(self, label: str, known: Mapping[str, Known]) -> None:
-        """Refuse what is given of a place if the nominal arm finds it a thousand times as far."""
+        if not self.given:
+            return
         from suta_calib.terms.given import check_in_mm
 
-        names = [p.name for p in self.own if p.name in known and p.key in POSITION]
-        start = self.start_values({})
-        given, found = ([known[n].value for n in names], [start[n] for n in names])
-        check_in_mm(f"{self.kind}: pose", label, given, found)
+        for label, pose in self.given.items():
+            known = self.checked_known(label, pose)
+            names = [p.name for p in self.own if p.name in known and p.key in POSITION]
+            start = self.start_values({})
+            given, found = ([known[n].value for n in names], [start[n] for n in names])
+            check_in_mm(f"{self.kind}: pose", label, given, found)
+
+    def checked_known(self, label: str, pose: GivenPose) -> dict[str, Known]:
+        """What `known` makes of a given pose, which is of something that this kind looks at.
+
+        Raises:
+            SamplesError: it is of nothing that is there, or that nothing here depends on.
+        """
+        there, where = self.places[0], f"{self.kind}: pose"
+        if not self.place_turns and pose.rotation is not None:
+            raise SamplesError(
+                f"rotation_rpy_deg of {self.place} {label}".strip(),
+                "position_mm alone: it is a point",
+                where=where,
+            )
+        known = self.known(label, pose)
+        if not known:
+            raise SamplesError(
+                f"a pose of {self.place} '{label}'" if label else "one pose",
+                f"poses by label, of {', '.join(there)}",
+                where=where,
+                hint=did_you_mean(label, there) if label else "",
+            )
+        if not set(known) <= {p.name for p in self.own}:
+            raise SamplesError(
+                f"a pose of {self.place} {label}".strip(),
+                "none",
+                where=where,
+                hint=f"{self.kind} does not see where it stands",
+            )
+        return known
 
     @property
     @abstractmethod

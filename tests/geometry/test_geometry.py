@@ -198,6 +198,16 @@ def test_registration_never_mirrors(seed: int, count: int) -> None:
         assert np.isfinite(p).all()
 
 
+def test_many_sets_are_registered_as_each_by_itself() -> None:
+    rng = np.random.default_rng(1)
+    source, target = rng.normal(size=(2, 5, 4, 3))
+    R, p = register_points(source, target)
+    for k in range(5):
+        alone = register_points(source[k], target[k])
+        np.testing.assert_allclose(R[k], alone[0], atol=1e-12)
+        np.testing.assert_allclose(p[k], alone[1], atol=1e-12)
+
+
 def test_registration_of_noisy_points_is_the_least_squares_one() -> None:
     rng = np.random.default_rng(0)
     source = rng.normal(size=(10, 3))

@@ -40,7 +40,6 @@ OTHERS = {
     "report/hand_eye.py": {"hand_eye"},
     "report/pose_plots.py": {"hand_eye"},
     "report/study.py": {"range"},
-    "report/pictures.py": {"hand_eye"},
 }
 
 each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
