@@ -136,8 +136,8 @@ class _Walk:
         self.coupled: set[str] = set()
         # Shifts (direction, None) and turns (axis, point it passes through).
         self.ways: list[tuple[Symbol, Symbol | None]] = []
-        # column index → which of these the parameter does, and how much of it
-        self.columns: dict[int, list[tuple[int, Symbol]]] = defaultdict(list)
+        # column index → which of these the parameter does, and how much of it; None for all of it
+        self.columns: dict[int, list[tuple[int, Symbol | None]]] = defaultdict(list)
 
     def value(self, name: str) -> Symbol:
         k = self.index.get(name)
@@ -149,11 +149,11 @@ class _Walk:
 
     def note(
         self,
-        effects: Mapping[str, Symbol],
+        effects: Mapping[str, Symbol | None],
         direction: Symbol,
         point: Symbol | None = None,
     ) -> None:
-        """How much parameters turn about a line through a point, or shift, here."""
+        """How much parameters turn about a line through a point, or shift, here; None for 1."""
         told = {n: e for n, e in effects.items() if self.index.get(n, self.rows) < self.rows}
         for name, effect in told.items():
             self.columns[self.index[name]].append((len(self.ways), effect))
@@ -187,7 +187,7 @@ class _Walk:
             axes, along = axes * stretch, along * stretch
         for k, name in enumerate(names):
             if name in self.index:
-                self.note({name: 1}, axes[:, k])
+                self.note({name: None}, axes[:, k])
         self.position += along
         if not segment.climbed:
             self._rotate(nominal)
@@ -205,7 +205,7 @@ class _Walk:
             self.rotation = self.rotation @ turn.T
         about = (-self.rotation if segment.climbed else self.rotation) @ axes
         for k, name in enumerate(names):
-            self.note({name: 1}, about[:, k], self.position)
+            self.note({name: None}, about[:, k], self.position)
         if not segment.climbed:
             self.rotation = self.rotation @ turn
 
@@ -218,9 +218,9 @@ class _Walk:
         axis, way = ca.DM(_snapped(segment.axis)), -1 if segment.climbed else 1
         point, before = self.position, (self.rotation, self.position)
         turns = segment.motion == "revolute"
-        amount, effects = reading, dict[str, Symbol]()
+        amount, effects = reading, dict[str, Symbol | None]()
         for name, effect in self._beside_the_reading(segment, reading, q):
-            amount += self.value(name) * effect
+            amount += self.value(name) if effect is None else self.value(name) * effect
             effects[name] = effect
         spun, along = _spun()(self.rotation, axis, way * amount)
         turned = way * along
@@ -243,16 +243,19 @@ class _Walk:
 
     def _beside_the_reading(
         self, segment: Segment, reading: Symbol, q: Symbol
-    ) -> Iterator[tuple[str, Symbol]]:
+    ) -> Iterator[tuple[str, Symbol | None]]:
         """Names of its offset and of errors that are no geometry, with its turn per unit."""
-        turns: dict[str, Callable[[], Symbol]] = {OFFSET: lambda: 1, GAIN: lambda: reading}
+        turns: dict[str, Callable[[], Symbol | None]] = {
+            OFFSET: lambda: None,
+            GAIN: lambda: reading,
+        }
         if segment.motion == "revolute":
             turns |= {
                 "ecc_c1": lambda: ca.cos(reading),
                 "ecc_s1": lambda: ca.sin(reading),
                 "ecc_c2": lambda: ca.cos(2 * reading),
                 "ecc_s2": lambda: ca.sin(2 * reading),
-                COMPLIANCE: lambda: self.torques.get(segment.owner),
+                COMPLIANCE: lambda: self.torques[segment.owner],
                 BACKLASH: lambda: self._lost(segment),
             }
         for name, turn in zip(segment.names(*turns), turns.values(), strict=True):
@@ -278,7 +281,9 @@ class _Walk:
             for direction, point in self.ways
         ]
         for k in range(self.rows):
-            parts = [done[way] * much for way, much in self.columns[k]]
+            parts = [
+                done[way] if much is None else done[way] * much for way, much in self.columns[k]
+            ]
             rows.append(sum(parts[1:], parts[0]) if parts else ca.SX(6, 1))
         return ca.horzcat(*rows)
 
