@@ -23,8 +23,8 @@ from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
-from suta_calib.terms.camera_start import CALIBRATED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
+from suta_calib.terms.intrinsics import CALIBRATED
 from suta_calib.words import listed
 
 # Times what the camera alone leaves from where on it is the robot that leaves the rest.

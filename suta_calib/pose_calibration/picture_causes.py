@@ -14,10 +14,9 @@ from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
 from suta_calib.terms import CameraView
 from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.hand_eye_start import (
-    EYE_TO_HAND,
     EyeSetup,
     Poses,
-    inverse_poses,
+    as_eye_in_hand,
     quaternion_hand_eye,
     some_poses,
 )
@@ -38,7 +37,7 @@ def cause_of_disagreement(
         seed: of the minimal samples.
     """
     hand, seen = _told(term)
-    scale = _scale(inverse_poses(hand) if term.setup == EYE_TO_HAND else hand, seen)
+    scale = _scale(as_eye_in_hand(hand, term.setup), seen)
     if scale > 0 and abs(np.log(scale)) > np.log(OTHER_SIZE):
         larger = (hand, (seen[0], seen[1] * scale))
         if _agrees(*larger, term.setup, seed):

@@ -46,7 +46,7 @@ from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import CAMERA, Learned, prior_groups
 from suta_calib.terms import CameraView
-from suta_calib.terms.camera_start import HELD
+from suta_calib.terms.intrinsics import HELD
 
 # No corner is found more finely, px: what is smaller is rounding.
 FINEST: Final = 1e-3

@@ -45,17 +45,15 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.solver.weights import Learned
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
-from suta_calib.terms.camera_alone import camera_alone
-from suta_calib.terms.camera_start import UNCALIBRATED, prior_beside
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EyeSetup,
-    inverse_poses,
+    as_eye_in_hand,
     loop_closures,
     some_poses,
 )
+from suta_calib.terms.misread_pictures import other_size
 from suta_calib.terms.outside import pose_named
-from suta_calib.terms.seen_corners import with_corners
 
 Intrinsics = Literal["fixed", "free"]
 ROUNDS: Final = 8
@@ -184,33 +182,23 @@ def _freed(
 
 
 def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) -> CameraView:
-    view.corners.check(view.board, view.camera)
+    if view.camera is None and intrinsics == "fixed":
+        expected = "a camera's file for fixed intrinsics"
+        raise SamplesError("no camera", expected, where="--intrinsics")
     n = len(hand.image)
     samples = Samples.from_arrays(
         [], np.zeros((n, 0)), labels={"image": hand.image}, origin=[str(row) for row in range(n)]
     )
-    poses = with_corners(MeasuredPoses(*hand.pose, samples), view.corners, view.board)
-    camera, prior, free = view.camera, None, intrinsics == "free"
-    if camera is None:
-        if not free:
-            raise SamplesError(
-                "no camera", "a camera's file for fixed intrinsics", where="--intrinsics"
-            )
-        camera = camera_alone(view.corners, view.board)
-        prior = UNCALIBRATED.stds(camera)
-    elif camera.corners:
-        prior = prior_beside(camera, view.corners)
-    term = CameraView(
-        poses,
+    return CameraView.of_corners(
+        MeasuredPoses(*hand.pose, samples),
+        view.corners,
         view.board,
-        camera,
-        setup,
-        free,
+        view.camera,
+        setup=setup,
+        free=intrinsics == "free",
         label=view.label,
         target=view.target,
-        prior=prior,
     )
-    return term.numbered_alike(view.corners.path)
 
 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
@@ -304,7 +292,7 @@ def _seen(
         )
     X, Z = pose_named(values, eye), pose_named(values, board)
     refined = replace(term, camera=found)
-    A = hand.pose if term.setup == EYE_IN_HAND else inverse_poses(hand.pose)
+    A = as_eye_in_hand(hand.pose, term.setup)
     rows = np.array([int(origin) for origin in term.poses.samples.origin], dtype=np.intp)
     A = A[0][rows], A[1][rows]
     R, p = loop_closures(A, X, refined.seen_poses)
@@ -345,6 +333,6 @@ def _seen(
         corners=corners,
         behind=refined.pictures.behind,
         board_size=size,
-        other_size=term.pictures.other_size,
+        other_size=other_size(term.pictures),
         turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
     )

@@ -1,10 +1,10 @@
-"""Pictures of one board by one camera: where it is in each, and whether they can be of the two."""
+"""Pictures of one board by one camera: where it is in each, and from which end it is numbered."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
 from suta_calib.measurements.csv_table import SutaCalibWarning
-from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
+from suta_calib.terms.camera_start import board_poses
 from suta_calib.terms.hand_eye_start import (
     HALF_TURN,
     Poses,
@@ -28,20 +27,6 @@ from suta_calib.terms.hand_eye_start import (
 )
 from suta_calib.words import listed
 
-# Corners that are off by this part of the board's extent in a picture are of no such board.
-NO_BOARD: Final = 0.1
-# Another board or camera is the cause where it leaves so many times less.
-FAR_BETTER: Final = 2.0
-# Misfit, part of the board's extent, that any camera leaves: nothing is asked below it.
-FINE: Final = 1e-3
-# Pictures of which it is asked: what is wrong with the files is wrong with all.
-ENOUGH: Final = 8
-# Sizes of a picture against the one that the camera's file is of.
-RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
-# Sizes of markers against those that a board's file has.
-MARKERS: Final = (0.6, 1.6)
-# Part of a picture's size up to which twice its principal point comes near it in any camera.
-CENTRED: Final = 0.8
 # Turn of a loop, rad, of a picture that is read upside down, and of one that is read well.
 HALF_TURNED: Final = np.radians(120.0)
 UPRIGHT: Final = np.radians(30.0)
@@ -53,9 +38,6 @@ MIRRORED: Final = (
 QUOTED: Final = 5
 # Relative difference that is none.
 ROUNDING: Final = 1e-9
-# Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
-FAR_OFF: Final = 10.0
-SEEN: Final = 2.0
 # By what is turned: how pictures are told of which the others say that they are upside down.
 TURNED: Final = {
     "board": "the board is turned by half a turn: its corners are numbered from the other end.",
@@ -125,44 +107,6 @@ class BoardPictures:
         facing = np.einsum("ni,ni->n", rotation[:, :, 2], position)
         return bool(len(facing) and np.median(facing) < 0)
 
-    @property
-    def other_size(self) -> str:
-        """That the camera's file tells a size that its principal point and all corners deny.
-
-        Empty where they do not: a principal point may be far from the middle of pictures that were
-        cut out of larger ones, but then corners are beyond twice of it.
-        """
-        camera = self.camera
-        size = np.array([camera.width, camera.height])
-        # Pixels are counted from the centre of the first one.
-        middle = camera.intrinsics[2:4]
-        whole = 2.0 * middle + 1.0
-        small = whole < CENTRED * size
-        seen = self.pixels[np.isfinite(self.pixels).all(axis=2)]
-        if not small.any() or (seen + 0.5 > whole)[:, small].any():
-            return ""
-        return (
-            f"The camera's file says {camera.width} x {camera.height} px, but its principal point "
-            f"({middle[0]:.1f}, {middle[1]:.1f}) px is the middle of some {whole[0]:.0f} x "
-            f"{whole[1]:.0f} px, and no corner is beyond: image_width and image_height, or "
-            "camera_matrix, are of pictures of another size."
-        )
-
-    @property
-    def misread(self) -> Iterator[tuple[str, FloatArray]]:
-        """The pixels as they are if they were counted or taken in another way; which.
-
-        Each mirrors the pictures, which no pose of a board makes up for in all of them.
-        """
-        u, v = self.pixels[..., 0], self.pixels[..., 1]
-        right, below = self.camera.width - 1.0, self.camera.height - 1.0
-        for sentence, other in (
-            ("v counts upwards, from the lowest row, or the pictures are mirrored", (u, below - v)),
-            ("u and v are exchanged", (v, u)),
-            ("left and right are exchanged in the pictures", (right - u, v)),
-        ):
-            yield sentence, np.stack(other, axis=-1)
-
     @cached_property
     def errors(self) -> FloatArray:
         """(n, points, 2) of the corners about their picture's own pose of the board, px.
@@ -177,42 +121,12 @@ class BoardPictures:
         off[~ahead] = np.nan
         return np.asarray(off)
 
-    def strange(self, names: Sequence[str]) -> list[str]:
-        """Pictures whose corners are far from where they are in any pose of the board; which.
-
-        Args:
-            names: (n,) of the pictures.
-        """
-        off = _root_mean_square(self.errors)
-        limit = max(FAR_OFF * float(np.nanmedian(off)), SEEN) if np.isfinite(off).any() else np.inf
-        nowhere = self.told & np.isnan(off)
-        said = []
-        for k in np.flatnonzero(nowhere | (off > limit)).tolist():
-            what = "" if nowhere[k] else self._blunder(k, limit)
-            how_far = "" if nowhere[k] else f" {off[k]:.0f} px"
-            said.append(
-                f"In {names[k]} {what or f'the corners are{how_far}'} off where the board has them "
-                "in any pose: leave the picture out (exclude)."
-            )
-        return said
-
-    def _blunder(self, picture: int, limit: float) -> str:
-        """The corner without which all others are within ``limit`` px; empty if there is none."""
-        found = np.flatnonzero(np.isfinite(self.pixels[picture]).all(axis=1))
-        if len(found) <= PLANAR:
-            return ""
-        pixels = np.repeat(self.pixels[picture][None], len(found), axis=0)
-        pixels[np.arange(len(found)), found] = np.nan
-        without = replace(self, pixels=pixels)
-        off = _root_mean_square(without.errors)
-        if not np.isfinite(off).any() or np.nanmin(off) > limit:
-            return ""
-        best = int(np.nanargmin(off))
-        rotation, position = (part[best] for part in without.poses)
-        place = rotation @ self.points[found[best]] + position
-        seen = self.pixels[picture, found[best]]
-        away = float(np.linalg.norm(projected(place, self.camera.intrinsics) - seen))
-        return f"corner {list(self.board.points)[found[best]]} is {away:.0f} px"
+    @property
+    def rms(self) -> FloatArray:
+        """(n,) root mean square of the errors of each picture, px; NaN where there are none."""
+        squared = np.sum(self.errors**2, axis=2)
+        count = np.isfinite(squared).sum(axis=1)
+        return np.asarray(np.sqrt(np.nansum(squared, axis=1) / np.where(count > 0, count, np.nan)))
 
     @cached_property
     def misfit(self) -> float:
@@ -229,93 +143,15 @@ class BoardPictures:
         squares = (np.nansum(each**2, axis=(1, 2)) for each in (self.errors[ahead], apart))
         return float(np.sqrt(np.median(np.divide(*squares))))
 
-    def check(self) -> None:
-        """Refuse corners that another board or camera explains far better, or that none does.
-
-        Raises:
-            SamplesError: names what explains them.
-        """
-        if len(self.pixels) > ENOUGH:
-            some = np.linspace(0, len(self.pixels) - 1, ENOUGH).astype(np.intp)
-            replace(self, pixels=self.pixels[some]).check()
-            return
-        if self.misfit <= FINE:
-            return
-        others = [(other.misfit, error) for other, error in self._others()]
-        least, cause = min(others, key=lambda other: other[0], default=(np.inf, None))
-        if cause is not None and FAR_BETTER * least < self.misfit:
-            raise cause
-        if self.misfit > NO_BOARD:
-            raise SamplesError(
-                f"corners that are more than {NO_BOARD:.0%} of the board's extent off from where "
-                "any pose of it has them",
-                f"corners of this board ({self.board.type}), by their numbers",
-                hint="corners, board.yaml and camera.yaml belong together",
-            )
-
-    @staticmethod
-    def _last_row(board: Board) -> BoolArray:
-        """(points,) which have the largest y."""
-        y = np.array(list(board.points.values()))[:, 1]
-        return np.asarray(y > y.max() - ROUNDING)
-
-    def _others(self) -> Iterator[tuple[BoardPictures, SamplesError]]:
-        """The same corners of another board, or by a camera of another size, and what it means."""
-        exchanged = self.board.exchanged
-        found = np.asarray(np.isfinite(self.pixels).all(axis=2))
-        # A board of fewer rows has as many columns as this one exchanged, but never its last row.
-        if exchanged is not None and found[:, self._last_row(exchanged)].any():
-            yield replace(self, board=exchanged), columns_exchanged()
-        if self.misfit > NO_BOARD:
-            for other in self.board.recounted:
-                more = len(other.points) - self.pixels.shape[1]
-                pixels = np.pad(self.pixels, ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
-                yield (
-                    replace(self, board=other, pixels=pixels),
-                    SamplesError(
-                        f"corners that are numbered along rows of {other.columns}",
-                        "corners of the board as its file has it",
-                        hint="corners and board.yaml belong together; it counts inner corners: "
-                        "columns first, then rows",
-                    ),
-                )
-        if other_markers := self._other_markers():
-            yield other_markers
-        corners = self.pixels[found]
-        for factor in RESIZED:
-            camera = self.camera.resized(factor)
-            if not camera.inside(corners).all():
-                continue
-            yield (
-                replace(self, camera=camera),
-                SamplesError(
-                    f"corners of pictures of some {camera.width} x {camera.height} px",
-                    f"of {self.camera.width} x {self.camera.height} px, as the camera's file says",
-                    hint="calibrate the camera on pictures of the same size, or scale its file",
-                ),
-            )
-
-    def _other_markers(self) -> tuple[BoardPictures, SamplesError] | None:
-        """The same corners of markers of the size that agrees best with the ways between them."""
-        if self.board.with_markers(1.0) is None:
-            return None
-        from scipy.optimize import minimize_scalar
-
-        def resized(factor: float) -> BoardPictures:
-            board = self.board.with_markers(factor)
-            assert board is not None
-            return replace(self, board=board)
-
-        best = minimize_scalar(
-            lambda log: resized(np.exp(log)).misfit, bounds=np.log(MARKERS), method="bounded"
-        )
-        factor = float(np.exp(best.x))
-        return resized(factor), SamplesError(
-            f"corners of markers {factor:.3f} times as large, by the ways between them, as the "
-            "board's file says",
-            "markers of the size that they were printed in, and at their places",
-            hint="measure markers and the ways between them; correct size_mm, or all position_mm",
-        )
+    @property
+    def middles(self) -> FloatArray:
+        """(n, 2) where the middle of the board is seen; the corners' mean where no pose has it."""
+        rotation, position = self.poses
+        there = rotation @ self.points.mean(axis=0) + position
+        told = np.isfinite(there[:, 2]) & (there[:, 2] > 0)
+        there[~told] = [0.0, 0.0, 1.0]
+        mean = np.nanmean(self.pixels, axis=1)
+        return np.where(told[:, None], projected(there, self.camera.intrinsics), mean)
 
     def numbered_alike(self, hand: Poses, names: Sequence[str], source: Path | None) -> FloatArray:
         """The pixels, a board that looks the same after half a turn numbered from one end in all.
@@ -413,10 +249,3 @@ class BoardPictures:
         for name, (turned, _), mine in (("board", board, nearer), ("picture", picture, ~nearer)):
             found[name][rows[strange & mine & (turned < UPRIGHT)]] = True
         return found
-
-
-def _root_mean_square(errors: FloatArray) -> FloatArray:
-    """(n,) of the corners (n, points, 2) that were found; NaN where none was."""
-    squared = np.sum(errors**2, axis=2)
-    count = np.isfinite(squared).sum(axis=1)
-    return np.asarray(np.sqrt(np.nansum(squared, axis=1) / np.where(count > 0, count, np.nan)))

@@ -16,7 +16,8 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera, Corners
-from suta_calib.terms.camera_start import UNCALIBRATED, board_poses, closed_form_camera
+from suta_calib.terms.camera_start import board_poses, closed_form_camera
+from suta_calib.terms.intrinsics import UNCALIBRATED
 
 _STEPS: Final = 60
 # Relative gain from where on it is settled, and damping from where on no step helps.

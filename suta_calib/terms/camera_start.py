@@ -7,7 +7,6 @@ points that are first centred and scaled (Hartley 1997, doi:10.1109/34.601246).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -36,57 +35,6 @@ _STEPS: Final = 10
 _SETTLED: Final = 1e-6
 # How far the principal point may be from the middle of what was seen, in its extents.
 _OFF_CENTRE: Final = 1.5
-# What is known of a camera at least as badly as this, px or 1: a prior of zero width is none. A
-# decentring of 1e-4 shows as no corner's error, but bends a picture as a principal point a pixel
-# off does, and would take its place.
-HELD: Final = 1e-6
-
-
-@dataclass(frozen=True)
-class IntrinsicsPrior:
-    """How far the intrinsics of a camera may be from what is known of them: standard deviations.
-
-    Attributes:
-        focal: of the focal lengths, part of them.
-        centre: of the principal point, part of the picture's width.
-        radial: of k1, k2 and k3.
-        tangential: of p1 and p2.
-        unbent: whether coefficients that are exactly zero are no part of the camera's model, as in
-            rectified pictures.
-    """
-
-    focal: float
-    centre: float
-    radial: float
-    tangential: float
-    unbent: bool
-
-    def stds(self, camera: Camera) -> FloatArray:
-        """(9,) in the order of `geometry.pinhole.INTRINSICS`, px and 1."""
-        focal, centre = self.focal * camera.intrinsics[:2], self.centre * camera.width
-        bent = np.array([self.radial, self.radial, self.tangential, self.tangential, self.radial])
-        if self.unbent:
-            bent[camera.intrinsics[4:] == 0.0] = 0.0
-        return np.concatenate([focal, [centre, centre], bent])
-
-
-# Of a camera that somebody calibrated without saying how well, such as by twenty pictures; pixels
-# may be counted from 0, 1 or corners. Where pictures contradict it, `solver.weights` widens it.
-CALIBRATED: Final = IntrinsicsPrior(
-    focal=1e-3, centre=1e-3, radial=0.02, tangential=5e-4, unbent=True
-)
-# Of a camera that nobody has calibrated.
-UNCALIBRATED: Final = IntrinsicsPrior(
-    focal=0.3, centre=0.1, radial=0.3, tangential=0.02, unbent=False
-)
-
-
-def prior_beside(camera: Camera, corners: Corners) -> FloatArray | None:
-    """Prior (9,) of a camera whose corners are seen, px and 1; None where its file says it.
-
-    Of one that was calibrated from these very corners they say everything, and once.
-    """
-    return UNCALIBRATED.stds(camera) if camera.corners == corners.digest else None
 
 
 def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -15,16 +15,12 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.pinhole import (
-    CENTRE,
-    FOCAL,
-    INTRINSICS,
-    projected,
-)
+from suta_calib.geometry.pinhole import CENTRE, FOCAL
 from suta_calib.measurements import (
     Board,
     Camera,
     Chessboard,
+    Corners,
     SampleColumns,
     YamlSection,
     read_corners,
@@ -33,16 +29,10 @@ from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
-from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED, BoardPictures
+from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint
 from suta_calib.terms.camera_row import CAMERA_FILES, CAMERA_KEYS, read_camera_row
-from suta_calib.terms.camera_start import (
-    CALIBRATED,
-    HELD,
-    PLANAR,
-    UNCALIBRATED,
-    prior_beside,
-)
+from suta_calib.terms.camera_start import PLANAR
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -50,18 +40,31 @@ from suta_calib.terms.hand_eye_start import (
     EyeSetup,
     Poses,
     agreeing_hand_eye,
+    as_eye_in_hand,
     inverse_poses,
     some_poses,
 )
+from suta_calib.terms.intrinsics import (
+    UNCALIBRATED,
+    camera_at,
+    intrinsic_parameters,
+    prior_beside,
+)
+from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
-from suta_calib.terms.outside import OutsideFrame, pose_named, pose_parameters, pose_values
+from suta_calib.terms.outside import (
+    OutsideFrame,
+    labelled,
+    pose_named,
+    pose_parameters,
+    pose_values,
+)
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.reprojection import REPROJECTION
 from suta_calib.terms.seen import FramedTerm
 from suta_calib.terms.seen_corners import with_corners
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Gap, Medium, Term
-from suta_calib.words import listed
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
 _BOARD: Final = Chessboard(7, 5, 0.03)
@@ -159,36 +162,48 @@ class CameraView(FramedTerm):
             InputError: corners that cannot be used, or that belong to no sample.
         """
         given = dict(setup.settings)
-        board, camera = given.get("board", _BOARD), given.get("camera")
-        corners: Path | None = given.get("corners")
-        if corners is not None:
-            found = read_corners(corners)
-            found.check(board, camera)
-            poses = with_corners(poses, found, board)
-            if camera is None:
-                from suta_calib.terms.camera_alone import camera_alone
-
-                camera = camera_alone(found, board)
-                given.setdefault("prior", UNCALIBRATED.stds(camera))
-            elif camera.corners:
-                given.setdefault("prior", prior_beside(camera, found))
-        camera = _CAMERA if camera is None else camera
-        term = cls(
-            poses,
-            board,
-            camera,
-            given.get("setup", EYE_IN_HAND),
-            given.get("free", False),
-            given.get("pixel", 1e-3),
-            setup.noise,
-            setup.label,
-            given.get("target", "default"),
-            given.get("prior"),
+        noise, corners = given.pop("noise", None), given.pop("corners", None)
+        known: dict[str, Any] = {"noise": setup.noise, "label": setup.label, **given}
+        term = (
+            cls(poses, **known)
+            if corners is None
+            else cls.of_corners(poses, read_corners(corners), **known)
         )
-        if corners is not None:
-            term = term.numbered_alike(corners)
-        told = None if "pixel" in given or poses.samples.pixels is None else term.pictures.pixel
-        return term.where_pixels_cover(told or term.pixel, given.get("noise"))
+        if "pixel" in given:
+            return term.where_pixels_cover(term.pixel, noise)
+        return term.at_its_distance(noise)
+
+    @classmethod
+    def of_corners(
+        cls,
+        poses: PoseSource,
+        corners: Corners,
+        board: Board,
+        camera: Camera | None = None,
+        **more: Any,
+    ) -> Self:
+        """Over the poses of pictures in which corners were found, the board numbered from one end.
+
+        Args:
+            poses: with the label ``image``.
+            corners: of any pictures.
+            board: whose points they are.
+            camera: that saw it; without one it is found from the corners.
+            more: attributes.
+
+        Raises:
+            SamplesError: corners that cannot be used, or that belong to no sample.
+        """
+        corners.check(board, camera)
+        poses, prior = with_corners(poses, corners, board), None
+        if camera is None:
+            from suta_calib.terms.camera_alone import camera_alone
+
+            camera = camera_alone(corners, board)
+            prior = UNCALIBRATED.stds(camera)
+        elif camera.corners:
+            prior = prior_beside(camera, corners)
+        return cls(poses, board, camera, prior=prior, **more).numbered_alike(corners.path)
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
@@ -216,9 +231,13 @@ class CameraView(FramedTerm):
         """The same with another noise, in px."""
         return self.where_pixels_cover(self.pixel, noise)
 
-    def at_its_distance(self) -> Self:
-        """The same with the length that a pixel covers where the board typically is."""
-        return self.where_pixels_cover(self.pictures.pixel or self.pixel)
+    def at_its_distance(self, noise: Noise | None = None) -> Self:
+        """The same with the length that a pixel covers where the board typically is.
+
+        And with this noise, in px, if any.
+        """
+        told = None if self.poses.samples.pixels is None else self.pictures.pixel
+        return self.where_pixels_cover(told or self.pixel, noise)
 
     def where_pixels_cover(self, pixel: float, noise: Noise | None = None) -> Self:
         """The same where a pixel covers this length, m, and with this noise, in px, if any."""
@@ -271,16 +290,18 @@ class CameraView(FramedTerm):
 
     @property
     def _to_board(self) -> Poses:
-        """A of ``A X B = Z``, arm at nominal: ``T_base_hand``, its inverse of an eye beside it."""
-        hand = self.poses.at({})
-        return inverse_poses(hand) if self.setup == EYE_TO_HAND else hand
+        """A of ``A X B = Z``, arm at nominal."""
+        return as_eye_in_hand(self.poses.at({}), self.setup)
 
     @property
     def owners(self) -> tuple[str, str, str]:
         """Owners of the camera's pose, of the board's, and of the intrinsics."""
-        camera = "" if self.label == "default" else f"[{self.label}]"
-        board = "" if self.target == "default" else f"[{self.target}]"
-        return f"hand_eye{camera}", f"target{board}", f"camera{camera}"
+        eye, board = (frame.own for frame in self.frames)
+        return (
+            labelled(eye, self.label),
+            labelled(board, self.target),
+            labelled("camera", self.label),
+        )
 
     @property
     def frame_names(self) -> list[str]:
@@ -305,24 +326,7 @@ class CameraView(FramedTerm):
         poses = (*pose_parameters(eye), *pose_parameters(board))
         if not self.free:
             return poses
-        known = self.camera.stds if self.prior is None else self.prior
-        stds = CALIBRATED.stds(self.camera) if known is None else known
-        values = zip(INTRINSICS, self.camera.intrinsics.tolist(), stds.tolist(), strict=True)
-        return (
-            *poses,
-            *(
-                Parameter(
-                    camera,
-                    key,
-                    "px" if key in (*FOCAL, *CENTRE) else "1",
-                    value,
-                    prior=max(std, HELD),
-                    prior_fixed=self.prior is not None,
-                    prior_assumed=known is None,
-                )
-                for key, value, std in values
-            ),
-        )
+        return (*poses, *intrinsic_parameters(camera, self.camera, self.prior))
 
     @property
     def freed(self) -> Self | None:
@@ -419,20 +423,15 @@ class CameraView(FramedTerm):
         sight = self._sight(values, poses)
         return Observed(sight.position, sight.rotation, sight.pixels, sight.camera)
 
-    def _camera_at(self, values: Mapping[str, float]) -> Camera:
-        """The camera with the intrinsics that these values have, or with its own."""
-        owner, known = self.owners[2], self.camera.values
-        found = [values.get(f"{owner}.{key}", known[key]) for key in INTRINSICS]
-        return replace(self.camera, intrinsics=np.array(found))
-
     def _sight(self, values: Mapping[str, float], poses: PoseSource) -> BoardSight:
         """The board before the camera at these poses."""
-        eye, board, _ = self.owners
+        eye, board, intrinsics = self.owners
         (R_eye, p_eye), (R_board, p_board) = pose_named(values, eye), pose_named(values, board)
         hand = poses.at(values)
         rotation, position = hand if self.setup == EYE_TO_HAND else inverse_poses(hand)
         turn, shift = R_eye.T @ rotation @ R_board, (rotation @ p_board + position - p_eye) @ R_eye
-        return BoardSight(self.board, self._camera_at(values), turn, shift)
+        camera = camera_at(self.camera, intrinsics, values)
+        return BoardSight(self.board, camera, turn, shift)
 
     def resimulated(
         self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
@@ -450,9 +449,7 @@ class CameraView(FramedTerm):
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Poses of the board by every picture, and the closed form of those that agree."""
         told = self.pictures.told
-        hand = (rotation, position)
-        if self.setup == EYE_TO_HAND:
-            hand = inverse_poses(hand)
+        hand = as_eye_in_hand((rotation, position), self.setup)
         X, Z = agreeing_hand_eye(some_poses(hand, told), some_poses(self.seen_poses, told))
         found = [pose_values(*X), pose_values(*Z)]
         if self.free:
@@ -461,14 +458,8 @@ class CameraView(FramedTerm):
 
     def single_touches(self) -> CameraView:
         """The board's middle in every picture, where the picture's own pose of the board has it."""
+        samples = replace(self.poses.samples, pixels=self.pictures.middles[:, None])
         middle = OnePoint(self.points.mean(axis=0))
-        rotation, position = self.seen_poses
-        there = rotation @ middle.place + position
-        mean = np.nanmean(self.pixels, axis=1)
-        told = np.isfinite(there[:, 2]) & (there[:, 2] > 0)
-        there[~told] = [0.0, 0.0, 1.0]
-        pixels = np.where(told[:, None], projected(there, self.camera.intrinsics), mean)
-        samples = replace(self.poses.samples, pixels=pixels[:, None])
         return replace(self, poses=self.poses.with_samples(samples), board=middle)
 
     def check_enough(self) -> None:
@@ -480,7 +471,7 @@ class CameraView(FramedTerm):
                 f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
                 where=self.kind,
             )
-        self.pictures.check()
+        check_files(self.pictures)
 
     def check_beside(self, other: Term) -> None:
         """Views with one label are of one camera, and those with one target of one board."""
@@ -515,7 +506,7 @@ class CameraView(FramedTerm):
         """With pixels counted in another way, and the board numbered from one end again."""
         if self.poses.samples.pixels is None:
             return
-        for sentence, pixels in self.pictures.misread:
+        for sentence, pixels in otherwise_read(self.pictures):
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore", SutaCalibWarning)
                 yield sentence, self._with_pixels(pixels).numbered_alike(None)
@@ -523,17 +514,5 @@ class CameraView(FramedTerm):
     @property
     def doubts(self) -> Mapping[str, Level]:
         """Corners numbered mirrored or from the other end; a camera's file of another size."""
-        found: dict[str, Level] = {}
-        if self.pictures.behind:
-            found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
-        if other := self.pictures.other_size:
-            found[other] = "care"
-        # Those that pull no harder than others spoil nothing.
-        told: Level = "care" if np.isfinite(self.noise.huber) else "bad"
-        found |= dict.fromkeys(self.pictures.strange(self._names), told)
-        turned = self.pictures.upside_down(self._to_board)
-        for what, rows in turned.items():
-            if rows.any():
-                names = listed(np.array(self._names)[rows].tolist(), QUOTED)
-                found[f"In {names} {TURNED[what]} Leave them out (exclude)."] = "bad"
-        return found
+        robust = bool(np.isfinite(self.noise.huber))
+        return doubts(self.pictures, self._names, self._to_board, robust=robust)

@@ -154,6 +154,11 @@ def loop_closures(hand: Poses, X: Poses, seen: Poses) -> Poses:
     return _after(_after(hand, every), seen)
 
 
+def as_eye_in_hand(hand: Poses, setup: EyeSetup) -> Poses:
+    """A of ``A X B = Z``: ``T_base_hand`` as it is, its inverse where the eye is beside the arm."""
+    return inverse_poses(hand) if setup == EYE_TO_HAND else hand
+
+
 def inverse_poses(poses: Poses) -> Poses:
     """``T_b_a`` of every ``T_a_b``."""
     R, p = poses

@@ -73,6 +73,11 @@ def frames_of(
     return found
 
 
+def labelled(owner: str, label: str) -> str:
+    """An owner of unknowns, with the label that tells it from others where there are several."""
+    return owner if label == "default" else f"{owner}[{label}]"
+
+
 def pose_parameters(label: str) -> tuple[Parameter, ...]:
     """The six unknowns of an external frame, ``label.x … label.rz``."""
     turn = (Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION) for key in ROTATION)

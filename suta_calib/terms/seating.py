@@ -26,6 +26,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, ParameterError
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import Parameter
+from suta_calib.terms.outside import labelled
 from suta_calib.units import deg, mm
 
 KEYS: Final = ("x", "y", "rz")
@@ -68,7 +69,7 @@ class Seating:
         Args:
             label: tells several artefacts apart: ``seating[label].x``; ``default`` for none.
         """
-        owner = _OWNER if label == "default" else f"{_OWNER}[{label}]"
+        owner = labelled(_OWNER, label)
         c, r = self.clearance, self.rotation
         shift = [
             Parameter(owner, key, "m", 0.0, -c, c, prior=c / math.sqrt(2.0)) for key in KEYS[:2]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final, Self
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Noise
-from suta_calib.terms.outside import pose_parameters
+from suta_calib.terms.outside import labelled, pose_parameters
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
 
@@ -101,8 +101,7 @@ class SeenTerm(FramedTerm):
     @property
     def frame_names(self) -> list[str]:
         """Owners of the unknowns of its frames."""
-        suffix = "" if self.label == "default" else f"[{self.label}]"
-        return [frame.own + suffix for frame in self.frames]
+        return [labelled(frame.own, self.label) for frame in self.frames]
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:

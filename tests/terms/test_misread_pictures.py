@@ -21,6 +21,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView
 from suta_calib.terms.board_pictures import BoardPictures
+from suta_calib.terms.misread_pictures import check_files, other_size
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -42,7 +43,7 @@ def on_the_grid(pixels: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("noise", [0.0, 0.1, 2.0])
 def test_good_pictures_are_what_they_are(noise: float) -> None:
     seen = board_pictures(noise)
-    seen.check()
+    check_files(seen)
     assert not seen.behind
     assert seen.misfit < 0.03
 
@@ -58,7 +59,7 @@ def test_numbers_from_the_other_end_of_a_row_show_the_board_from_behind() -> Non
 def test_a_board_with_columns_for_rows_is_refused_by_name() -> None:
     seen = replace(board_pictures(), board=Chessboard(BOARD.rows, BOARD.columns, BOARD.square))
     with pytest.raises(SamplesError, match="if its columns and rows are exchanged"):
-        seen.check()
+        check_files(seen)
 
 
 TAGS = Markers(
@@ -74,10 +75,10 @@ def test_markers_of_another_size_at_the_right_places_are_refused_by_name(factor:
     assert board is not None
     seen = replace(seen, board=board)
     if factor == 1.0:
-        seen.check()
+        check_files(seen)
     else:
         with pytest.raises(SamplesError, match=f"corners of markers {factor:.2f}"):
-            seen.check()
+            check_files(seen)
 
 
 @pytest.mark.parametrize(("factor", "said"), [(2.0, "2560 x 1920"), (1.5, "1920 x 1440")])
@@ -85,7 +86,7 @@ def test_a_camera_of_larger_pictures_is_refused_by_name(factor: float, said: str
     """All corners are in its pictures too: nothing else would tell."""
     seen = replace(board_pictures(), camera=CAMERA.resized(factor))
     with pytest.raises(SamplesError, match=f"of some 1280 x 960 px; expected of {said}"):
-        seen.check()
+        check_files(seen)
 
 
 @pytest.mark.parametrize("factor", [1.5, 2.0])
@@ -93,28 +94,28 @@ def test_a_size_of_other_pictures_beside_the_right_matrix_is_named(factor: float
     seen = board_pictures()
     larger = Camera(round(factor * 1280), round(factor * 960), CAMERA.intrinsics)
     said = replace(seen, camera=larger)
-    said.check()
-    assert f"says {larger.width} x {larger.height} px" in said.other_size
-    assert "the middle of some 1285 x 953 px" in said.other_size
-    assert not seen.other_size
+    check_files(said)
+    assert f"says {larger.width} x {larger.height} px" in other_size(said)
+    assert "the middle of some 1285 x 953 px" in other_size(said)
+    assert not other_size(seen)
     # Cut out of larger pictures: corners are everywhere in what is left of them.
     shift = np.array([500.0, 300.0])
     cut = Camera(780, 660, CAMERA.intrinsics - [0, 0, *shift, 0, 0, 0, 0, 0])
     pixels = seen.pixels - shift
     pixels[~cut.inside(pixels)] = np.nan
-    assert not replace(seen, camera=cut, pixels=pixels).other_size
+    assert not other_size(replace(seen, camera=cut, pixels=pixels))
 
 
 def test_numbers_of_another_board_are_refused() -> None:
     seen = board_pictures()
     shuffled = np.random.default_rng(0).permutation(len(BOARD.points))
     with pytest.raises(SamplesError, match="of the board's extent off"):
-        replace(seen, pixels=seen.pixels[:, shuffled]).check()
+        check_files(replace(seen, pixels=seen.pixels[:, shuffled]))
 
 
 def test_a_camera_that_somebody_calibrated_badly_is_no_other_one() -> None:
     wrong = CAMERA.intrinsics * [1.02, 1.02, 1.01, 0.99, 0, 0, 0, 0, 0]
-    replace(board_pictures(), camera=Camera(1280, 960, wrong)).check()
+    check_files(replace(board_pictures(), camera=Camera(1280, 960, wrong)))
 
 
 def test_a_resized_camera_sees_the_same() -> None:

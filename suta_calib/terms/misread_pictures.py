@@ -1,0 +1,232 @@
+"""Pictures that cannot be of this board by this camera as their files have them, and what can be.
+
+Another board, a camera of pictures of another size, pixels that are counted in another way, corners
+that are no corners, pictures or boards upside down.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.assessment import Level
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.pinhole import projected
+from suta_calib.measurements import Board
+from suta_calib.terms.board_pictures import MIRRORED, QUOTED, ROUNDING, TURNED, BoardPictures
+from suta_calib.terms.camera_start import PLANAR, columns_exchanged
+from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.words import listed
+
+# Corners that are off by this part of the board's extent in a picture are of no such board.
+NO_BOARD: Final = 0.1
+# Another board or camera is the cause where it leaves so many times less.
+FAR_BETTER: Final = 2.0
+# Misfit, part of the board's extent, that any camera leaves: nothing is asked below it.
+FINE: Final = 1e-3
+# Pictures of which it is asked: what is wrong with the files is wrong with all.
+ENOUGH: Final = 8
+# Sizes of a picture against the one that the camera's file is of.
+RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
+# Sizes of markers against those that a board's file has.
+MARKERS: Final = (0.6, 1.6)
+# Part of a picture's size up to which twice its principal point comes near it in any camera.
+CENTRED: Final = 0.8
+# Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
+FAR_OFF: Final = 10.0
+SEEN: Final = 2.0
+
+
+def check_files(pictures: BoardPictures) -> None:
+    """Refuse corners that another board or camera explains far better, or that none does.
+
+    Raises:
+        SamplesError: names what explains them.
+    """
+    if len(pictures.pixels) > ENOUGH:
+        some = np.linspace(0, len(pictures.pixels) - 1, ENOUGH).astype(np.intp)
+        check_files(replace(pictures, pixels=pictures.pixels[some]))
+        return
+    if pictures.misfit <= FINE:
+        return
+    others = [(other.misfit, error) for other, error in _others(pictures)]
+    least, cause = min(others, key=lambda other: other[0], default=(np.inf, None))
+    if cause is not None and FAR_BETTER * least < pictures.misfit:
+        raise cause
+    if pictures.misfit > NO_BOARD:
+        raise SamplesError(
+            f"corners that are more than {NO_BOARD:.0%} of the board's extent off from where "
+            "any pose of it has them",
+            f"corners of this board ({pictures.board.type}), by their numbers",
+            hint="corners, board.yaml and camera.yaml belong together",
+        )
+
+
+def _last_row(board: Board) -> BoolArray:
+    """(points,) which have the largest y."""
+    y = np.array(list(board.points.values()))[:, 1]
+    return np.asarray(y > y.max() - ROUNDING)
+
+
+def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesError]]:
+    """The same corners of another board, or by a camera of another size, and what it means."""
+    exchanged = pictures.board.exchanged
+    found = np.asarray(np.isfinite(pictures.pixels).all(axis=2))
+    # A board of fewer rows has as many columns as this one exchanged, but never its last row.
+    if exchanged is not None and found[:, _last_row(exchanged)].any():
+        yield replace(pictures, board=exchanged), columns_exchanged()
+    if pictures.misfit > NO_BOARD:
+        for other in pictures.board.recounted:
+            more = len(other.points) - pictures.pixels.shape[1]
+            pixels = np.pad(pictures.pixels, ((0, 0), (0, more), (0, 0)), constant_values=np.nan)
+            yield (
+                replace(pictures, board=other, pixels=pixels),
+                SamplesError(
+                    f"corners that are numbered along rows of {other.columns}",
+                    "corners of the board as its file has it",
+                    hint="corners and board.yaml belong together; it counts inner corners: "
+                    "columns first, then rows",
+                ),
+            )
+    if other_markers := _other_markers(pictures):
+        yield other_markers
+    corners = pictures.pixels[found]
+    for factor in RESIZED:
+        camera = pictures.camera.resized(factor)
+        if not camera.inside(corners).all():
+            continue
+        yield (
+            replace(pictures, camera=camera),
+            SamplesError(
+                f"corners of pictures of some {camera.width} x {camera.height} px",
+                f"of {pictures.camera.width} x {pictures.camera.height} px, as the camera's file "
+                "says",
+                hint="calibrate the camera on pictures of the same size, or scale its file",
+            ),
+        )
+
+
+def _other_markers(pictures: BoardPictures) -> tuple[BoardPictures, SamplesError] | None:
+    """The same corners of markers of the size that agrees best with the ways between them."""
+    if pictures.board.with_markers(1.0) is None:
+        return None
+    from scipy.optimize import minimize_scalar
+
+    def resized(factor: float) -> BoardPictures:
+        board = pictures.board.with_markers(factor)
+        assert board is not None
+        return replace(pictures, board=board)
+
+    best = minimize_scalar(
+        lambda log: resized(np.exp(log)).misfit, bounds=np.log(MARKERS), method="bounded"
+    )
+    factor = float(np.exp(best.x))
+    return resized(factor), SamplesError(
+        f"corners of markers {factor:.3f} times as large, by the ways between them, as the "
+        "board's file says",
+        "markers of the size that they were printed in, and at their places",
+        hint="measure markers and the ways between them; correct size_mm, or all position_mm",
+    )
+
+
+def other_size(pictures: BoardPictures) -> str:
+    """That the camera's file tells a size that its principal point and all corners deny.
+
+    Empty where they do not: a principal point may be far from the middle of pictures that were
+    cut out of larger ones, but then corners are beyond twice of it.
+    """
+    camera = pictures.camera
+    size = np.array([camera.width, camera.height])
+    # Pixels are counted from the centre of the first one.
+    middle = camera.intrinsics[2:4]
+    whole = 2.0 * middle + 1.0
+    small = whole < CENTRED * size
+    seen = pictures.pixels[np.isfinite(pictures.pixels).all(axis=2)]
+    if not small.any() or (seen + 0.5 > whole)[:, small].any():
+        return ""
+    return (
+        f"The camera's file says {camera.width} x {camera.height} px, but its principal point "
+        f"({middle[0]:.1f}, {middle[1]:.1f}) px is the middle of some {whole[0]:.0f} x "
+        f"{whole[1]:.0f} px, and no corner is beyond: image_width and image_height, or "
+        "camera_matrix, are of pictures of another size."
+    )
+
+
+def otherwise_read(pictures: BoardPictures) -> Iterator[tuple[str, FloatArray]]:
+    """The pixels as they are if they were counted or taken in another way; which.
+
+    Each mirrors the pictures, which no pose of a board makes up for in all of them.
+    """
+    u, v = pictures.pixels[..., 0], pictures.pixels[..., 1]
+    right, below = pictures.camera.width - 1.0, pictures.camera.height - 1.0
+    for sentence, other in (
+        ("v counts upwards, from the lowest row, or the pictures are mirrored", (u, below - v)),
+        ("u and v are exchanged", (v, u)),
+        ("left and right are exchanged in the pictures", (right - u, v)),
+    ):
+        yield sentence, np.stack(other, axis=-1)
+
+
+def doubts(
+    pictures: BoardPictures, names: Sequence[str], hand: Poses, *, robust: bool
+) -> dict[str, Level]:
+    """What is wrong with the pictures by themselves, and what an answer is worth for it.
+
+    Args:
+        pictures: that are asked about.
+        names: (n,) of them.
+        hand: as `BoardPictures.upside_down` has it.
+        robust: whether corners that are far off pull no harder than others: then they spoil
+            nothing.
+    """
+    found: dict[str, Level] = {}
+    if pictures.behind:
+        found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
+    if other := other_size(pictures):
+        found[other] = "care"
+    told: Level = "care" if robust else "bad"
+    found |= dict.fromkeys(_strange(pictures, names), told)
+    for what, rows in pictures.upside_down(hand).items():
+        if rows.any():
+            turned = listed(np.array(names)[rows].tolist(), QUOTED)
+            found[f"In {turned} {TURNED[what]} Leave them out (exclude)."] = "bad"
+    return found
+
+
+def _strange(pictures: BoardPictures, names: Sequence[str]) -> list[str]:
+    """Pictures whose corners are far from where they are in any pose of the board; which."""
+    off = pictures.rms
+    limit = max(FAR_OFF * float(np.nanmedian(off)), SEEN) if np.isfinite(off).any() else np.inf
+    nowhere = pictures.told & np.isnan(off)
+    said = []
+    for k in np.flatnonzero(nowhere | (off > limit)).tolist():
+        what = "" if nowhere[k] else _blunder(pictures, k, limit)
+        how_far = "" if nowhere[k] else f" {off[k]:.0f} px"
+        said.append(
+            f"In {names[k]} {what or f'the corners are{how_far}'} off where the board has them "
+            "in any pose: leave the picture out (exclude)."
+        )
+    return said
+
+
+def _blunder(pictures: BoardPictures, picture: int, limit: float) -> str:
+    """The corner without which all others are within ``limit`` px; empty if there is none."""
+    found = np.flatnonzero(np.isfinite(pictures.pixels[picture]).all(axis=1))
+    if len(found) <= PLANAR:
+        return ""
+    pixels = np.repeat(pictures.pixels[picture][None], len(found), axis=0)
+    pixels[np.arange(len(found)), found] = np.nan
+    without = replace(pictures, pixels=pixels)
+    off = without.rms
+    if not np.isfinite(off).any() or np.nanmin(off) > limit:
+        return ""
+    best = int(np.nanargmin(off))
+    rotation, position = (part[best] for part in without.poses)
+    place = rotation @ pictures.points[found[best]] + position
+    seen = pictures.pixels[picture, found[best]]
+    away = float(np.linalg.norm(projected(place, pictures.camera.intrinsics) - seen))
+    return f"corner {list(pictures.board.points)[found[best]]} is {away:.0f} px"
