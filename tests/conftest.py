@@ -33,6 +33,7 @@ LONG = (
     "test_notebooks",
     "test_every_kind",
     "test_pictures",
+    "test_picture_causes",
     "test_spread",
     "test_solve",
     "test_outputs",

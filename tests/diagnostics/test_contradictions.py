@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
@@ -10,27 +9,15 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulated import (
-    Scene,
-    Spread,
-    arm_named,
-    artefact,
-    artefact_scene,
-    perturbed,
-    placements,
-    random_readings,
-    tracked_scene,
-)
+from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
+from simulated import Scene, arm_named, artefact, artefact_scene, placements
 
 from suta_calib import (
-    ArmModel,
     ArmPoses,
     Assessment,
     Noise,
-    ParameterSet,
     Problem,
     Samples,
-    Selection,
     SolverOptions,
     Term,
     assess,
@@ -38,51 +25,18 @@ from suta_calib import (
 )
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.causes import find_cause
-from suta_calib.diagnostics.common_scale import grown_together
 from suta_calib.diagnostics.contradictions import seen_again
-from suta_calib.diagnostics.held_out import (
-    PROBABILITIES,
-    held_out_errors,
-    normal_squared,
-    robust_level,
-)
 from suta_calib.diagnostics.odd_readings import odd_where_nothing_fits, rounded
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact
 
 Change = Callable[[Samples], Samples]
 LEARNT = Noise()
-NOISE = Spread(position=1e-4, rotation=1e-3)
-ONCE = SolverOptions(starts=1, max_iterations=60)
-
-
-def truth_of(arm: ArmModel) -> dict[str, float]:
-    """An arm whose offsets are some tenths of a degree off."""
-    rng = np.random.default_rng(8)
-    return {f"{joint}.offset": 0.01 * rng.standard_normal() for joint in arm.joints}
 
 
 @pytest.fixture(scope="module")
 def scenes() -> tuple[Scene, Scene]:
-    """The tip, seen with its orientation: to fit, and to hold out."""
-    arm = arm_named("suta")
-    fitted = tracked_scene(arm, truth_of(arm), 40, oriented=True)
-    q = random_readings(arm, np.random.default_rng(99), 30)
-    again = tracked_scene(arm, truth_of(arm), 30, oriented=True)
-    R, p = fitted.arm.forward(q, truth_of(arm))
-    first_R, first_p = arm.forward(fitted.q[:1], truth_of(arm))
-    turn = fitted.rotation[0] @ first_R[0].T
-    shift = fitted.position[0] - turn @ first_p[0]
-    return fitted, replace(again, q=q, rotation=turn @ R, position=p @ turn.T + shift)
-
-
-def unknowns(arm: ArmModel, *, priors: bool) -> ParameterSet:
-    if priors:
-        return arm.select(
-            Selection(("geometric",), prior_m=1e-3, prior_rad=0.003),
-            Selection(("*.offset",), prior_rad=0.013),
-        )
-    return arm.select(Selection(("*.offset",), bound_rad=0.26))
+    return fitted_and_held_out()
 
 
 def judged(
@@ -378,135 +332,7 @@ def test_noise_that_is_ten_times_the_stated_is_refused(scenes: tuple[Scene, Scen
     assert "that the job states" in " ".join(found.notes)
 
 
-def test_held_out_errors_are_as_predicted(scenes: tuple[Scene, Scene]) -> None:
-    fitted, validation = (s.samples(NOISE, seed=7 + k)[0] for k, s in enumerate(scenes))
-    parameters = unknowns(scenes[0].arm, priors=False)
-    solution = solve(Problem([scenes[0].term(fitted)], parameters), ONCE)
-    accuracy = assess(solution, [scenes[1].term(validation)])
-    position = held_out_errors(solution, accuracy)[0]
-    assert 0.7 < position.ratio < 1.4
-    for probability in (0.68, 0.95):
-        found = position.coverage(probability)
-        assert found.std == pytest.approx(math.sqrt(probability * (1 - probability) / 30), rel=0.3)
-        assert abs(found.share - probability) < 3 * found.std
-
-
-def test_a_robust_level_is_the_standard_deviation_of_normal_noise() -> None:
-    rng = np.random.default_rng(0)
-    for size in (1, 2, 3):
-        residual = 2e-3 * rng.standard_normal((20_000, size))
-        residual[:6000] += 1.0
-        squared = np.sum(residual[6000:] ** 2, axis=1)
-        assert np.median(squared) == pytest.approx(4e-6 * normal_squared(size), rel=0.05)
-        assert 2e-3 < robust_level(residual) < 4e-3
-    assert np.isnan(robust_level(np.zeros((0, 3))))
-
-
 def test_a_clean_problem_has_no_cause(scenes: tuple[Scene, Scene]) -> None:
     term = scenes[0].term(scenes[0].samples(NOISE)[0])
     parameters = unknowns(scenes[0].arm, priors=True)
     assert find_cause(solve(Problem([term], parameters), ONCE)) is None
-
-
-@pytest.mark.parametrize("factor", [0.985, 1.0, 1.015])
-@pytest.mark.parametrize("kind", ["tracked_point", "pairwise_distance"])
-def test_a_scale_that_joints_would_absorb_is_named(kind: str, factor: float) -> None:
-    """Priors of a millimetre on every length cannot all be stretched alike by chance."""
-    arm = arm_named("suta")
-    parameters = unknowns(arm, priors=True)
-    truth = {p.name: p.nominal for p in parameters.values()}
-    truth |= truth_of(arm) | {"joint_4.z": truth["joint_4.z"] + 1e-3}
-    if kind == "tracked_point":
-        scene = tracked_scene(arm, truth, 60)
-        samples = scene.samples(NOISE)[0]
-        assert samples.position is not None
-        term = scene.term(replace(samples, position=factor * samples.position))
-    else:
-        scene = artefact_scene(kind, arm, truth, artefact(6), placements(4))
-        samples, marks = scene.samples(NOISE)[0], artefact(6).landmarks
-        scaled = {n: replace(m, position=factor * m.position) for n, m in marks.items()}
-        term = replace(scene, artefact=Artefact("scaled", scaled)).term(samples)
-    solution = solve(Problem([term], parameters), ONCE)
-    found = assess_calibration(solution, assess(solution))
-    said = " ".join(found.notes)
-    if factor == 1.0:
-        assert "all lengths" not in said
-        return
-    what = "instrument" if kind == "tracked_point" else "artefact"
-    assert f"all lengths of the {what} are 1." in said
-    assert f"too {'long' if factor > 1 else 'short'}" in said
-    assert not found.usable
-
-
-def test_an_arm_whose_lengths_all_grow_alike_is_said() -> None:
-    """Without priors the size of the arm is free: only its evenness tells."""
-    arm = arm_named("ur5")
-    unknown = arm.select(
-        Selection(("geometric",), bound_m=0.05, bound_rad=0.26),
-        Selection(("*.offset",), bound_rad=0.26),
-    )
-    scene = tracked_scene(arm, perturbed(unknown, 0, 3e-4, 3e-3), 60)
-    samples = scene.samples(NOISE)[0]
-    assert samples.position is not None
-    for factor in (1.0, 1.02):
-        term = scene.term(replace(samples, position=factor * samples.position))
-        solution = solve(Problem([term], unknown), ONCE)
-        said = " ".join(assess_calibration(solution, assess(solution)).notes)
-        assert ("All lengths of the arm came out" in said) == (factor != 1.0)
-
-
-@pytest.mark.parametrize("scatter", [2e-4, 2e-3])
-def test_lengths_that_are_off_by_nature_have_not_grown_together(scatter: float) -> None:
-    """The chance of a false alarm is as stated; two per cent are seen in spite of the scatter."""
-    rng = np.random.default_rng(4)
-    length, std = np.array([0.571, 0.371, 0.0, 0.0, 0.0]), np.array([6, 4, 3, 16, 0.3]) * 1e-4
-
-    def significances(factor: float) -> list[float]:
-        changes = factor * length + np.hypot(scatter, std) * rng.standard_normal((300, 5))
-        return [grown_together(length, c, np.diag(std**2)).significance for c in changes]
-
-    # Two standard deviations on either side.
-    assert np.mean(np.array(significances(0.0)) > 2.0) < 0.0455 + 3 * math.sqrt(0.0455 / 300)
-    assert np.mean(np.array(significances(0.02)) > 2.0) > 0.9
-
-
-@pytest.mark.parametrize("factor", [1.0, 1.02])
-def test_a_scale_is_seen_beside_what_the_model_lacks(factor: float) -> None:
-    arm = arm_named("suta")
-    lengths = [f"joint_{k}.z" for k in range(2, 7)]
-    unknown = arm.select(
-        Selection(("joint_*.offset",), bound_rad=0.26), Selection((*lengths, "tip.z"), bound_m=0.03)
-    )
-    crooked = perturbed(arm.select(Selection(("joint_?.[xy]",), bound_m=0.01)), 3, 1e-3, 0.0)
-    truth = truth_of(arm) | crooked | {name: 5e-4 * k for k, name in enumerate(lengths)}
-    truth |= {
-        name: value + arm.offered[name].nominal for name, value in truth.items() if name in lengths
-    }
-    scene = artefact_scene("pairwise_distance", arm, truth, artefact(6), placements(5))
-    marks = {n: replace(m, position=factor * m.position) for n, m in artefact(6).landmarks.items()}
-    term = replace(scene, artefact=Artefact("scaled", marks)).term(scene.samples(NOISE)[0])
-    solution = solve(Problem([term], unknown), ONCE)
-    assert solution.noise[0] > 3e-4
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
-    assert ("All lengths of the arm came out" in said) == (factor != 1.0)
-
-
-def test_held_out_intervals_cover_what_they_should() -> None:
-    """Twelve calibrations and their held-out errors, with a new place for the instrument."""
-    arm = arm_named("suta")
-    unknown = unknowns(arm, priors=False)
-    within: dict[float, list[float]] = {p: [] for p in PROBABILITIES}
-    first, second = (tracked_scene(arm, truth_of(arm), n) for n in (25, 40))
-    for seed in range(12):
-        term = first.term(first.samples(NOISE, seed)[0])
-        solution = solve(Problem([term], unknown), ONCE)
-        held_out: Any = second.term(second.samples(NOISE, 100 + seed)[0])
-        accuracy = assess(solution, [replace(held_out, label="elsewhere")])
-        (found,) = held_out_errors(solution, accuracy)
-        for probability, shares in within.items():
-            shares.append(found.coverage(probability).share)
-    for probability, shares in within.items():
-        # What the fit has wrong is common to all rows of one calibration.
-        std = np.std(shares, ddof=1) / math.sqrt(len(shares))
-        assert abs(np.mean(shares) - probability) < 3.5 * std
-        assert std < 0.05

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_vector
+from suta_calib.geometry.numbers import (
+    quaternion_from_rotation,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 from suta_calib.geometry.pinhole import projected
 from suta_calib.measurements import (
     Board,
@@ -21,7 +26,8 @@ from suta_calib.measurements import (
     write_corners,
 )
 from suta_calib.measurements.pose_files import HandPoses
-from suta_calib.pose_calibration.pictures import View
+from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
+from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
 from suta_calib.terms.hand_eye_start import Poses, inverse_poses
 
 BOARD = Chessboard(6, 5, 0.03)
@@ -132,3 +138,17 @@ def after(outer: Poses, inner: Poses) -> Poses:
 def changed(corners: Corners, **arrays: FloatArray) -> Corners:
     """Corners with other points, pixels or images."""
     return replace(corners, **arrays)
+
+
+def solved(scene: Pictures, **more: Any) -> PictureCalibration:
+    """The calibration of X and Z, the eye on the hand unless something else is said."""
+    options: dict[str, Any] = {"setup": "eye-in-hand", "model": "AX=ZB"}
+    return hand_eye_from_pictures(scene.hand, scene.views, **options | more)
+
+
+def errors(seen: SeenCamera, eye: Any = X, board: Any = Z) -> np.ndarray:
+    """Displacement, m, and turn, rad, of X and of Z against the truth, (12,)."""
+    found = []
+    for T, (R, p) in ((seen.X, eye), (seen.Z, board)):
+        found += [T[:3, 3] - p, vector_from_rotation(R.T @ T[:3, :3])]
+    return np.concatenate(found)

@@ -1,0 +1,99 @@
+"""All lengths that came out too long or too short by one factor: whose scale is off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from offset_arm import NOISE, ONCE, truth_of, unknowns
+from simulated import arm_named, artefact, artefact_scene, perturbed, placements, tracked_scene
+
+from suta_calib import Problem, Selection, assess, solve
+from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.common_scale import grown_together
+from suta_calib.measurements import Artefact
+
+
+@pytest.mark.parametrize("factor", [0.985, 1.0, 1.015])
+@pytest.mark.parametrize("kind", ["tracked_point", "pairwise_distance"])
+def test_a_scale_that_joints_would_absorb_is_named(kind: str, factor: float) -> None:
+    """Priors of a millimetre on every length cannot all be stretched alike by chance."""
+    arm = arm_named("suta")
+    parameters = unknowns(arm, priors=True)
+    truth = {p.name: p.nominal for p in parameters.values()}
+    truth |= truth_of(arm) | {"joint_4.z": truth["joint_4.z"] + 1e-3}
+    if kind == "tracked_point":
+        scene = tracked_scene(arm, truth, 60)
+        samples = scene.samples(NOISE)[0]
+        assert samples.position is not None
+        term = scene.term(replace(samples, position=factor * samples.position))
+    else:
+        scene = artefact_scene(kind, arm, truth, artefact(6), placements(4))
+        samples, marks = scene.samples(NOISE)[0], artefact(6).landmarks
+        scaled = {n: replace(m, position=factor * m.position) for n, m in marks.items()}
+        term = replace(scene, artefact=Artefact("scaled", scaled)).term(samples)
+    solution = solve(Problem([term], parameters), ONCE)
+    found = assess_calibration(solution, assess(solution))
+    said = " ".join(found.notes)
+    if factor == 1.0:
+        assert "all lengths" not in said
+        return
+    what = "instrument" if kind == "tracked_point" else "artefact"
+    assert f"all lengths of the {what} are 1." in said
+    assert f"too {'long' if factor > 1 else 'short'}" in said
+    assert not found.usable
+
+
+def test_an_arm_whose_lengths_all_grow_alike_is_said() -> None:
+    """Without priors the size of the arm is free: only its evenness tells."""
+    arm = arm_named("ur5")
+    unknown = arm.select(
+        Selection(("geometric",), bound_m=0.05, bound_rad=0.26),
+        Selection(("*.offset",), bound_rad=0.26),
+    )
+    scene = tracked_scene(arm, perturbed(unknown, 0, 3e-4, 3e-3), 60)
+    samples = scene.samples(NOISE)[0]
+    assert samples.position is not None
+    for factor in (1.0, 1.02):
+        term = scene.term(replace(samples, position=factor * samples.position))
+        solution = solve(Problem([term], unknown), ONCE)
+        said = " ".join(assess_calibration(solution, assess(solution)).notes)
+        assert ("All lengths of the arm came out" in said) == (factor != 1.0)
+
+
+@pytest.mark.parametrize("scatter", [2e-4, 2e-3])
+def test_lengths_that_are_off_by_nature_have_not_grown_together(scatter: float) -> None:
+    """The chance of a false alarm is as stated; two per cent are seen in spite of the scatter."""
+    rng = np.random.default_rng(4)
+    length, std = np.array([0.571, 0.371, 0.0, 0.0, 0.0]), np.array([6, 4, 3, 16, 0.3]) * 1e-4
+
+    def significances(factor: float) -> list[float]:
+        changes = factor * length + np.hypot(scatter, std) * rng.standard_normal((300, 5))
+        return [grown_together(length, c, np.diag(std**2)).significance for c in changes]
+
+    # Two standard deviations on either side.
+    assert np.mean(np.array(significances(0.0)) > 2.0) < 0.0455 + 3 * math.sqrt(0.0455 / 300)
+    assert np.mean(np.array(significances(0.02)) > 2.0) > 0.9
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.02])
+def test_a_scale_is_seen_beside_what_the_model_lacks(factor: float) -> None:
+    arm = arm_named("suta")
+    lengths = [f"joint_{k}.z" for k in range(2, 7)]
+    unknown = arm.select(
+        Selection(("joint_*.offset",), bound_rad=0.26), Selection((*lengths, "tip.z"), bound_m=0.03)
+    )
+    crooked = perturbed(arm.select(Selection(("joint_?.[xy]",), bound_m=0.01)), 3, 1e-3, 0.0)
+    truth = truth_of(arm) | crooked | {name: 5e-4 * k for k, name in enumerate(lengths)}
+    truth |= {
+        name: value + arm.offered[name].nominal for name, value in truth.items() if name in lengths
+    }
+    scene = artefact_scene("pairwise_distance", arm, truth, artefact(6), placements(5))
+    marks = {n: replace(m, position=factor * m.position) for n, m in artefact(6).landmarks.items()}
+    term = replace(scene, artefact=Artefact("scaled", marks)).term(scene.samples(NOISE)[0])
+    solution = solve(Problem([term], unknown), ONCE)
+    assert solution.noise[0] > 3e-4
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert ("All lengths of the arm came out" in said) == (factor != 1.0)
