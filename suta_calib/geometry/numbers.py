@@ -298,18 +298,18 @@ def register_points(source: ArrayLike, target: ArrayLike) -> tuple[FloatArray, F
     """
     a, b = np.asarray(target, dtype=float), np.asarray(source, dtype=float)
     centre_a, centre_b = a.mean(axis=-2, keepdims=True), b.mean(axis=-2, keepdims=True)
-    rotation = turned_onto(np.swapaxes(a - centre_a, -1, -2) @ (b - centre_b))
+    rotation = nearest_rotation(np.swapaxes(a - centre_a, -1, -2) @ (b - centre_b))
     position = centre_a[..., 0, :] - (rotation @ centre_b[..., 0, :, None])[..., 0]
     return rotation, position
 
 
-def turned_onto(moment: FloatArray) -> FloatArray:
-    """Rotations (..., 3, 3) that turn points onto others best.
+def nearest_rotation(matrix: FloatArray) -> FloatArray:
+    """Rotations (..., 3, 3) with the least sum of squared differences to matrices (..., 3, 3).
 
-    Args:
-        moment: (..., 3, 3) sums over the points of target times source, each from its middle.
+    Of the sums over points of target times source, each from its middle, they are those that turn
+    the points onto the others best; of sums of rotations, their chordal mean.
     """
-    left, _, right = np.linalg.svd(moment)
+    left, _, right = np.linalg.svd(matrix)
     left[..., -1] *= np.sign(np.linalg.det(left @ right))[..., None]
     return np.asarray(left @ right)
 

@@ -9,7 +9,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rpy_from_rotation
-from suta_calib.pose_calibration.robust_fit import exchanged
+from suta_calib.pose_calibration.robust_answer import exchanged
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
 from suta_calib.units import deg, from_deg, mm, text
 

@@ -19,7 +19,7 @@ from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
 from suta_calib.pose_calibration.picture_likelihood import WAYS
 from suta_calib.pose_calibration.picture_noise import PictureNoise
-from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
+from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED

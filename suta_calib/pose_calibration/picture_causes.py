@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements import Camera, Corners
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
-from suta_calib.pose_calibration.robust_fit import MANY_OUTLIERS
+from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
 from suta_calib.terms import CameraView
 from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.hand_eye_start import (

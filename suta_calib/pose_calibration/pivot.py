@@ -17,14 +17,13 @@ from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.moved import Moved, moved
-from suta_calib.pose_calibration.robust_fit import (
+from suta_calib.pose_calibration.robust_answer import (
     LARGEST,
     LONGEST_TIP,
     RobustAnswer,
     exchanged,
-    parts_of,
-    robust_fit,
 )
+from suta_calib.pose_calibration.robust_fit import parts_of, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise, grouped

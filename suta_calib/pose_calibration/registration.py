@@ -31,13 +31,8 @@ from suta_calib.pose_calibration.consensus import (
     minimal_samples,
 )
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
-from suta_calib.pose_calibration.robust_fit import (
-    ROUNDING,
-    RobustAnswer,
-    RobustFit,
-    parts_of,
-    robust_fit,
-)
+from suta_calib.pose_calibration.robust_answer import RobustAnswer
+from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
 from suta_calib.pose_calibration.stated import Agreement, StatedSpread
 from suta_calib.pose_calibration.weighed_point import WeighedPoint
 from suta_calib.showing import Shown

@@ -17,7 +17,7 @@ from suta_calib.units import Unit, key, text
 from suta_calib.words import listed
 
 if TYPE_CHECKING:
-    from suta_calib.pose_calibration.robust_fit import RobustAnswer
+    from suta_calib.pose_calibration.robust_answer import RobustAnswer
 
 MOST_OUTLIERS: Final = 10
 _DIGITS: Final = 6  # of residuals in files

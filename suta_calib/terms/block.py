@@ -215,6 +215,22 @@ def numbered(values: NDArray[Any]) -> tuple[NDArray[Any], IntArray]:
     return distinct[order], rank[inverse].astype(np.intp)
 
 
+def same_touches(placement: NDArray[Any], landmark: NDArray[Any], repeat: NDArray[Any]) -> IntArray:
+    """(n,) one number for all rows, by these labels (n,), that are repeats of the same touch.
+
+    The k-th touch of a landmark in one repeat pairs with the k-th in another.
+    """
+    places, marks, repeats = (numbered(column)[1] for column in (placement, landmark, repeat))
+    mark = places * (marks.max(initial=0) + 1) + marks
+    # Rows of one mark and repeat one after the other, each with its place among them.
+    order = np.lexsort((repeats, mark))
+    same = (np.diff(mark[order]) == 0) & (np.diff(repeats[order]) == 0)
+    began = np.flatnonzero(np.concatenate([[True], ~same]))
+    place = np.empty_like(order)
+    place[order] = np.arange(len(order)) - np.repeat(began, np.diff([*began, len(order)]))
+    return numbered(mark * (place.max(initial=0) + 1) + place)[1]
+
+
 def grouped_rows(members: IntArray) -> tuple[IntArray, IntArray]:
     """Which of the different sets of members (n, k) each row has, (n,), and how often each is."""
     numbers = _numbered(np.sort(members, axis=1))

@@ -13,7 +13,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import BoardError, SamplesError
-from suta_calib.geometry.numbers import rotation_from_vector, skew
+from suta_calib.geometry.numbers import nearest_rotation, rotation_from_vector, skew
 from suta_calib.geometry.pinhole import DISTORTION
 from suta_calib.measurements import Board, Camera, Corners
 
@@ -74,14 +74,13 @@ def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, Float
             columns = np.concatenate([columns, across[..., None]], axis=2)
         told = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(shift).all(axis=1)
         mine, which, columns, shift = mine[told], which[told], columns[told], shift[told]
-        u, singular, v = np.linalg.svd(columns)
         if dimension == 3:
-            length = singular.mean(axis=1)
+            length = np.linalg.svd(columns, compute_uv=False).mean(axis=1)
         else:
             length = length[told]
-        u[..., 2] *= np.linalg.det(u @ v)[:, None]
         start = sign[told, None] * shift / length[:, None]
-        R, p = _refined(apart[mine], seen[which], there[which], u @ v @ axes[mine], start)
+        turn = nearest_rotation(columns) @ axes[mine]
+        R, p = _refined(apart[mine], seen[which], there[which], turn, start)
         rotation[which], position[which] = R, p - (R @ middle[mine, :, None])[..., 0]
     return rotation, position
 

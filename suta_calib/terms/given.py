@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -20,7 +20,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements import YamlSection
 from suta_calib.measurements.keys import POSITION as WHERE
 from suta_calib.measurements.keys import Key, Keys
-from suta_calib.model.parameters import POSITION, ROTATION
+from suta_calib.model.parameters import POSITION, ROTATION, Parameter
 from suta_calib.units import mm
 
 POSE_KEYS: Final = Keys(
@@ -164,19 +164,45 @@ class GivenPose:
         return {f"{owner}.{key}": Known(value, s) for key, value, s in pairs}
 
 
-def check_in_mm(where: str, label: str, given: Sequence[float], found: Sequence[float]) -> None:
+def with_known(own: Sequence[Parameter], known: Mapping[str, Known]) -> tuple[Parameter, ...]:
+    """Unknowns, of which some are known beforehand: fixed there, or with a prior about it."""
+    return tuple(
+        replace(
+            p,
+            nominal=known[p.name].value,
+            prior=known[p.name].std,
+            free=known[p.name].std is not None,
+            prior_fixed=True,
+        )
+        if p.name in known
+        else p
+        for p in own
+    )
+
+
+def check_in_mm(
+    where: str,
+    label: str,
+    own: Sequence[Parameter],
+    known: Mapping[str, Known],
+    start: Mapping[str, float],
+) -> None:
     """Refuse a given position that the nominal arm finds a thousand times as far away.
 
     Args:
         where: whose pose it is.
         label: of the place.
-        given: coordinates, m.
-        found: the same by the nominal arm, m.
+        own: unknowns of all places.
+        known: what is given of this one.
+        start: the same by the nominal arm.
 
     Raises:
         SamplesError: says both distances.
     """
-    near, far = math.hypot(*given), math.hypot(*found)
+    names = [p.name for p in own if p.name in known and p.key in POSITION]
+    near, far = (
+        math.hypot(*found) for found in ([known[n].value for n in names], [start[n] for n in names])
+    )
     if _IN_METRES[0] * near < far < _IN_METRES[1] * near:
         raise SamplesError(
             f"position_mm {label} of {mm(near):.4g} mm, which the nominal arm finds "

@@ -12,7 +12,12 @@ from typing import Final, Literal
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion, skew
+from suta_calib.geometry.numbers import (
+    nearest_rotation,
+    quaternion_from_rotation,
+    rotation_from_quaternion,
+    skew,
+)
 
 Poses = tuple[FloatArray, FloatArray]  # rotations (..., n, 3, 3) and positions (..., n, 3), m
 # Where the eye is; what it sees is on the other.
@@ -143,9 +148,7 @@ def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
 
 def chordal_mean(rotation: FloatArray) -> FloatArray:
     """Rotation (..., 3, 3) with the least sum of squared chords to (..., n, 3, 3)."""
-    u, _, v = np.linalg.svd(rotation.sum(axis=-3))
-    u[..., :, 2] *= np.linalg.det(u @ v)[..., None]
-    return np.asarray(u @ v)
+    return nearest_rotation(rotation.sum(axis=-3))
 
 
 def loop_closures(hand: Poses, X: Poses, seen: Poses) -> Poses:

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.geometry.numbers import rms_length, rotation_from_vector, turned_onto
+from suta_calib.geometry.numbers import nearest_rotation, rms_length, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
@@ -294,7 +294,7 @@ def registered(
     middles = [summed(points, group, count) / number for points in (source, target)]
     away, there = (points - at[group] for points, at in zip((source, target), middles, strict=True))
     products = (there[:, :, None] * away[:, None, :]).reshape(-1, 9)
-    rotation = turned_onto(summed(products, group, count).reshape(-1, 3, 3))
+    rotation = nearest_rotation(summed(products, group, count).reshape(-1, 3, 3))
     return rotation, middles[1] - np.einsum("nij,nj->ni", rotation, middles[0])
 
 

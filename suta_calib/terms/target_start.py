@@ -15,7 +15,12 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
+from suta_calib.geometry.numbers import (
+    nearest_rotation,
+    register_points,
+    rotation_from_vector,
+    skew,
+)
 
 if TYPE_CHECKING:
     from suta_calib.terms.hand_eye_start import Poses
@@ -59,8 +64,7 @@ def _beginnings(arm: Poses, seen: FloatArray, target: IntArray) -> Iterator[Unkn
         columns[:, axis, 9 + axis] = 1.0
     columns[:, :, 12:] = -_of_targets(rotation, target, count)
     solved = _least_squares(columns, position)
-    u, _, v = np.linalg.svd(solved[:9].reshape(3, 3))
-    back = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    back = nearest_rotation(solved[:9].reshape(3, 3))
     targets = solved[12:].reshape(count, 3)
     points = position + np.einsum("nij,nj->ni", rotation, targets[target])
     yield back.T, (seen - points @ back).mean(axis=0), targets

@@ -24,8 +24,8 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.model.parameters import POSITION, Parameter
-from suta_calib.terms.block import Block, first_of_each, grouped, joined, numbered
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_touches
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
@@ -125,21 +125,14 @@ class Term(ABC):
     @cached_property
     def unknowns(self) -> tuple[Parameter, ...]:
         """`own`, with what is given of them: fixed there, or with a prior about it."""
+        if not self.given:
+            return self.own
+        from suta_calib.terms.given import with_known
+
         known: dict[str, Known] = {}
         for label, pose in self.given.items():
             known |= self.known(label, pose)
-        return tuple(
-            replace(
-                p,
-                nominal=known[p.name].value,
-                prior=known[p.name].std,
-                free=known[p.name].std is not None,
-                prior_fixed=True,
-            )
-            if p.name in known
-            else p
-            for p in self.own
-        )
+        return with_known(self.own, known)
 
     def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
         """The own unknowns, by name, that a given pose tells of a place; empty for no such place.
@@ -168,10 +161,7 @@ class Term(ABC):
 
         for label, pose in self.given.items():
             known = self.checked_known(label, pose)
-            names = [p.name for p in self.own if p.name in known and p.key in POSITION]
-            start = self.start_values({})
-            given, found = ([known[n].value for n in names], [start[n] for n in names])
-            check_in_mm(f"{self.kind}: pose", label, given, found)
+            check_in_mm(f"{self.kind}: pose", label, self.own, known, self.start_values({}))
 
     def checked_known(self, label: str, pose: GivenPose) -> dict[str, Known]:
         """What `known` makes of a given pose, which is of something that this kind looks at.
@@ -398,23 +388,11 @@ class Term(ABC):
         return {p.name: float(v) for p, v in zip(self.own, own, strict=True)}
 
     def repeats(self) -> IntArray:
-        """(n,) one number for all samples that are repeats of the same touch, else their own.
-
-        The k-th touch of a landmark in one repeat pairs with the k-th in another.
-        """
+        """(n,) one number for all samples that are repeats of the same touch, else their own."""
         labels = self.poses.samples.labels
         if not {"placement", "repeat", "landmark"} <= set(labels):
             return np.arange(len(self.poses), dtype=np.intp)
-        columns = (labels[name] for name in ("placement", "landmark", "repeat"))
-        placement, landmark, repeat = (numbered(column)[1] for column in columns)
-        mark = placement * (landmark.max(initial=0) + 1) + landmark
-        # Rows of one mark and repeat one after the other, each with its place among them.
-        order = np.lexsort((repeat, mark))
-        same = (np.diff(mark[order]) == 0) & (np.diff(repeat[order]) == 0)
-        began = np.flatnonzero(np.concatenate([[True], ~same]))
-        place = np.empty_like(order)
-        place[order] = np.arange(len(order)) - np.repeat(began, np.diff([*began, len(order)]))
-        return numbered(mark * (place.max(initial=0) + 1) + place)[1]
+        return same_touches(*(labels[name] for name in ("placement", "landmark", "repeat")))
 
     @cached_property
     def witnesses(self) -> IntArray:

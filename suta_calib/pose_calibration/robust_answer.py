@@ -1,0 +1,111 @@
+"""What the answers of pivot, hand-eye and registration share, and what speaks against them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.assessment import Level
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.solver.solution import Solution
+from suta_calib.units import text
+from suta_calib.words import listed
+
+# Part of the rows that, where they disagree, leave open who is right.
+MANY_OUTLIERS: Final = 0.4
+# Nothing that a hand holds reaches farther, m.
+LONGEST_TOOL: Final = 1.0
+# Nor is a tool so long, or all that a tracker sees of a hand or points so large, m: they seem
+# so large where millimetres are called metres.
+LONGEST_TIP: Final = 10.0
+LARGEST: Final = 30.0
+# Standard deviations by which one of two lengths is the longer.
+LONGER: Final = 3.0
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class RobustAnswer:
+    """What the answers of pivot, hand-eye and registration share.
+
+    Attributes:
+        covariance: of the answer's unknowns, m and rad.
+        residuals: (n, 3) of all rows, m.
+        inliers: (n,) rows that were fitted.
+        suspects: (n,) those of them that stand out, but that the others do not prove wrong.
+        solution: of the solver.
+        notes: what the files of the data give to think about, one sentence each.
+    """
+
+    covariance: FloatArray
+    residuals: FloatArray
+    inliers: BoolArray
+    suspects: BoolArray
+    solution: Solution
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def rms(self) -> float:
+        """Root mean square length of the inliers' residuals, m."""
+        return rms_length(self.residuals[self.inliers])
+
+    @property
+    def outliers(self) -> tuple[int, ...]:
+        """Rows judged outliers, from 0."""
+        return tuple(int(row) for row in np.flatnonzero(~self.inliers))
+
+    def agreed(self, what: str, *turned: str) -> str:
+        """How well the rows that were fitted agree, as the end of a sentence.
+
+        Args:
+            what: the rows, in the plural.
+            turned: how well they do in orientation too.
+        """
+        to = " and ".join([text(self.rms, "m", with_unit=True), *turned])
+        return f"{int(self.inliers.sum())} of {len(self.inliers)} {what} agree to {to} RMS"
+
+    def objections(self, what: str, inliers: BoolArray, size: float = 0.0) -> list[str]:
+        """Why it must not be used, one sentence each.
+
+        Args:
+            what: the rows, in the plural.
+            inliers: (n,) which of them agree.
+            size: how large what was measured is, m.
+        """
+        found = list[str]()
+        if size > LARGEST:
+            found.append(
+                f"The {what} span {size:.0f} m, which no tool, hand or target does: are they in "
+                "mm? Then name the columns x_mm, y_mm, z_mm."
+            )
+        if not self.solution.converged:
+            found.append(f"The solver did not converge: {self.solution.sentence}.")
+        share = 1.0 - float(inliers.mean())
+        if share > MANY_OUTLIERS:
+            found.append(f"{share:.0%} of the {what} do not agree with the rest.")
+        return found
+
+    def kept(self, what: str) -> list[str]:
+        """Which rows, ``what`` in the plural, stand out and were believed all the same."""
+        rows = listed([str(row) for row in np.flatnonzero(self.suspects)])
+        if not rows:
+            return []
+        return [
+            f"Of the {what} {rows} (rows from 0) stand out, but so few others do not prove them "
+            "wrong: they are kept, and ± is wider for it."
+        ]
+
+
+def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:
+    """Whether what is on the tool lies farther from it than what stands lies from its frame, m.
+
+    Inverted poses exchange the two, and leave no residual that would tell. ``care`` where it does
+    by more than chance (``std``); ``bad`` where no tool is that long either.
+    """
+    near, far = float(np.linalg.norm(held)), float(np.linalg.norm(standing))
+    if near - far <= LONGER * std:
+        return "good"
+    return "bad" if near > max(LONGEST_TOOL, 2.0 * far) else "care"
