@@ -14,7 +14,7 @@ from suta_calib.lazy import UNUSED_OF_NUMPY
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "halton"}
-    | {"incomplete", "lazy", "processes", "records", "showing", "threads", "words"},
+    | {"incomplete", "lazy", "processes", "showing", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from suta_calib.job.acceptance import ProbedSpheres as ProbedSpheres
     from suta_calib.job.calibration import CalibrationJob as CalibrationJob
     from suta_calib.job.calibration import CalibrationResult as CalibrationResult
-    from suta_calib.job.calibration import joint_ranges as joint_ranges
     from suta_calib.job.calibration import read_arm_samples as read_arm_samples
     from suta_calib.job.calibration import read_term as read_term
     from suta_calib.job.dh_file import dh_text as dh_text
@@ -32,5 +31,6 @@ if TYPE_CHECKING:
     from suta_calib.job.schema import ObservationSpec as ObservationSpec
     from suta_calib.job.schema import SolverSpec as SolverSpec
     from suta_calib.job.schema import read_job as read_job
+    from suta_calib.terms.poses import joint_ranges as joint_ranges
 
 __getattr__, __all__ = public(__name__)

@@ -30,8 +30,7 @@ from suta_calib.showing import Shown
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
-from suta_calib.terms.poses import joint_ranges as joint_ranges
-from suta_calib.terms.poses import together
+from suta_calib.terms.poses import joint_ranges, together
 from suta_calib.units import shown, unit_name
 
 if TYPE_CHECKING:
