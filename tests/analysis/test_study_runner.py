@@ -9,6 +9,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from concurrent.futures import Future
 from pathlib import Path
@@ -127,6 +128,27 @@ def test_what_is_sent_to_workers_holds_no_compiled_function() -> None:
     content = pickle.dumps(plan_of("monte-carlo").data)
     assert b"casadi" not in content
     assert len(content) < 1_000_000
+
+
+@pytest.mark.parametrize("writable", [True, False])
+def test_workers_read_the_data_where_this_process_set_them_down(
+    writable: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In a file that is gone afterwards; where none can be written they come with each batch."""
+    folder = tmp_path / "temporary"
+    if writable:
+        folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    plan = planned(sizes=(3,), trials=2)
+    content, key = study_runner._packed(plan.data)
+    with study_runner._set_down(content) as place:
+        assert isinstance(place, Path) == writable
+        monkeypatch.setattr(study_runner, "_loaded", {"another study": plan.data})
+        first = study_runner._run(key, place, plan.tasks[:1])
+        assert set(study_runner._loaded) == {key}
+        monkeypatch.setattr(pickle, "loads", None)  # They are read once.
+        assert tuple(first + study_runner._run(key, place, plan.tasks[1:])) == run_study(plan)
+    assert not writable or not any(folder.iterdir())
 
 
 def test_progress_counts_every_trial() -> None:

@@ -17,8 +17,9 @@ import time
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, wait
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
+from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.analysis.study.trial import StudyData, Trial, run_trial
@@ -65,10 +66,37 @@ def run_trials(
 
 
 def _on_cores(data: StudyData, tasks: Sequence[Task], workers: int) -> Iterator[Trial]:
+    content, key = _packed(data)
+    with _set_down(content) as place:
+        yield from _beside_others(data, tasks, workers, key, place)
+
+
+@contextmanager
+def _set_down(content: bytes) -> Iterator[Path | bytes]:
+    """Where workers read the data: in a file, or beside every batch where none can be written.
+
+    As an argument they would go through the pipe by which a worker is started, which holds little:
+    this process would be at rest until the worker had imported what it needs, and the next one
+    would not be started before.
+    """
+    import tempfile
+
+    place: Path | bytes = content
+    with ExitStack() as kept:
+        with suppress(OSError):
+            folder = tempfile.TemporaryDirectory(prefix="suta_calib-", ignore_cleanup_errors=True)
+            path = Path(kept.enter_context(folder)) / "study.pickle"
+            path.write_bytes(content)
+            place = path
+        yield place
+
+
+def _beside_others(
+    data: StudyData, tasks: Sequence[Task], workers: int, key: str, place: Path | bytes
+) -> Iterator[Trial]:
     from joblib.externals.loky import get_reusable_executor
     from joblib.externals.loky.process_executor import BrokenProcessPool
 
-    content, key = _packed(data)
     waiting, running = deque(tasks), set[Future[list[Trial]]]()
 
     def hand_out() -> None:
@@ -77,15 +105,11 @@ def _on_cores(data: StudyData, tasks: Sequence[Task], workers: int) -> Iterator[
         while waiting and len(running) < ready * (workers - 1):
             count = max(1, min(BATCH, len(waiting) // (4 * workers)))
             batch = [waiting.popleft() for _ in range(count)]
-            running.add(others.submit(_run, key, b"", batch))
+            running.add(others.submit(_run, key, place, batch))
 
     with _interrupts_withheld():
         others = get_reusable_executor(
-            workers - 1,
-            timeout=IDLE,
-            initializer=_prepare,
-            initargs=(key, content),
-            env=ONE_THREAD,
+            workers - 1, timeout=IDLE, initializer=_prepare, env=ONE_THREAD
         )
     try:
         with _interrupts_withheld():
@@ -208,17 +232,16 @@ def _packed(data: StudyData) -> tuple[bytes, str]:
     return content, hashlib.sha256(content).hexdigest()
 
 
-def _prepare(key: str, content: bytes) -> None:
+def _prepare() -> None:
     """Make a process of its own ready; an interrupt it leaves to the one that started it."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _loaded.clear()
-    _loaded[key] = pickle.loads(content)
 
 
-def _run(key: str, content: bytes, tasks: Sequence[Task]) -> list[Trial]:
+def _run(key: str, place: Path | bytes, tasks: Sequence[Task]) -> list[Trial]:
     """A batch of trials; the data are unpacked once in each process."""
     with _one_at_a_time:
         if key not in _loaded:
             _loaded.clear()
+            content = place if isinstance(place, bytes) else place.read_bytes()
             _loaded[key] = pickle.loads(content)
         return [run_trial(_loaded[key], size, number) for size, number in tasks]
