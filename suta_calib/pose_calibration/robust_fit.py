@@ -213,7 +213,7 @@ def _settled(
             residuals = term_residuals(make(everything, noises), solution.values)
         # Residuals are smaller than the noise because the unknowns followed it, block by block.
         numbers = DIMENSION * int(inliers.sum())
-        left = np.maximum(numbers - _followed(solution), 1.0)
+        left = np.maximum(numbers - _effective_parameters(solution), 1.0)
         scatter = np.array([_scatter(r[inliers], robust) for r in residuals])
         levels = np.maximum(np.sqrt(numbers / left) * scatter, ROUNDING)
         agreeing = inliers
@@ -254,7 +254,7 @@ def _settled(
     return RobustFit(solution, residuals, inliers, none, found, spread, agreement)
 
 
-def _followed(solution: Solution) -> FloatArray:
+def _effective_parameters(solution: Solution) -> FloatArray:
     """(blocks,) how many unknowns each block's residuals determine: traces of its hat matrix."""
     free = solution.free
     told = block_information(solution.problem, solution.x, solution.sigmas)
