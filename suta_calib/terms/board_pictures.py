@@ -237,12 +237,16 @@ class BoardPictures:
         """
         if len(self.pixels) > ENOUGH:
             some = np.linspace(0, len(self.pixels) - 1, ENOUGH).astype(np.intp)
-            replace(self, pixels=self.pixels[some]).check()
+            fewer = self.take(some, self.pixels[some])
+            assert fewer is not None
+            fewer.check()
             return
         if self.misfit <= FINE:
             return
-        others = [(other.misfit, error) for other, error in self._others()]
-        least, cause = min(others, key=lambda other: other[0], default=(np.inf, None))
+        others = list(self._others())
+        _pose_together([other for other, _ in others if other.board is self.board])
+        misfits = [(other.misfit, error) for other, error in others]
+        least, cause = min(misfits, key=lambda other: other[0], default=(np.inf, None))
         if cause is not None and FAR_BETTER * least < self.misfit:
             raise cause
         if self.misfit > NO_BOARD:
@@ -420,3 +424,14 @@ def _root_mean_square(errors: FloatArray) -> FloatArray:
     squared = np.sum(errors**2, axis=2)
     count = np.isfinite(squared).sum(axis=1)
     return np.asarray(np.sqrt(np.nansum(squared, axis=1) / np.where(count > 0, count, np.nan)))
+
+
+def _pose_together(others: Sequence[BoardPictures]) -> None:
+    """Find the poses of one board's pictures by several cameras at once, a tenth of the work."""
+    if not others:
+        return
+    seen = [undistorted(each.pixels, each.camera.intrinsics) for each in others]
+    rotation, position = board_poses(others[0].points, np.concatenate(seen))
+    ends = np.cumsum([len(each) for each in seen])[:-1]
+    for each, R, p in zip(others, np.split(rotation, ends), np.split(position, ends), strict=True):
+        vars(each)["poses"] = R, p
