@@ -15,10 +15,10 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.pinhole import projected
+from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, ROUNDING, TURNED, BoardPictures
-from suta_calib.terms.camera_start import PLANAR, columns_exchanged
+from suta_calib.terms.camera_start import PLANAR, board_poses, columns_exchanged
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.words import listed
 
@@ -49,12 +49,16 @@ def check_files(pictures: BoardPictures) -> None:
     """
     if len(pictures.pixels) > ENOUGH:
         some = np.linspace(0, len(pictures.pixels) - 1, ENOUGH).astype(np.intp)
-        check_files(replace(pictures, pixels=pictures.pixels[some]))
+        fewer = pictures.take(some, pictures.pixels[some])
+        assert fewer is not None
+        check_files(fewer)
         return
     if pictures.misfit <= FINE:
         return
-    others = [(other.misfit, error) for other, error in _others(pictures)]
-    least, cause = min(others, key=lambda other: other[0], default=(np.inf, None))
+    others = list(_others(pictures))
+    _pose_together([other for other, _ in others if other.board is pictures.board])
+    misfits = [(other.misfit, error) for other, error in others]
+    least, cause = min(misfits, key=lambda other: other[0], default=(np.inf, None))
     if cause is not None and FAR_BETTER * least < pictures.misfit:
         raise cause
     if pictures.misfit > NO_BOARD:
@@ -64,6 +68,17 @@ def check_files(pictures: BoardPictures) -> None:
             f"corners of this board ({pictures.board.type}), by their numbers",
             hint="corners, board.yaml and camera.yaml belong together",
         )
+
+
+def _pose_together(others: Sequence[BoardPictures]) -> None:
+    """Find the poses of one board's pictures by several cameras at once, a tenth of the work."""
+    if not others:
+        return
+    seen = [undistorted(each.pixels, each.camera.intrinsics) for each in others]
+    rotation, position = board_poses(others[0].points, np.concatenate(seen))
+    ends = np.cumsum([len(each) for each in seen])[:-1]
+    for each, R, p in zip(others, np.split(rotation, ends), np.split(position, ends), strict=True):
+        vars(each)["poses"] = R, p
 
 
 def _last_row(board: Board) -> BoolArray:

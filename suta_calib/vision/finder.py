@@ -134,7 +134,8 @@ def edge_width(grey: Grey, contrast: float) -> float:
     """
     cv2 = opencv()
     smooth = cv2.GaussianBlur(grey, (0, 0), 1.0).astype(np.float32)
-    steepest = np.percentile(np.hypot(*(np.gradient(smooth, axis=k) for k in (0, 1))), 99.9)
+    down, right = np.gradient(smooth)
+    steepest = np.percentile(np.hypot(down, right), 99.9)
     return contrast / max(float(steepest), 1e-3)
 
 

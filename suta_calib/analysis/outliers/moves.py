@@ -67,7 +67,8 @@ def find_moves(
         if len(rows) < 2 * least or freedom <= free:
             continue
         for k in range(least, len(rows) - least + 1):
-            weighed = np.pad(later(rows[k:], columns) * root[:, None], ((0, len(priors)), (0, 0)))
+            weighed = np.zeros((len(basis), free))
+            weighed[: n * size] = later(rows[k:], columns) * root[:, None]
             moved = weighed - basis @ (basis.T @ weighed)
             gain = float(left @ moved @ np.linalg.lstsq(moved, left, ROUNDING)[0])
             unexplained = max(float(left @ left) - gain, 1e-300) / (freedom - free)
