@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -62,6 +63,22 @@ class Following:
     def free(self) -> IntArray:
         """(p,) indices of all that follows."""
         return np.setdiff1d(np.arange(len(self.problem.names)), self.known)
+
+    @cached_property
+    def reduction(self) -> tuple[FloatArray, FloatArray]:
+        """Inverse (p, p) of the curvature of all that follows, and its score (p,), as weighed.
+
+        Rows count by their weights alone: that bounds what a step of a robust fit gains from
+        below, and rows that are far off still tell what would bring them back.
+        """
+        free = self.free
+        curvature, score = np.diag(self.prior[free]), -self.prior[free] * self.away[free]
+        for r in self.rows:
+            root = np.repeat(np.sqrt(r.line.weight), r.line.residual.shape[1])
+            jacobian = r.jacobian[:, free] * root[:, None]
+            curvature += jacobian.T @ jacobian
+            score -= (root * whitened(r).reshape(-1)) @ jacobian
+        return scaled_inverse(curvature), score
 
     def beside(self, lacking: IntArray, share: float) -> Following:
         """The same where more of what a model may lack follows, by a share of what is plausible."""
@@ -144,14 +161,15 @@ def _single_touches(term: Term) -> Term:
     return single.take(place % -(-len(place) // MOST_TOUCHES) == 0)
 
 
+def columns_of(rows: Rows, velocity: FloatArray) -> FloatArray:
+    """(n·d, k) how whitened rows change with velocities (6·samples, k) of the tips."""
+    by_pose = rows.line.by_pose / rows.line.sigma[:, None, None]
+    return np.asarray(rows.line.pattern.by_parameters(by_pose, velocity))
+
+
 def widened(rows: Sequence[Rows], velocity: FloatArray) -> list[Rows]:
     """The rows with a column for each of the velocities (6·samples, k) of the tips."""
-    wide = []
-    for r in rows:
-        by_pose = r.line.by_pose / r.line.sigma[:, None, None]
-        columns = r.line.pattern.by_parameters(by_pose, velocity)
-        wide.append(replace(r, jacobian=np.hstack([r.jacobian, columns])))
-    return wide
+    return [replace(r, jacobian=np.hstack([r.jacobian, columns_of(r, velocity)])) for r in rows]
 
 
 def whitened(rows: Rows) -> FloatArray:
@@ -206,30 +224,28 @@ def followed(fit: Following, velocity: FloatArray | None = None) -> Followed:
     wide = fit.rows if velocity is None else widened(fit.rows, velocity)
     free = np.concatenate([fit.free, np.arange(count, count + more)])
     prior, away = (np.concatenate([v, np.zeros(more)])[free] for v in (fit.prior, fit.away))
-    rows = [
-        (
-            r.jacobian[:, free].reshape(*r.line.residual.shape, len(free)),
-            whitened(r),
-            r.line.view.threshold / r.line.sigma,
-        )
-        for r in wide
-    ]
+    rows = [(r.jacobian[:, free], whitened(r), r.line.view.threshold / r.line.sigma) for r in wide]
+    # Hardly any row is beyond its threshold: what those lack is taken from the sum over all.
+    all_believed = np.diag(prior) + sum(jacobian.T @ jacobian for jacobian, *_ in rows)
     step, left, spent, inverse = np.zeros(len(free)), np.inf, 0.0, np.zeros((len(free),) * 2)
     scatter = np.inf
     for _ in range(ROUNDS):
-        told, gradient, cost = np.zeros((len(free),) * 2), prior * away, 0.0
+        matrix, gradient, cost = all_believed.copy(), prior * away, 0.0
         for jacobian, residual, threshold in rows:
-            squared = np.sum((residual + jacobian @ step) ** 2, axis=1)
+            squared = np.sum((residual + (jacobian @ step).reshape(residual.shape)) ** 2, axis=1)
             cost += float(np.sum(huber(squared, threshold)))
-            root = np.sqrt(huber_weight(squared, threshold))
-            believed = (jacobian * root[:, None, None]).reshape(-1, len(free))
-            told += believed.T @ believed
-            gradient += believed.T @ (residual * root[:, None]).reshape(-1)
+            weight = huber_weight(squared, threshold)
+            gradient += (residual * weight[:, None]).reshape(-1) @ jacobian
+            lost = np.repeat(1.0 - weight, residual.shape[1])
+            beyond = np.flatnonzero(lost)
+            outer = jacobian[beyond] * np.sqrt(lost[beyond])[:, None]
+            matrix -= outer.T @ outer
         pulled = float(prior @ (away + step) ** 2)
         if cost + pulled > (1.0 - SETTLED) * left:
             break
-        inverse, left, scatter = scaled_inverse(told + np.diag(prior)), cost + pulled, cost
-        spent = float(np.sum(inverse * told))
+        inverse, left, scatter = scaled_inverse(matrix), cost + pulled, cost
+        # Of what is told, without the priors.
+        spent = float(np.sum(inverse * matrix)) - float(prior @ inverse.diagonal())
         step = -inverse @ gradient
     return Followed(free, step, inverse, left, scatter, spent)
 

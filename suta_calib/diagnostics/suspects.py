@@ -16,11 +16,10 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.following import Following, whitened, widened
+from suta_calib.diagnostics.following import Following, columns_of, whitened
 from suta_calib.diagnostics.scores import TELLING
 from suta_calib.distributions import f
 from suta_calib.geometry.numbers import skew
-from suta_calib.solver.information import scaled_inverse
 
 # What is plausible: a turn, rad; a share of a travel; a shift, m.
 TURN: Final = 0.01
@@ -212,8 +211,7 @@ def most_telling(
 class _Sums:
     """Normal equations of columns, reduced by what follows, over each of many stretches.
 
-    Rows count by their weights alone: that bounds what a step of a robust fit gains from below, and
-    rows that are far off still tell what would bring them back.
+    Rows count as in `Following.reduction`.
 
     Attributes:
         fit: beside which.
@@ -230,34 +228,33 @@ class _Sums:
         """Curvature (stretches, c, c) and score (stretches, c) of the columns."""
         fit, count = self.fit, self.motion.shape[1]
         edges = np.unique([edge for _, *ends in self.places for edge in ends])
-        free, names = fit.free, len(fit.problem.names)
-        width = count + len(free) + 1
-        binned = np.zeros((len(edges) + 1, count, width))
-        nuisance = np.zeros((len(free), len(free) + 1))
-        nuisance[:, -1] = -fit.prior[free] * fit.away[free]
-        nuisance[:, :-1] = np.diag(fit.prior[free])
-        for r in widened(fit.rows, self.motion):
+        width = len(fit.problem.names)
+        binned = np.zeros((len(edges) + 1, count, count + width + 1))
+        for r in fit.rows:
             n, size = r.line.residual.shape
-            both = np.concatenate([np.arange(names, names + count), free])
-            rows = np.concatenate(
-                [r.jacobian[:, both].reshape(n, size, -1), -whitened(r)[:, :, None]], axis=2
-            )
-            rows *= np.sqrt(r.line.weight)[:, None, None]
-            beside = rows[:, :, count:].reshape(n * size, -1)
-            nuisance += beside[:, :-1].T @ beside
+            own = columns_of(r, self.motion).reshape(n, size, count)
+            believed = own * r.line.weight[:, None, None]
+            beside = (own, r.jacobian.reshape(n, size, width), -whitened(r)[:, :, None])
             sample = r.line.view.block.samples[:, 0] + r.line.view.first_sample
             number = np.searchsorted(edges, sample, side="right")
             order = np.argsort(number, kind="stable")
             for part in np.split(order, np.flatnonzero(np.diff(number[order])) + 1):
-                some = rows[part].reshape(-1, width)
-                binned[number[part[0]]] += some[:, :count].T @ some
+                # Rows in the order of their samples, as nearly all are, need no copy.
+                a, b = part[[0, -1]]
+                rows = slice(a, b + 1) if b - a == len(part) - 1 else part
+                some = believed[rows].reshape(-1, count).T
+                binned[number[a]] += np.hstack(
+                    [some @ each[rows].reshape(-1, each.shape[2]) for each in beside]
+                )
         before = np.cumsum(binned, axis=0)
         ends = np.searchsorted(edges, [each[1:] for each in self.places])
         total = before[ends[:, 1]] - before[ends[:, 0]]
-        own, cross, score = total[:, :, :count], total[:, :, count:-1], total[:, :, -1]
-        follow = cross @ scaled_inverse(nuisance[:, :-1])
+        own, cross, score = np.split(total, [count, count + width], axis=2)
+        inverse, pull = fit.reduction
+        cross = cross[:, :, fit.free]
+        follow = cross @ inverse
         curvature = own - follow @ np.swapaxes(cross, 1, 2)
-        return curvature, score - follow @ nuisance[:, -1]
+        return curvature, score[:, :, 0] - follow @ pull
 
     def explained(self, columns: slice, plausible: FloatArray) -> tuple[FloatArray, IntArray]:
         """Squares (stretches,) that columns explain, and how many of them the data would tell."""

@@ -340,13 +340,13 @@ def scaled_inverse(matrix: FloatArray, rounding: float = 1e-12) -> FloatArray:
 def _inverse(unit: FloatArray, rounding: float) -> FloatArray | None:
     """Of a matrix of unit diagonal, unless an eigenvalue may count as zero: in a fifth of the time.
 
-    The largest is no larger than the trace, and the smallest no smaller than one over the size of
-    the inverse.
+    The largest is no larger than the size of the matrix, and the smallest no smaller than one over
+    that of the inverse.
     """
     try:
         inverse = np.linalg.inv(unit)
     except np.linalg.LinAlgError:
         return None
-    if not np.linalg.norm(inverse) * len(unit) * rounding < SURELY:
+    if not np.linalg.norm(inverse) * np.linalg.norm(unit) * rounding < SURELY:
         return None
     return np.asarray(0.5 * (inverse + inverse.T))

@@ -38,9 +38,10 @@ from suta_calib import (
 )
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.changes import Change, changes
-from suta_calib.diagnostics.following import everything_follows
+from suta_calib.diagnostics.following import everything_follows, followed, whitened
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 from suta_calib.diagnostics.suspects import suspects, waves
+from suta_calib.solver.losses import huber
 from suta_calib.solver.solution import Solution
 
 NOISE = Spread(position=1e-4, rotation=1e-3)
@@ -329,3 +330,47 @@ def test_a_lost_count_is_not_called_an_eccentric_encoder() -> None:
     (told,) = changes(solution)
     assert abs(told.size + 1 / 4096) < 4 * told.std
     assert math.isclose(told.size, -1 / 4096, rel_tol=0.3)
+
+
+def test_what_follows_is_the_minimum_of_the_robust_cost() -> None:
+    """Rows within their threshold are summed once, those beyond it taken out, some far beyond."""
+
+    def astray(position: Any) -> Any:
+        return position + (np.arange(len(position)) % 9 == 4)[:, None] * [0.02, 0.0, 0.1]
+
+    fit = everything_follows(solved(TRACKED, seen(astray)))
+    done, free = followed(fit), fit.free
+
+    def cost(step: Any) -> float:
+        pulled = float(fit.prior[free] @ (fit.away[free] + step) ** 2)
+        for r in fit.rows:
+            left = whitened(r) + (r.jacobian[:, free] @ step).reshape(r.line.residual.shape)
+            threshold = r.line.view.threshold / r.line.sigma
+            pulled += float(np.sum(huber(np.sum(left**2, axis=1), threshold)))
+        return pulled
+
+    assert any(np.any(r.line.weight < 0.1) for r in fit.rows)
+    lowest = cost(done.step)
+    # Rounds end where the cost no longer falls by more than `SETTLED`.
+    assert lowest <= done.left <= lowest * (1 + 1e-5)
+    # One at a time, by what lifts the cost by one.
+    reach = np.diag(np.linalg.inv(done.inverse)) ** -0.5
+    for k, size in enumerate(reach):
+        away = np.arange(len(reach)) == k
+        slope = (cost(done.step + size * away) - cost(done.step - size * away)) / 2
+        assert abs(slope) < 0.02
+    assert 0 < done.spent < len(free)
+
+
+def test_what_suspects_are_reduced_by_is_the_curvature_of_all_rows() -> None:
+    fit = everything_follows(solved(TRACKED, unchanged))
+    free = fit.free
+    inverse, score = fit.reduction
+    rows = np.vstack([r.jacobian[:, free] for r in fit.rows])
+    weight = np.concatenate([np.repeat(r.line.weight, r.line.residual.shape[1]) for r in fit.rows])
+    left = np.concatenate([whitened(r).reshape(-1) for r in fit.rows])
+    prior, away = fit.prior[free], fit.away[free]
+    matrix = rows.T @ (weight[:, None] * rows) + np.diag(prior)
+    unit = np.sqrt(np.diag(matrix))
+    assert (unit[:, None] * (inverse @ matrix) / unit) == pytest.approx(np.eye(len(free)), abs=1e-6)
+    assert score == pytest.approx(-rows.T @ (weight * left) - prior * away, rel=1e-9, abs=1e-6)
