@@ -174,8 +174,9 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
 
 def summed_by_member(score: FloatArray, members: IntArray, count: int) -> FloatArray:
     """Scores (n, w) of rows that look at members (n, k), summed over each of ``count`` members."""
-    sums = np.zeros((count, score.shape[1]))
-    for member in members.T:
+    first, *others = members.T
+    sums = summed(score, first, count)
+    for member in others:
         sums += summed(score, member, count)
     return sums
 
