@@ -124,27 +124,27 @@ STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "observe": ((JOB,), 121, ARM),
     "validate": (("urdf/suta.urdf", JOB), 115, ARM),
     "outliers --out": ((JOB,), 134, ()),
-    "pivot": (("data/poses/pivot.csv",), 71, NO_ARM),
-    "hand-eye": (("data/poses/hand_eye.csv",), 78, NO_ARM),
+    "pivot": (("data/poses/pivot.csv",), 68, ("json", *NO_ARM)),
+    "hand-eye": (("data/poses/hand_eye.csv",), 75, ("json", *NO_ARM)),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        74,
-        NO_ARM,
+        72,
+        ("json", *NO_ARM),
     ),
-    "pivot --out": (("data/poses/pivot.csv",), 82, NO_ARM[1:]),
-    "hand-eye --out": (("data/poses/hand_eye.csv",), 89, NO_ARM[1:]),
+    "pivot --out": (("data/poses/pivot.csv",), 79, NO_ARM[1:]),
+    "hand-eye --out": (("data/poses/hand_eye.csv",), 86, NO_ARM[1:]),
     "register --out": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        85,
+        83,
         NO_ARM[1:],
     ),
 }
-# To draw, to sample and minimise, to see, to listen, to compute elsewhere; what SciPy would load of
-# NumPy, if nobody were there before it.
+# To draw, to sample and minimise, to see, to listen, to compute elsewhere, to guess what a wrong
+# word means; what SciPy would load of NumPy, if nobody were there before it.
 UNUSED = (
     *("matplotlib", "PIL", "scipy.stats", "scipy.optimize", "scipy.interpolate", "scipy.spatial"),
     *("cv2", "viser", "serial", "anycrc", "pyigtl", "joblib", "distributed", "pyarrow", "asyncio"),
-    "numpy.f2py.f2py2e",
+    *("difflib", "numpy.f2py.f2py2e"),
 )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -114,6 +113,8 @@ def _results(context: click.Context, parameter: click.Parameter, out: Path | Non
 
 def _jobs_of(folder: Path) -> Iterator[str]:
     """Names of the jobs whose answers a folder holds."""
+    import json
+
     records = (path for path in folder.glob("*.json") if path.is_file())
     for path in islice(records, _MOST_RECORDS):
         with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,38 @@ if TYPE_CHECKING:
     from suta_calib.plotting.scene import Posable, Scene
 
 Array = TypeVar("Array", bound=NDArray[Any])
+
+
+class RowNames(Sequence[str]):
+    """``row 0``, ``row 1``, …, each made when somebody reads it; equal to a tuple of them.
+
+    Args:
+        count: of the rows.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._rows = range(count)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @overload
+    def __getitem__(self, index: SupportsIndex) -> str: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[str, ...]: ...
+    def __getitem__(self, index: SupportsIndex | slice) -> str | tuple[str, ...]:
+        if isinstance(index, slice):
+            return tuple(f"row {row}" for row in self._rows[index])
+        return f"row {self._rows[index]}"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, (tuple, RowNames)) and tuple(self) == tuple(other)
+
+    def __hash__(self) -> int:
+        return hash(tuple(self))
+
+    def __repr__(self) -> str:
+        return repr(tuple(self))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -48,7 +80,7 @@ class Samples(Shown):
     labels: Mapping[str, NDArray[np.str_]] = field(default_factory=dict)
     position: FloatArray | None = None
     rotation: FloatArray | None = None
-    origin: tuple[str, ...] = ()
+    origin: Sequence[str] = ()
     pixels: FloatArray | None = None
     lengths: Mapping[str, FloatArray] = field(default_factory=dict)
     direction: FloatArray | None = None
@@ -109,7 +141,8 @@ class Samples(Shown):
         n = len(_floats("q", q))
         if n == 0:
             raise SamplesError("no samples", "at least one", where="q")
-        origin = [f"row {row}" for row in range(n)] if origin is None else origin
+        # Of very many rows hardly one is ever named.
+        origin = RowNames(n) if origin is None else tuple(origin)
         if len(origin) != n:
             raise SamplesError(f"{len(origin)} entries", f"{n}, one per row of q", where="origin")
         return cls(
@@ -118,7 +151,7 @@ class Samples(Shown):
             {name: _labels(name, values, n) for name, values in (labels or {}).items()},
             None if position is None else _finite("position", position, (n, 3)),
             None if rotation is None else _rotations(rotation, n),
-            tuple(origin),
+            origin,
             lengths={name: _finite(name, v, (n,)) for name, v in (lengths or {}).items()},
             direction=None
             if direction is None

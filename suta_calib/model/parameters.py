@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import ItemsView, Iterable, Iterator, Mapping, Sequence, ValuesView
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, Final, Literal
@@ -354,6 +353,8 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
 
 
 def _did_you_mean(name: str, known: Iterable[str]) -> str:
+    from difflib import get_close_matches
+
     names = [each for each in known if each != name]
     close = get_close_matches(name, names, n=3, cutoff=0.5) or names[:6]
     return "did you mean " + ", ".join(close) + "?" if close else ""

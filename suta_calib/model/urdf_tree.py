@@ -7,7 +7,6 @@ their own. Format: http://wiki.ros.org/urdf/XML.
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -251,6 +250,8 @@ def quoted(text: str) -> str:
 
 def suggestion(name: str, known: Iterable[str], kind: str) -> str:
     """A hint for a name that is not there: what looks like it, and some of what there is."""
+    import difflib
+
     names = [each for each in known if each != name]
     close = " or ".join(map(quoted, difflib.get_close_matches(name, names, n=3)))
     shown = ", ".join(map(quoted, names[:8])) + (", …" if len(names) > 8 else "")

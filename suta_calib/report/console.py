@@ -64,7 +64,7 @@ def rendered(answer: document.Document) -> RenderableType:
     return Group(*parts, *apart, Wrapped(said, word), *map(bullet, how_far.notes))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Wrapped:
     """A text whose lines are broken between words only.
 
@@ -106,7 +106,7 @@ def bullet(note: str) -> Wrapped:
     return Wrapped(note, " • ", "   ")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Fitted:
     """A table where the terminal is wide enough for its numbers and words, or else lines."""
 

@@ -43,7 +43,7 @@ class Text:
     look: Look = "plain"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Figure:
     """A picture on a page, drawn only when the page is.
 
@@ -61,7 +61,7 @@ class Figure:
         return self.draw()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Space:
     """A scene on a page that its reader turns about; there is one at most.
 
@@ -72,7 +72,7 @@ class Space:
     scene: Callable[[], Scene]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class ShownOnly:
     """A table that is shown in one place only; JSON has it all the same."""
 
@@ -80,14 +80,14 @@ class ShownOnly:
     place: Place
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Folded:
     """A table of which a page shows the title until it is opened; a console does without."""
 
     table: Table
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class File:
     """A whole file that is written beside the others, and shown nowhere.
 
@@ -109,7 +109,7 @@ Shown = Text | Figure | Space | Table | Folded
 Part = Shown | ShownOnly | File
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Document:
     """An answer, ready to be shown.
 

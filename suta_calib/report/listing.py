@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
 from dataclasses import KW_ONLY, dataclass, replace
@@ -27,7 +26,7 @@ Json = dict[str, Any]
 Tone = Literal["good", "note", "care", "bad", "soft"]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Column(Generic[Row]):
     """One quantity of a row.
 
@@ -116,7 +115,7 @@ class Column(Generic[Row]):
         return format(number, ("+" if self.sign else "") + self.form)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Table:
     """A listing with its rows: what a sink shows or writes.
 
@@ -308,5 +307,7 @@ def plain(value: Any, unit: Unit | None = None) -> Any:
 
 def json_text(data: Mapping[str, Any], indent: int = 1, *, ascii_only: bool = False) -> str:
     """A JSON document as it is written; what is not a finite number becomes null."""
+    import json
+
     finite = json.loads(json.dumps(data), parse_constant=lambda _: None)
     return json.dumps(finite, indent=indent, ensure_ascii=ascii_only, allow_nan=False) + "\n"

@@ -23,6 +23,7 @@ from suta_calib.solver.artefact_covariance import (
     artefact_rows,
     residuals_without_artefact,
 )
+from suta_calib.solver.evaluation import AT_ONCE
 from suta_calib.solver.information import (
     Information,
     Rows,
@@ -152,11 +153,18 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
     for r in rows:
         line = r.line
         n, size = line.residual.shape
-        belief = np.sqrt(line.weight)
-        gain = (r.jacobian @ root).reshape(n, size, width) * belief[:, None, None]
-        # By two, of which NumPy has a fast sum, not by three.
-        score = np.einsum("ndp,nd->np", gain, line.residual * (belief / line.sigma)[:, None])
-        members = touch[line.view.block.samples]
+        belief, members = np.sqrt(line.weight), touch[line.view.block.samples]
+        white = line.residual * (belief / line.sigma)[:, None]
+        # Where nothing but scores is wanted, a few rows at a time: no room is found for all.
+        alone = count > MANY_TOUCHES and members.shape[1] == 1
+        score, gain = np.empty((n, width)), np.empty((0, size, width))
+        height = AT_ONCE if alone else n or 1
+        for first in range(0, n, height):
+            some = slice(first, first + height)
+            part = r.jacobian[size * some.start : size * some.stop] @ root
+            gain = part.reshape(-1, size, width) * belief[some, None, None]
+            # By two, of which NumPy has a fast sum, not by three.
+            score[some] = np.einsum("ndp,nd->np", gain, white[some])
         mine = summed_by_member(score, members, count)
         by_touch += _freed(mine, gain, members) if count <= MANY_TOUCHES else mine
         twice += _between_pairs(score, gain, members)
@@ -166,8 +174,9 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
 
 def summed_by_member(score: FloatArray, members: IntArray, count: int) -> FloatArray:
     """Scores (n, w) of rows that look at members (n, k), summed over each of ``count`` members."""
-    sums = np.zeros((count, score.shape[1]))
-    for member in members.T:
+    first, *others = members.T
+    sums = summed(score, first, count)
+    for member in others:
         sums += summed(score, member, count)
     return sums
 

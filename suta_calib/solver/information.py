@@ -77,15 +77,21 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
 
 def block_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[FloatArray]:
     """JᵀJ (n, n) of every block's whitened rows: without room for the rows of all."""
-    found, evaluation = [], problem.evaluation
-    for line in problem.linearise(x, sigmas):
-        total = np.zeros((len(x), len(x)))
-        for some, part in evaluation.parts(line):
-            width = part.shape[2]
-            rows = (part / line.sigma[some, None, None]).reshape(-1, width)
+    return [_summed(problem, line) for line in problem.linearise(x, sigmas)]
+
+
+def _summed(problem: Problem, line: Linearised, *, robust: bool = False) -> FloatArray:
+    """JᵀJ (n, n) of a block's whitened rows; where ``robust``, the curvature of Huber's loss."""
+    evaluation = problem.evaluation
+    total = np.zeros((evaluation.arm_count + evaluation.own_count,) * 2)
+    for some, part in evaluation.parts(line):
+        width, jacobian = part.shape[2], part / line.sigma[some, None, None]
+        if robust:
+            total[:width, :width] += _curvature_of_some(line, some, jacobian)
+        else:
+            rows = jacobian.reshape(-1, width)
             total[:width, :width] += rows.T @ rows
-        found.append(total)
-    return found
+    return total
 
 
 def predicted_information(
@@ -101,20 +107,32 @@ def predicted_information(
             makes residuals large; needed after it, where gross errors would make up information
             (an outlier tells the scale of an arm that touched one point, and tells it wrongly).
     """
-    rows = whitened_rows(problem, x, sigmas)
-    if robust:
-        rows = [replace(r, belief=np.sqrt(r.line.weight)) for r in rows]
+    lines = problem.linearise(x, sigmas)
+    beliefs = [np.sqrt(line.weight) if robust else np.ones(len(line.weight)) for line in lines]
     rests = _numbered(problem, [term.poses.rests for term in problem.terms])
-    curvature, variance = (np.zeros((len(x), len(x))) for _ in range(2))
-    for r in rows:
+    alone = [_each_for_itself(line, rests) for line in lines]
+    # Of very many rows that each stand for themselves only sums are needed, which want no room.
+    if problem.part is not None and all(alone):
+        curvature = sum((_summed(problem, line, robust=robust) for line in lines), _nothing(x))
+        induced = _noise_induced_information(problem, x, sigmas, lines, beliefs)
+        return Information(curvature, curvature, induced)
+    whole = whitened_rows(problem, x, sigmas)
+    rows = [replace(r, belief=belief) for r, belief in zip(whole, beliefs, strict=True)]
+    curvature, variance = _nothing(x), _nothing(x)
+    for r, for_itself in zip(rows, alone, strict=True):
         told = robust_curvature(r) if robust else r.jacobian.T @ r.jacobian
         curvature += told
-        if _each_for_itself(r.line, rests):
+        if for_itself:
             variance += told
         else:
             believed = replace(r, jacobian=robust_jacobian(r)) if robust else r
             variance += _predicted_variance(believed, rests)
-    return Information(curvature, variance, _noise_induced_information(problem, x, sigmas, rows))
+    induced = _noise_induced_information(problem, x, sigmas, lines, beliefs, rows)
+    return Information(curvature, variance, induced)
+
+
+def _nothing(x: FloatArray) -> FloatArray:
+    return np.zeros((len(x), len(x)))
 
 
 def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[float]:
@@ -162,7 +180,12 @@ def _design_effect(residual: FloatArray, group: IntArray, count: IntArray) -> fl
 
 
 def _noise_induced_information(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float], before: Sequence[Rows]
+    problem: Problem,
+    x: FloatArray,
+    sigmas: Sequence[float],
+    lines: Sequence[Linearised],
+    beliefs: Sequence[FloatArray],
+    rows: Sequence[Rows] = (),
 ) -> FloatArray:
     """F: how much the Jacobian changes when the readings change by their own noise.
 
@@ -170,41 +193,40 @@ def _noise_induced_information(
     and the turn of every measured pose, gets its share of it. Information that only the size of the
     residuals makes counts as well.
 
-    Of very many samples a part tells it: ``before`` are the rows of all.
+    Of very many samples a part tells it, and only its rows are looked at; of others ``rows`` are
+    those of all. ``lines`` and ``beliefs`` are of all.
     """
-    n = problem.arm_count + problem.evaluation.own_count
-    total = np.zeros((n, n))
-    for row in before:
-        total += _by_residual_alone(problem, row)
-    part = problem.part or Part(problem, (None,) * len(before))
-    shifts = _jitter(problem, [term.poses for term in part.problem.terms], before)
+    total = _nothing(x)
+    for line in lines:
+        total += _by_residual_alone(problem, line)
+    part = problem.part or Part(problem, (None,) * len(lines))
+    shifts = _jitter(problem, [term.poses for term in part.problem.terms], lines)
     if not any(np.any(shift) for shift in shifts):
         return total
     evaluation = part.problem.evaluation
+    before = rows if problem.part is None else whitened_rows(part.problem, x, sigmas)
     with evaluation.table.shifted(shifts):
-        lines = part.problem.linearise(x, sigmas)
-        for old, line, taken in zip(before, lines, part.rows, strict=True):
-            belief, rows = old.belief, len(old.belief)
-            was = old.jacobian.reshape(*old.line.residual.shape, n)
-            if taken is not None:
-                was, belief = was[taken], belief[taken]
+        moved = part.problem.linearise(x, sigmas)
+        for old, line, believed, taken in zip(before, moved, beliefs, part.rows, strict=True):
+            was = old.jacobian.reshape(*line.residual.shape, len(x))
+            belief = believed if taken is None else believed[taken]
             # Some at a time: the change of all is as large as all that it is made from.
             for some, now in evaluation.parts(line):
                 width = now.shape[2]
                 change = now / line.sigma[some, None, None] - was[some, :, :width]
                 change *= belief[some, None, None]
                 change = change.reshape(-1, width)
-                total[:width, :width] += rows / len(belief) * (change.T @ change)
+                total[:width, :width] += len(believed) / len(belief) * (change.T @ change)
     return total
 
 
-def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
+def _by_residual_alone(problem: Problem, line: Linearised) -> FloatArray:
     """Information about turns that a residual in a turning frame makes up by being large.
 
     Rᵀ(c - p) turns with the tool, so its derivative by the tool's orientation is as long as the
     residual itself, and vanishes with it: no such residual can tell where the tool points.
     """
-    line, nothing = row.line, np.zeros((row.jacobian.shape[1],) * 2)
+    nothing = np.zeros((problem.arm_count + problem.evaluation.own_count,) * 2)
     turns_at_all = False
     for first in range(0, len(line.residual), AT_ONCE):
         some = slice(first, first + AT_ONCE)
@@ -224,13 +246,13 @@ def _by_residual_alone(problem: Problem, row: Rows) -> FloatArray:
 
 
 def _jitter(
-    problem: Problem, sources: Sequence[PoseSource], rows: Sequence[Rows]
+    problem: Problem, sources: Sequence[PoseSource], lines: Sequence[Linearised]
 ) -> list[FloatArray]:
     """Noise of the readings of each term's source that moves the tip as the residuals say."""
     random = np.random.default_rng(0)
     shifts = list[FloatArray]()
     for term, source in zip(problem.terms, sources, strict=True):
-        mine = [r.line for r in rows if any(r.line.view.block is b for b in term.blocks)]
+        mine = [line for line in lines if any(line.view.block is b for b in term.blocks)]
         if isinstance(source, ArmPoses):
             share = _levels(mine)["m"] * np.sqrt(3.0) / source.reach
             shifts.append(share * random.standard_normal(source.samples.q.shape))
@@ -299,14 +321,20 @@ def robust_curvature(rows: Rows) -> FloatArray:
     whole, total = rows.jacobian.reshape(n, size, width), np.zeros((width, width))
     for first in range(0, n, AT_ONCE):
         some = slice(first, first + AT_ONCE)
-        weight, residual = line.weight[some], line.residual[some]
-        jacobian = whole[some] * np.sqrt(weight)[:, None, None]
-        rows_of_some = jacobian.reshape(-1, width)
-        total += rows_of_some.T @ rows_of_some
-        if (outer := weight < 1.0).any():
-            _, along = radial(residual[outer], jacobian[outer])
-            total -= along.T @ along
+        total += _curvature_of_some(line, some, whole[some])
     return total
+
+
+def _curvature_of_some(line: Linearised, some: slice, jacobian: FloatArray) -> FloatArray:
+    """`robust_curvature` of some rows of a block, whitened (k, d, w)."""
+    weight, residual = line.weight[some], line.residual[some]
+    jacobian = jacobian * np.sqrt(weight)[:, None, None]
+    rows = jacobian.reshape(-1, jacobian.shape[2])
+    total = rows.T @ rows
+    if (outer := weight < 1.0).any():
+        _, along = radial(residual[outer], jacobian[outer])
+        total -= along.T @ along
+    return np.asarray(total)
 
 
 def robust_jacobian(rows: Rows) -> FloatArray:

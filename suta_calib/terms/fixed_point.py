@@ -19,20 +19,11 @@ from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import point_named, point_parameters
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
-from suta_calib.terms.synthetic import (
-    EXACT,
-    NO_OUTLIERS,
-    OutlierModel,
-    PoseNoise,
-    Simulated,
-    contaminated,
-    named,
-    random_turns,
-)
 from suta_calib.terms.term import Gap, Term
 
 if TYPE_CHECKING:
     from suta_calib.terms.setup import Setup
+    from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
 _ROUNDING: Final = 1e-12
@@ -115,13 +106,13 @@ class FixedPoint(Term):
         cls,
         count: int,
         *,
-        spread: PoseNoise = EXACT,
+        spread: PoseNoise | None = None,
         seed: int = 0,
         tip: ArrayLike = (0.02, -0.01, 0.15),
         posts: ArrayLike = ((0.1, 0.2, -1.0),),
         turn: float = np.pi / 4,
         axes: ArrayLike | None = None,
-        gross: OutlierModel = NO_OUTLIERS,
+        gross: OutlierModel | None = None,
     ) -> Simulated[FixedPoint]:
         """Poses of a tracked tool that pivots on one post after the other.
 
@@ -135,6 +126,16 @@ class FixedPoint(Term):
             axes: (k, 3) the only axes, in the tool, to turn about; any axis by default.
             gross: poses that are grossly wrong; the swapped ones swap places, not orientations.
         """
+        # Only who simulates needs it.
+        from suta_calib.terms.synthetic import (
+            EXACT,
+            NO_OUTLIERS,
+            Simulated,
+            contaminated,
+            named,
+            random_turns,
+        )
+
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         t, c = np.asarray(tip, dtype=float), np.atleast_2d(np.asarray(posts, dtype=float))
         R = random_turns(random, count * len(c), turn, axes)
@@ -142,8 +143,12 @@ class FixedPoint(Term):
         samples = Samples.from_arrays([], np.zeros((len(R), 0)), labels=labels)
         turned = cls(MeasuredPoses(R, np.zeros((len(R), 3)), samples))
         truth = named(turned, (t, *c))
-        scattered = spread.scattered(noise, (R, turned.observed(truth, turned.poses).position))
-        poses, outliers = contaminated(errors, scattered, gross, swap_orientation=False)
+        scattered = (spread or EXACT).scattered(
+            noise, (R, turned.observed(truth, turned.poses).position)
+        )
+        poses, outliers = contaminated(
+            errors, scattered, gross or NO_OUTLIERS, swap_orientation=False
+        )
         return Simulated(turned.over_poses(MeasuredPoses(*poses, samples)), truth, outliers)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import casadi as ca
 import numpy as np
@@ -24,17 +24,10 @@ from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.outside import pose_named, pose_values
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
-from suta_calib.terms.synthetic import (
-    EXACT,
-    NO_OUTLIERS,
-    OutlierModel,
-    PoseNoise,
-    Simulated,
-    contaminated,
-    named,
-    random_turns,
-)
 from suta_calib.terms.term import Gap, Medium
+
+if TYPE_CHECKING:
+    from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 # Where the eye is in the hand, and where the target, unless `HandEye.simulate` is told.
 _X: Final = (rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08]))
@@ -147,14 +140,14 @@ class HandEye(SeenTerm):
         cls,
         count: int,
         *,
-        hand: PoseNoise = EXACT,
-        eye: PoseNoise = EXACT,
+        hand: PoseNoise | None = None,
+        eye: PoseNoise | None = None,
         seed: int = 0,
         X: Poses = _X,
         Z: Poses = _Z,
         turn: float = np.pi / 4,
         axes: ArrayLike | None = None,
-        gross: OutlierModel = NO_OUTLIERS,
+        gross: OutlierModel | None = None,
         robot_noise_fraction: float = 0.0,
     ) -> Simulated[HandEye]:
         """A hand moves its eye about a target, half a metre away.
@@ -171,6 +164,16 @@ class HandEye(SeenTerm):
             gross: pairs in which what the eye saw is grossly wrong.
             robot_noise_fraction: of the term.
         """
+        # Only who simulates needs it.
+        from suta_calib.terms.synthetic import (
+            EXACT,
+            NO_OUTLIERS,
+            Simulated,
+            contaminated,
+            named,
+            random_turns,
+        )
+
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         R = random_turns(random, count, turn, axes)
         ahead = _AHEAD + random.uniform(-_ASIDE, _ASIDE, (count, 3))
@@ -178,11 +181,11 @@ class HandEye(SeenTerm):
         samples = Samples.from_arrays([], np.zeros((count, 0)), position=ahead, rotation=R)
         exact = cls(MeasuredPoses(R, p, samples), robot_noise_fraction=robot_noise_fraction)
         truth = named(exact, (pose_values(*X), pose_values(*Z)))
-        moved = MeasuredPoses(*hand.scattered(noise, (R, p)), samples)
+        moved = MeasuredPoses(*(hand or EXACT).scattered(noise, (R, p)), samples)
         ideal = exact.observed(truth, exact.poses)
         assert ideal.rotation is not None
-        seen = eye.scattered(noise, (ideal.rotation, ideal.position))
-        (R_seen, p_seen), outliers = contaminated(errors, seen, gross)
+        seen = (eye or EXACT).scattered(noise, (ideal.rotation, ideal.position))
+        (R_seen, p_seen), outliers = contaminated(errors, seen, gross or NO_OUTLIERS)
         samples = replace(samples, position=p_seen, rotation=R_seen)
         return Simulated(exact.over_poses(moved.with_samples(samples)), truth, outliers)
 

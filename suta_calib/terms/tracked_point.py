@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar, Final
 
 import casadi as ca
 import numpy as np
@@ -30,17 +30,11 @@ from suta_calib.terms.outside import (
 )
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
-from suta_calib.terms.synthetic import (
-    EXACT,
-    NO_OUTLIERS,
-    OutlierModel,
-    PoseNoise,
-    Simulated,
-    contaminated,
-    named,
-)
 from suta_calib.terms.target_start import instrument_and_targets
 from suta_calib.terms.term import Gap, Medium
+
+if TYPE_CHECKING:
+    from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 # Where the instrument sees the base from, unless `TrackedPoint.simulate` is told.
 _T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))
@@ -242,11 +236,11 @@ class TrackedPoint(SeenTerm):
         cls,
         count: int,
         *,
-        spread: PoseNoise = EXACT,
+        spread: PoseNoise | None = None,
         seed: int = 0,
         T: Poses = _T,
         size: ArrayLike = (0.2, 0.2, 0.2),
-        gross: OutlierModel = NO_OUTLIERS,
+        gross: OutlierModel | None = None,
     ) -> Simulated[TrackedPoint]:
         """Corresponding points, as for a registration: exact ones, and what an instrument saw.
 
@@ -259,6 +253,9 @@ class TrackedPoint(SeenTerm):
                 one for points on a line.
             gross: points that were seen grossly wrong.
         """
+        # Only who simulates needs it.
+        from suta_calib.terms.synthetic import EXACT, NO_OUTLIERS, Simulated, contaminated, named
+
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         points = (random.random((count, 3)) - 0.5) * np.asarray(size, dtype=float)
         upright = np.tile(np.eye(3), (count, 1, 1))
@@ -266,7 +263,9 @@ class TrackedPoint(SeenTerm):
         exact = cls(MeasuredPoses(upright, points, samples))
         truth = named(exact, (pose_values(*T),))
         ideal = exact.observed(truth, exact.poses).position
-        seen, outliers = contaminated(errors, spread.scattered(noise, (upright, ideal)), gross)
+        seen, outliers = contaminated(
+            errors, (spread or EXACT).scattered(noise, (upright, ideal)), gross or NO_OUTLIERS
+        )
         samples = replace(samples, position=seen[1])
         return Simulated(cls(MeasuredPoses(upright, points, samples)), truth, outliers)
 

@@ -247,7 +247,7 @@ class _Noisy:
             raise SamplesError(
                 "a sample whose touch cannot be simulated: no posture nearby reaches it",
                 "an arm that can move its tip in all three directions there",
-                where=poses.samples.origin[row],
+                where=poses.samples.origin[int(row)],
             )
         return poses.with_samples(replace(poses.samples, q=found.q))
 
