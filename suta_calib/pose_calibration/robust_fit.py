@@ -32,7 +32,7 @@ from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve, solve_again
+from suta_calib.solver.solve import judged, solve, solve_again, solve_unjudged
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.term import Term
@@ -187,8 +187,13 @@ def _settled(
     revise: Callable[[Mapping[str, float], BoolArray], None] | None,
     stated: float | None,
     last: Solution | None = None,
+    again: Callable[[Problem, Solution, SolverOptions], Solution] = solve_unjudged,
 ) -> RobustFit:
-    """`robust_fit` where every row that stands out is an outlier; from a solution of other rows."""
+    """`robust_fit` where every row that stands out is an outlier; from a solution of other rows.
+
+    What the rows tell is judged where they have settled. Should that be another verdict than what
+    went on from round to round, the rounds go on with ``again`` asking every time.
+    """
     everything = np.arange(len(start.inliers))
     inliers, sigmas = start.inliers, np.maximum(start.sigmas, ROUNDING)
     least = np.full(len(sigmas), FINEST) if floors is None else np.maximum(floors, FINEST)
@@ -199,11 +204,9 @@ def _settled(
         problem = Problem([make(np.flatnonzero(inliers), noises)])
         options = SolverOptions(weights=None, confirm=False)
         solution = (
-            solve(problem, options, spread=False)
-            if last is None
-            else solve_again(problem, last, options)
+            solve(problem, options, spread=False) if last is None else again(problem, last, options)
         )
-        last = solution
+        unjudged, last = last is not None and again is solve_unjudged, solution
         if revise is not None:
             revise(solution.values, inliers)
         if inliers.all() and revise is None:
@@ -225,6 +228,13 @@ def _settled(
         if settled or agreeing.sum() < DIMENSION or round_ + 1 == MAX_ROUNDS:
             break
         inliers, sigmas = agreeing, levels
+    if unjudged:
+        believed, known = Consensus(inliers, sigmas), judged(solution)
+        if known is None:
+            return _settled(
+                make, believed, floors, robust, revise, stated, solution, again=solve_again
+            )
+        solution = known
     few = int(inliers.sum()) < FEW_ROWS
     truly = np.maximum(levels, least) if few else levels
     rows = np.flatnonzero(inliers)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Final
 
@@ -81,6 +82,8 @@ def solve(
             problem, nominal, [minimum.x], identification, sigmas, options, None
         )
         noise = [found.value for found in weights.noise]
+    # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
+    _check_redundant(problem, estimated)
     verdicts = before, identification
     found = _solution(problem, sigmas, minimum, attempts, *verdicts, estimated, noise, weights)
     found.timing.update(check=checked - began, solve=perf_counter() - checked)
@@ -108,20 +111,55 @@ def solve_again(
     Raises:
         SamplesError: too few samples for a term, or for the unknowns.
     """
+    found = _from_there(problem, like, options)
+    return (found and judged(found)) or solve(problem, options)
+
+
+@single_threaded
+def solve_unjudged(
+    problem: Problem, like: Solution, options: SolverOptions = SolverOptions()
+) -> Solution:
+    """`solve_again` with the verdict and the noise of the solution before, taken over unasked.
+
+    What is solved again and again until nothing changes is `judged` once, at the end.
+    """
+    return _from_there(problem, like, options) or solve(problem, options, spread=False)
+
+
+@single_threaded
+def judged(found: Solution) -> Solution | None:
+    """A solution with what its data tell, and with the noise that its residuals show.
+
+    None where they tell of other parameters than those that were estimated.
+    """
+    problem, fixed = found.problem, found.identification.fixed
+    levels = noise_levels(problem, found.x, found.sigmas)
+    identification = identify_at(problem, found.x, levels, robust=True)
+    if {*identification.fixed.tolist()} != {*fixed.tolist()}:
+        return None
+    _check_redundant(problem, _estimated(problem, identification))
+    return replace(found, identification=identification, noise=tuple(levels))
+
+
+def _estimated(problem: Problem, verdict: Identification) -> IntArray:
+    """Indices of what is asked for and not to be held."""
+    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
+    return np.setdiff1d(wanted, verdict.fixed)
+
+
+def _from_there(problem: Problem, like: Solution, options: SolverOptions) -> Solution | None:
+    """The minimum beside a solution with all that is known of it; None where there is none."""
     if problem.names != like.problem.names:
-        return solve(problem, options)
+        return None
     for term in problem.terms:
         term.check_enough()
     began, sigmas = perf_counter(), problem.assumed_sigmas()
-    fixed = like.identification.fixed
-    free = np.setdiff1d([k for k, p in enumerate(problem.parameters.values()) if p.free], fixed)
+    free = _estimated(problem, like.identification)
     minimum = RobustNlp(problem, free, sigmas, options).minimise(like.x)
-    levels = noise_levels(problem, minimum.x, sigmas)
-    identification = identify_at(problem, minimum.x, levels, robust=True)
-    if not minimum.converged or {*identification.fixed.tolist()} != {*fixed.tolist()}:
-        return solve(problem, options)
-    verdicts = like.before, identification
-    found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, levels, None)
+    if not minimum.converged:
+        return None
+    verdicts = like.before, like.identification
+    found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, like.noise, None)
     found.timing.update(check=0.0, solve=perf_counter() - began)
     return found
 
@@ -138,8 +176,6 @@ def _solution(
     weights: Weights | None,
 ) -> Solution:
     """The minimum with what is known of it."""
-    # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
-    _check_redundant(problem, estimated)
     x = minimum.x
     free = _inside(problem, x, estimated)
     unsure = np.zeros((len(x), len(x))) if weights is None else weights.covariance

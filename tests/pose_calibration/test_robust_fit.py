@@ -15,7 +15,7 @@ from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.solver.covariance import observed_covariance
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.problem import Problem
-from suta_calib.terms import HandEye, PoseNoise
+from suta_calib.terms import HandEye, OutlierModel, PoseNoise
 
 
 def registered(correlated: bool) -> Registration:
@@ -66,3 +66,22 @@ def test_residuals_without_derivatives_are_those_of_the_solver() -> None:
     found = term_residuals(data.term, data.truth)
     for line, residual in zip(lines, found, strict=True):
         np.testing.assert_allclose(residual, line.residual, atol=1e-15)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.2])
+def test_where_rows_that_settled_tell_other_things_the_rounds_go_on(
+    share: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, a, b = simulate(60, spread=NOISE, seed=3, gross=OutlierModel(share))
+    expected, asked = register(a, b), list[object]()
+
+    def other(found: object) -> None:
+        asked.append(found)
+
+    monkeypatch.setattr(module, "judged", other)
+    answer = register(a, b)
+    assert asked
+    np.testing.assert_allclose(answer.solution.x, expected.solution.x, atol=1e-9)
+    np.testing.assert_array_equal(answer.inliers, expected.inliers)
+    np.testing.assert_allclose(answer.solution.noise, expected.solution.noise, rtol=1e-6)
+    assert answer.assessment == expected.assessment
