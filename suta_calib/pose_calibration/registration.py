@@ -150,12 +150,8 @@ class Registration(Shown, RobustAnswer):
         """How far to trust it."""
         caution, inliers = list[str](), self.inliers[self.distinct]
         bad = self.objections("points", inliers, self.extent)
-        scaled, strained = self.scaled, self.strained
-        if self.strain is not None and strained != "good":
-            (bad if strained == "bad" else caution).append(self.strain.note)
-        # A strain has a mean, which says no more than it does.
-        if scaled != "good" and (strained == "good" or (scaled, strained) == ("bad", "care")):
-            (bad if scaled == "bad" else caution).append(self.scale_note)
+        bad += self.deformed("bad")
+        caution += self.deformed("care")
         if self.agreement is not None and self.agreement.contradicted:
             caution.append(self.agreement.note)
         if copies := int(np.sum(~self.distinct)):
@@ -180,6 +176,16 @@ class Registration(Shown, RobustAnswer):
             bad=bad,
             care=[*caution, *self.kept("points"), *self.notes],
         )
+
+    def deformed(self, level: Level) -> list[str]:
+        """What is said, at this level, of a scale or a strain that no rigid transform has."""
+        scaled, strained, found = self.scaled, self.strained, list[str]()
+        if self.strain is not None and strained == level:
+            found.append(self.strain.note)
+        # A strain has a mean, which says no more than it does.
+        if scaled == level and (strained == "good" or (scaled, strained) == ("bad", "care")):
+            found.append(self.scale_note)
+        return found
 
     @property
     def scaled(self) -> Level:
