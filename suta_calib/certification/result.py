@@ -206,8 +206,8 @@ class Certification:
             f"{mm(fault.limit):.4f} mm would be {too_much}."
             for fault in self.faults
         ]
-        if self.comparison is not None and self.comparison.registration.scaled == "bad":
-            bad.append(self.comparison.registration.scale_note)
+        if self.comparison is not None:
+            bad += self.comparison.registration.deformed("bad")
         care = [*_touches(self), *_drawing(self)]
         if self.heading == "farthest landmark":
             care.append("No side plane was touched: the direction of x is a convention.")
@@ -278,8 +278,7 @@ def _drawing(found: Certification) -> Iterator[str]:
             "front flat another one there? --front-deg says where it is in the tip's frame."
         )
     # What else a registration has to say is about too few points to use it for.
-    if comparison.registration.scaled == "care":
-        yield comparison.registration.scale_note
+    yield from comparison.registration.deformed("care")
 
 
 def write_certified(path: Path, found: Certification) -> None:

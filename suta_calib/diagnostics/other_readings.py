@@ -89,7 +89,7 @@ def _of_samples(
     poses = terms[0].poses
     assert isinstance(poses, ArmPoses)
     samples = [term.poses.samples for term in terms]
-    changes = [_of_joints(poses.arm), _of_rows(samples, options)]
+    changes = [readings_of_joints(poses.arm), _of_rows(samples, options)]
     if any(s.position is not None for s in samples):
         changes.append(_of_instrument(any(s.rotation is not None for s in samples)))
     if any(LANDMARK in s.labels for s in samples):
@@ -119,8 +119,12 @@ def _of_terms(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
         yield sentence, tuple(way.get(k, term) for k, term in enumerate(terms))
 
 
-def _of_joints(arm: ArmModel) -> Iterator[tuple[str, Change]]:
-    """What encoders do: they count the other way, start elsewhere, are exchanged, say degrees."""
+def readings_of_joints(arm: ArmModel) -> Iterator[tuple[str, Change]]:
+    """What encoders do: they count the other way, start elsewhere, are exchanged, say degrees.
+
+    Yields:
+        Each as `other_readings` says it, and the change of the samples.
+    """
     names, one = arm.joints, np.eye(len(arm.joints))
     turning = np.array([joint.type != "prismatic" for joint in arm.chain.moving])
     for k, name in enumerate(names):

@@ -13,6 +13,7 @@ from typing import Final, NamedTuple
 from suta_calib.errors import JobError, OutputError
 from suta_calib.measurements import write_text
 from suta_calib.measurements.csv_table import rotation_columns
+from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, first_kind
 
@@ -62,6 +63,7 @@ def new_job(
     Raises:
         UrdfError: the URDF has no usable chain to the tip.
         JobError: a kind is not known or given twice.
+        SamplesError: a joint is called as a column of one of the kinds.
     """
     arm = ArmModel.from_urdf(urdf, tip, base)
     for kind in kinds:
@@ -80,6 +82,7 @@ def new_job(
     files += [Template(folder / name, text) for name, text in begun.items()]
     for kind, ends in folders.items():
         columns, header = KINDS[kind].columns, io.StringIO()
+        check_joint_names(arm.joints, columns)
         oriented = rotation_columns() if columns.orientation == "required" else ()
         measured = (*"xyz", *oriented) if columns.position else ()
         names = (*columns.labels, *measured, *columns.common_lengths, *arm.joints)

@@ -121,7 +121,7 @@ def read_samples(
     """
     if not paths:
         raise SamplesError("no files", "at least one samples file")
-    _check_names(joints, columns)
+    check_joint_names([joint.name for joint in joints], columns)
     tables = [read_csv_table(path) for path in paths]
     there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
     there += [name for name in columns.common_labels if _everywhere(tables, name)]
@@ -313,17 +313,21 @@ def _turns_beyond(values: FloatArray, joint: JointRange) -> int | None:
     return None
 
 
-def _check_names(joints: Sequence[JointRange], columns: SampleColumns) -> None:
-    """Refuse a joint whose column would also have to hold something else."""
+def check_joint_names(joints: Sequence[str], columns: SampleColumns) -> None:
+    """Refuse a joint whose column would also have to hold something else.
+
+    Raises:
+        SamplesError: names the joint, and the columns.
+    """
     taken = {*columns.labels, *columns.common_labels}
     taken |= {each for name in columns.common_lengths for each in length_columns(name)}
     taken |= {*position_columns()} if columns.position else set()
     taken |= {*position_sigma_columns()} if columns.position_sigma else set()
     taken |= {*rotation_columns()} if columns.orientation != "none" else set()
     for joint in joints:
-        if joint.name in taken:
+        if joint in taken:
             raise SamplesError(
-                f"a joint named {joint.name!r}",
+                f"a joint named {joint!r}",
                 f"joint names other than the columns {', '.join(sorted(taken))}",
                 hint="rename the joint in the URDF",
             )

@@ -204,7 +204,7 @@ def calibrate_hand_eye(
     if noise.fraction and not noise.explains(fit):
         noise.fraction = 0.0
         fit = robust_fit(noise.make, start, floors, robust=robust)
-    refuse_strangers(fit, start, length)
+    refuse_strangers(fit, start, A[0], length)
     refuse_undetermined(
         fit.solution,
         EYE,

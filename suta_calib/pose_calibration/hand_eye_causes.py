@@ -1,4 +1,4 @@
-"""Why pairs of poses agree with no X: quaternions in another order, poses inverted, rows shifted.
+"""Why pairs of poses agree with no X: quaternions in another order, other units, rows shifted.
 
 The angle by which hand and eye turn between two pairs is the same whatever X is, but it tells none
 of these: a pose and its inverse turn by the same angle, and so do quaternions whose numbers are
@@ -13,13 +13,13 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_quaternion
 from suta_calib.pose_calibration.consensus import Consensus
 from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
-from suta_calib.pose_calibration.undetermined import undetermined_directions
+from suta_calib.pose_calibration.undetermined import axes_that_stand, undetermined_directions
 from suta_calib.terms.hand_eye_start import Poses, inverse_poses, some_poses
 from suta_calib.units import deg, from_deg, mm
 from suta_calib.words import listed
@@ -39,9 +39,16 @@ TURNS_AGREE: Final = from_deg(5.0)
 MOST_PAIRS: Final = 200
 MOST_SHIFT: Final = 5
 LEAST_PAIRS: Final = 8
+# Units that positions may be in where m is asked for, m.
+UNITS: Final = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
 CAUSES: Final = (
     "do the rows belong together, is the quaternion's order x y z w, is it the right setup, and do "
     "both poses map in the direction asked for?"
+)
+
+OF_PLACES: Final = (
+    "the turns of both agree, the positions do not: are both in the same unit, and their columns "
+    "in the order x y z?"
 )
 
 # The consensus of pairs of poses, hand and target.
@@ -64,21 +71,27 @@ def refuse_misread(
     if found.sigmas[0] < SUSPICIOUS:
         return
     rows = _some(np.arange(len(A[1])))
+    hand, seen = some_poses(A, rows), some_poses(B, rows)
     readings = [
-        *_readings(some_poses(A, rows), some_poses(B, rows), other_setup),
-        *_in_other_rows(A, B),
+        *((1.0, *each) for each in _readings(hand, seen, other_setup)),
+        *_in_other_units(hand, seen),
+        *((1.0, *each) for each in _in_other_rows(A, B)),
     ]
-    tried = [(start(hand, seen), change) for change, hand, seen in readings]
-    best, change = min(tried, key=lambda pair: float(pair[0].sigmas[0]))
+    tried = [(start(hand, seen), unit, change) for unit, change, hand, seen in readings]
+    best, unit, change = min(tried, key=lambda each: float(each[0].sigmas[0]))
     if FAR_BETTER * best.sigmas[0] < found.sigmas[0] and best.sigmas[1] < TURNS_AGREE:
-        close = f"{mm(length * best.sigmas[0]):.1f} mm and {deg(best.sigmas[1]):.2f}°"
+        close = f"{mm(unit * length * best.sigmas[0]):.1f} mm and {deg(best.sigmas[1]):.2f}°"
         raise _disagreement(found, length, f"they agree with one to {close} {change}")
 
 
-def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
-    """Refuse pairs of which nothing fits (``start`` before the fit, in units of ``length``).
+def refuse_strangers(fit: RobustFit, start: Consensus, hand: FloatArray, length: float) -> None:
+    """Refuse pairs of which nothing fits: what they leave open is not the trouble then.
 
-    What they leave open is not the trouble then.
+    Args:
+        fit: of the pairs.
+        start: how their loops scatter before it, in units of ``length``.
+        hand: (n, 3, 3) orientations of the hand.
+        length: the extent, m.
     """
     if fit.sigmas[1] > NO_AGREEMENT:
         raise SamplesError(
@@ -87,9 +100,14 @@ def refuse_strangers(fit: RobustFit, start: Consensus, length: float) -> None:
             hint=CAUSES,
         )
     slid, turned = start.sigmas
-    apart = (slid > STRANGERS and turned > TURNED) or turned > NO_AGREEMENT
-    if apart and undetermined_directions(fit.solution, EYE):
+    apart = slid > STRANGERS or turned > NO_AGREEMENT
+    if not (apart and undetermined_directions(fit.solution, EYE)):
+        return
+    if turned > TURNED:
         raise _disagreement(start, length, CAUSES)
+    # Along an axis that nothing turns X is open, and so is what a consensus makes of it.
+    if not len(axes_that_stand(hand[fit.inliers], fit.sigmas[1])):
+        raise _disagreement(start, length, OF_PLACES)
 
 
 def _disagreement(found: Consensus, length: float, hint: str) -> SamplesError:
@@ -133,6 +151,17 @@ def _readings(A: Poses, B: Poses, other_setup: str) -> Iterator[tuple[str, Poses
     mirror = np.array([-1.0, 1.0, 1.0])
     seen = B[0] * np.outer(mirror, mirror), B[1] * mirror
     yield "if the hand's or the eye's frame is left-handed", A, seen
+
+
+def _in_other_units(A: Poses, B: Poses) -> Iterator[tuple[float, str, Poses, Poses]]:
+    """The same, behind the unit (m), for positions that are in another than those of the other.
+
+    What is in the smaller unit is left as it is, so that loops are as large as before.
+    """
+    for name, unit in UNITS.items():
+        told = f"if the {{}}'s positions are in {name}, the {{}}'s in m"
+        yield unit, told.format("hand", "eye"), A, (B[0], B[1] / unit)
+        yield unit, told.format("eye", "hand"), (A[0], A[1] / unit), B
 
 
 def _in_other_rows(A: Poses, B: Poses) -> Iterator[tuple[str, Poses, Poses]]:

@@ -30,6 +30,7 @@ from suta_calib.pose_calibration.consensus import (
     find_consensus,
     minimal_samples,
 )
+from suta_calib.pose_calibration.deformation import UNKNOWNS, Strain, common_scale, strain
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
 from suta_calib.pose_calibration.robust_answer import RobustAnswer
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
@@ -59,12 +60,10 @@ UNSURE: Final = 1e-3
 UNSURE_TURN: Final = from_deg(1.0)
 # Difference in scale that no temperature makes.
 OTHER_SCALE: Final = 0.005
-# Chance that a scale is seen where there is none; and what one displaces the points by, in units of
-# their scatter, to be worth a word however many points tell it.
+# Chance that a scale, or a strain, is seen where there is none; and what one displaces the points
+# by, in units of their scatter, to be worth a word however many points tell it.
 FALSE_ALARM: Final = 1e-4
 NOTICEABLE: Final = 0.3
-# Of a rigid transform with a scale.
-UNKNOWNS: Final = 7
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -86,6 +85,8 @@ class Registration(Shown, RobustAnswer):
             a rigid transform cannot make up for.
         scale_std: standard deviation of that.
         scale_rms: what `rms` would be with that scale, m.
+        strain: the same with a scale of its own along every direction; None where too few points
+            tell it.
         extent: of the fitted points, root mean square from their middle, m.
         stated: standard deviation of one component of a typical residual as instruments state it,
             m; None where they state nothing. Then `sigma` is of such a residual too.
@@ -100,6 +101,7 @@ class Registration(Shown, RobustAnswer):
     scale: float
     scale_std: float
     scale_rms: float
+    strain: Strain | None
     extent: float
     stated: float | None = None
     agreement: Agreement | None = None
@@ -143,8 +145,8 @@ class Registration(Shown, RobustAnswer):
         """How far to trust it."""
         caution, inliers = list[str](), self.inliers[self.distinct]
         bad = self.objections("points", inliers, self.extent)
-        if (scaled := self.scaled) != "good":
-            (bad if scaled == "bad" else caution).append(self.scale_note)
+        bad += self.deformed("bad")
+        caution += self.deformed("care")
         if self.agreement is not None and self.agreement.contradicted:
             caution.append(self.agreement.note)
         if copies := int(np.sum(~self.distinct)):
@@ -170,6 +172,16 @@ class Registration(Shown, RobustAnswer):
             care=[*caution, *self.kept("points"), *self.notes],
         )
 
+    def deformed(self, level: Level) -> list[str]:
+        """What is said, at this level, of a scale or a strain that no rigid transform has."""
+        scaled, strained, found = self.scaled, self.strained, list[str]()
+        if self.strain is not None and strained == level:
+            found.append(self.strain.note)
+        # A strain has a mean, which says no more than it does.
+        if scaled == level and (strained == "good" or (scaled, strained) == ("bad", "care")):
+            found.append(self.scale_note)
+        return found
+
     @property
     def scaled(self) -> Level:
         """Whether one common scale explains what no rigid transform can: ``good`` if not.
@@ -180,10 +192,21 @@ class Registration(Shown, RobustAnswer):
         off = abs(self.scale - 1.0)
         if freedom < 1 or off <= t.isf(FALSE_ALARM / 2, freedom) * self.scale_std:
             return "good"
-        dominates = self.scale_rms < self.rms / 2
-        if off * self.extent < NOTICEABLE * self.scale_rms and not dominates:
+        return self._worth(off, off * self.extent, self.scale_rms)
+
+    @property
+    def strained(self) -> Level:
+        """Likewise whether scales along some directions do."""
+        if self.strain is None or self.strain.chance > FALSE_ALARM:
             return "good"
-        return "bad" if dominates and off > OTHER_SCALE else "care"
+        return self._worth(self.strain.size, self.strain.displaced, self.strain.rms)
+
+    def _worth(self, size: float, displaced: float, left: float) -> Level:
+        """What is said of a deformation of this size that is no chance (lengths in m)."""
+        dominates = left < self.rms / 2
+        if displaced < NOTICEABLE * left and not dominates:
+            return "good"
+        return "bad" if dominates and size > OTHER_SCALE else "care"
 
     @property
     def scale_note(self) -> str:
@@ -288,7 +311,8 @@ def register(
     jacobian = length * np.eye(6)
     jacobian[3:, 3:] = R @ tangent_of_vector(x[3:6])
     placed, seen = (a @ R.T)[fit.inliers], b[fit.inliers]
-    scale, scale_std, scale_rms = common_scale(placed, seen, 1.0 / relative[fit.inliers] ** 2)
+    weight = 1.0 / relative[fit.inliers] ** 2
+    scale, scale_std, scale_rms = common_scale(placed, seen, weight)
     return Registration(
         rotation=R,
         position=position,
@@ -302,6 +326,7 @@ def register(
         scale=scale,
         scale_std=scale_std,
         scale_rms=scale_rms,
+        strain=strain(placed, seen, weight, R),
         extent=rms_length(placed - placed.mean(axis=0)),
         stated=None if spread is None else spread.typical,
         agreement=fit.agreement,
@@ -327,22 +352,6 @@ def registration_from_points(
         )
     files = (a, b) if targets is None else (a, b, targets)
     return replace(found, notes=tuple(note for file in files for note in file.unit_notes))
-
-
-def common_scale(
-    placed: FloatArray, seen: FloatArray, weight: FloatArray
-) -> tuple[float, float, float]:
-    """How many times larger points (n, 3) are than they were placed, by weighted least squares.
-
-    Returns:
-        The scale, its standard deviation, and the root mean square that is left with it, m.
-    """
-    placed, seen = (v - np.average(v, axis=0, weights=weight) for v in (placed, seen))
-    power = float(weight @ np.sum(placed**2, axis=1))
-    scale = float(weight @ np.sum(placed * seen, axis=1)) / power
-    left = np.sum((seen - scale * placed) ** 2, axis=1)
-    std = np.sqrt(weight @ left / max(placed.size - UNKNOWNS, 1) / power)
-    return scale, float(std), float(np.sqrt(left.mean()))
 
 
 def _start(a: FloatArray, b: FloatArray, seed: int | None, relative: FloatArray) -> Consensus:

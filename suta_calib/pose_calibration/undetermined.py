@@ -66,11 +66,19 @@ def axis_of_all_turns(rotation: FloatArray, noise: float) -> FloatArray:
 
     ``noise`` is of a component of their rotation vectors, rad.
     """
+    still = axes_that_stand(rotation, noise)
+    return still if len(still) == 1 else np.zeros((0, 3))
+
+
+def axes_that_stand(rotation: FloatArray, noise: float) -> FloatArray:
+    """Axes (k, 3) in the body that no orientation (n, 3, 3) turns; none if they turn about several.
+
+    ``noise`` as in `axis_of_all_turns`.
+    """
     mean = rotation.mean(axis=0)
     # Noise may be as small a part of what an axis turns by, as a variance, as of any direction.
     moved, axes = np.linalg.eigh(np.eye(3) - mean.T @ mean)
-    still = moved < max(2.0 * noise**2 / NOISE_INDUCED_SHARE, 1e-12)
-    return np.asarray(axes.T[still]) if still.sum() == 1 else np.zeros((0, 3))
+    return np.asarray(axes.T[moved < max(2.0 * noise**2 / NOISE_INDUCED_SHARE, 1e-12)])
 
 
 def _span(columns: FloatArray) -> tuple[list[FloatArray], FloatArray]:

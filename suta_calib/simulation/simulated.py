@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_of, read_artefact
+from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -93,9 +94,12 @@ def simulate(
     Raises:
         JobError: a key contradicts the arm, or a target is out of reach.
         UrdfError, ArtefactError: a file it names cannot be used.
+        SamplesError: a joint is called as a column of the samples.
     """
     seed = spec.seed if seed is None else seed
     arm = spec.on(ArmModel.from_urdf(spec.urdf, spec.tip, spec.base))
+    for plan in spec.sets:
+        check_joint_names(arm.joints, plan.term.columns)
     values = true_values(arm, spec, seed)
     kinematics = InverseKinematics(arm, values)
     visitor = Visitor(spec, kinematics, _posture(spec, kinematics), seed)

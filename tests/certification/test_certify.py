@@ -208,6 +208,19 @@ def test_a_scale_between_artefact_and_drawing_is_told(
     assert any("times as far apart" in note for note in assessment.notes) == (scale != 1.0)
 
 
+def test_one_axis_of_another_scale_than_the_drawing_s_is_told(tmp_path: Path) -> None:
+    """As an instrument has it of which one axis counts too much; its mean says less."""
+    marks = {
+        name: replace(mark, position=mark.position * [1.015, 1.0, 1.0])
+        for name, mark in truth().landmarks.items()
+    }
+    options = CertificationOptions(drawing=Artefact("drawing", marks))
+    assessment = certified(tmp_path, options=options).assessment
+    assert assessment.level == "bad"
+    assert any("times along (1.00, 0.00, 0.00)" in note for note in assessment.notes)
+    assert not any("times as far apart" in note for note in assessment.notes)
+
+
 def turned_drawing(degrees: float) -> Artefact:
     turn = rotation_from_rpy(np.radians([0.0, 0.0, degrees]))
     return Artefact(

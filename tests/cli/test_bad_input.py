@@ -263,6 +263,24 @@ def test_init_refuses_what_it_cannot_use(
     assert not out.exists()
 
 
+def test_a_joint_that_is_called_as_a_column_is_refused_before_a_file_is_made(
+    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    urdf, out = tmp_path / "arm.urdf", tmp_path / "new"
+    urdf.write_text(suta_urdf.read_text(encoding="utf-8").replace('"joint_1"', '"x"'))
+    kind = ("--kind", "tracked_point")
+    said = refused(capsys, "init", urdf, "--tip", "tip", "--out", out, *kind)
+    assert "a joint named 'x'" in said
+    assert "rename the joint" in said
+    file = tmp_path / "simulation.yaml"
+    file.write_text(
+        "arm: {urdf: arm.urdf, tip: tip}\nsets: {calibration: {kind: tracked_point, samples: 9}}\n"
+    )
+    assert "a joint named 'x'" in refused(capsys, "simulate", file, "--out", out)
+    assert not out.exists()
+    assert cli("init", urdf, "--tip", "tip", "--out", out, "--kind", "fixed_point") == 0
+
+
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [

@@ -28,6 +28,7 @@ from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.terms import HandEye
 from suta_calib.terms.hand_eye_start import Poses, inverse_poses
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
+from suta_calib.units import mm
 
 
 @pytest.mark.parametrize("share", [0.0, 0.3])
@@ -176,6 +177,10 @@ def with_signs(poses: Poses, *signs: float) -> Poses:
     return poses[0], poses[1] * np.array(signs)
 
 
+def in_unit(poses: Poses, unit: float) -> Poses:
+    return poses[0], poses[1] / unit
+
+
 def mirrored(poses: Poses) -> Poses:
     """As a game engine writes them: y has the other sense."""
     M = np.diag([1.0, -1.0, 1.0])
@@ -194,6 +199,12 @@ WRITTEN: dict[str, tuple[Change, Change]] = {
         lambda poses: with_signs(poses, 1.0, -1.0, -1.0),
     ),
     "if the hand's or the eye's frame is left-handed": (mirrored, same),
+    "if the hand's positions are in mm, the eye's in m": (lambda poses: in_unit(poses, 1e-3), same),
+    "if the eye's positions are in mm, the hand's in m": (same, lambda poses: in_unit(poses, 1e-3)),
+    "if the eye's positions are in inches, the hand's in m": (
+        same,
+        lambda poses: in_unit(poses, 0.0254),
+    ),
     "if what the eye saw is a row late": (same, lambda poses: rows_later(poses, 1)),
     "if what the eye saw is 4 rows early": (same, lambda poses: rows_later(poses, -4)),
     "if what the eye saw is in the opposite order": (
@@ -213,6 +224,17 @@ def test_poses_written_in_another_way_are_told_so(says: str, count: int) -> None
     with pytest.raises(SamplesError, match="do not agree with any X") as problem:
         calibrate_hand_eye(of_hand(data.poses), of_eye(data.seen))
     assert str(problem.value).endswith(says)
+    told = re.search(r"they agree with one to ([\d.]+) mm", str(problem.value))
+    assert told is not None
+    assert float(told[1]) < 20.0 * mm(NOISE.position)
+
+
+def test_positions_that_no_unit_mends_are_not_blamed_on_how_the_hand_turned() -> None:
+    data = noisy(20, seed=3)
+    exchanged = data.poses[0], data.poses[1][:, [0, 2, 1]]
+    with pytest.raises(SamplesError, match="columns in the order x y z") as problem:
+        calibrate_hand_eye(exchanged, data.seen)
+    assert "turn the hand" not in str(problem.value)
 
 
 @pytest.mark.parametrize("noise", [NOISE, PoseNoise(5e-3, 0.02)], ids=["fine", "coarse"])

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from suta_calib.analysis.repeatability.scatter import ScatterEstimate as ScatterEstimate
     from suta_calib.analysis.repeatability.scatter import compare_protocols as compare_protocols
     from suta_calib.analysis.repeatability.scatter import joints_rms as joints_rms
+    from suta_calib.analysis.repeatability.scatter import tip_levers as tip_levers
     from suta_calib.analysis.repeatability.touches import POINT as POINT
     from suta_calib.analysis.repeatability.touches import JointRepeats as JointRepeats
     from suta_calib.analysis.repeatability.touches import RepeatedTouches as RepeatedTouches
@@ -34,6 +35,5 @@ if TYPE_CHECKING:
     from suta_calib.analysis.repeatability.visits import PROTOCOL as PROTOCOL
     from suta_calib.analysis.repeatability.visits import Repeatability as Repeatability
     from suta_calib.analysis.repeatability.visits import repeatability as repeatability
-    from suta_calib.analysis.repeatability.visits import tip_levers as tip_levers
 
 __getattr__, __all__ = public(__name__)

@@ -17,7 +17,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
+from suta_calib.batched import Batched
 from suta_calib.distributions import t
+from suta_calib.model.arm import ArmModel
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95
@@ -235,6 +237,14 @@ def joint_scatter(joint: str, unit: Unit, readings: FloatArray, lever: float) ->
     mean, away = deviations(readings, unit)
     std = spread(lambda each: float(each.std(ddof=1)), away)
     return JointScatter(joint, unit, mean, std, float(np.ptp(away)), lever * std.value)
+
+
+def tip_levers(arm: ArmModel, q: FloatArray) -> FloatArray:
+    """How far each joint moves the tip, (joints,), m per rad (or m): mean over readings (n, j)."""
+    batch = Batched(arm.function(arm.offsets), len(q), shared=[0])
+    batch.inputs[1][:] = q
+    jacobian = batch()[2].reshape(len(q), 6, -1) @ arm.gearing
+    return np.asarray(np.linalg.norm(jacobian[:, :3], axis=1).mean(axis=0))
 
 
 def deviations(readings: FloatArray, unit: Unit) -> tuple[float, FloatArray]:

@@ -18,8 +18,9 @@ from suta_calib.analysis.repeatability.scatter import (
     ScatterEstimate,
     deviations,
     spread,
+    tip_levers,
 )
-from suta_calib.analysis.repeatability.visits import ELSEWHERE, tip_levers
+from suta_calib.analysis.repeatability.visits import ELSEWHERE
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import SamplesError

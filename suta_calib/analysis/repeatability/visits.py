@@ -13,6 +13,7 @@ from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
+from suta_calib.analysis.repeatability.misread import misread
 from suta_calib.analysis.repeatability.scatter import (
     CONFIDENCE,
     CYCLES,
@@ -25,10 +26,10 @@ from suta_calib.analysis.repeatability.scatter import (
     deviations,
     joint_scatter,
     median_angle,
+    tip_levers,
 )
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
-from suta_calib.batched import Batched
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
@@ -120,6 +121,8 @@ class Repeatability:
         elsewhere: rows so far from the others that they may have visited another point.
         places: rows by the place they visited, where there seem to be several; else empty.
         other_posture: rows in which a joint is far from where it is in the others.
+        misread: what would have to be so of the joints' columns for one point; None where they are
+            right.
         correlation: integrated autocorrelation of successive visits; 1 where they are independent.
         confidence: of every interval.
     """
@@ -136,6 +139,7 @@ class Repeatability:
     elsewhere: tuple[int, ...]
     places: tuple[IntArray, ...]
     other_posture: tuple[int, ...]
+    misread: str | None
     correlation: float
     confidence: float
 
@@ -149,6 +153,8 @@ class Repeatability:
             f"{mm(inside.high):.3f} mm)"
         )
         visits, effects = self._of_visits(), self._of_effects()
+        if self.misread is not None:
+            return Assessment.of(sentence, bad=[self.misread], care=[*visits, *effects])
         if self._apart > SEVERAL_POINTS:
             return Assessment.of(sentence, bad=visits, care=effects)
         return Assessment.of(sentence, care=[*visits, *effects])
@@ -264,6 +270,7 @@ def repeatability(
     first, *others = protocols or [""]
     # Of the principal axis along which successive visits resemble each other most.
     away = within if pushed is None else pushed.within[:, -3:]
+    several = places(away)
     axes, sizes, _ = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)
     axes = axes[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)]
     correlation = max((correlation_length(axis[:, None]) for axis in axes.T), default=1.0)
@@ -288,19 +295,13 @@ def repeatability(
         ),
         pushed,
         elsewhere(within),
-        places(away),
+        several,
         other_posture(columns),
+        # From one point to another the joints need not undo each other.
+        None if several else misread(arm, samples, position),
         correlation,
         confidence,
     )
-
-
-def tip_levers(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """How far each joint moves the tip, (joints,), m per rad (or m): mean over readings (n, j)."""
-    batch = Batched(arm.function(arm.offsets), len(q), shared=[0])
-    batch.inputs[1][:] = q
-    jacobian = batch()[2].reshape(len(q), 6, -1) @ arm.gearing
-    return np.asarray(np.linalg.norm(jacobian[:, :3], axis=1).mean(axis=0))
 
 
 def _check(samples: Samples) -> None:
