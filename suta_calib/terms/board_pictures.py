@@ -84,6 +84,17 @@ class BoardPictures:
             vars(some)["poses"] = rotation[chosen], position[chosen]
         return some
 
+    def among(self, pixels: FloatArray | None) -> BoardPictures | None:
+        """These pictures in another order, or some of them, with what is known of each.
+
+        None where there are others among them.
+        """
+        if pixels is None or pixels is self.pixels:
+            return None if pixels is None else self
+        number = {picture.tobytes(): k for k, picture in enumerate(self.pixels)}
+        rows = [number.get(picture.tobytes(), -1) for picture in pixels]
+        return None if -1 in rows else self.take(rows, pixels)
+
     @property
     def pixel(self) -> float | None:
         """Length, m, that a pixel covers where the board typically is; None if nothing tells."""

@@ -246,6 +246,10 @@ class CameraView(FramedTerm):
             noise = Noise(sigma, noise.huber * pixel, noise.fixed)
         return replace(self, pixel=pixel, noise=noise or self.noise, known_pictures=self.pictures)
 
+    def over_poses(self, poses: PoseSource) -> Self:
+        """The same kind of term over other poses; pictures that are among its own are known."""
+        return replace(self, poses=poses, known_pictures=self.pictures.among(poses.samples.pixels))
+
     def take(self, rows: ArrayLike) -> Self:
         """The term over some of its samples, of which all that pictures tell is known."""
         poses = self.poses.take(rows)
