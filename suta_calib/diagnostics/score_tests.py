@@ -60,7 +60,8 @@ class ScoreTest:
         p: the same, allowing for the number of tests (Bonferroni).
         p_beside_geometry: that if any of the geometry may be off too.
         p_variance: the same as ``p`` for so much of the residuals' variance explained, which tells
-            more where touches are few and takes them to scatter alike.
+            more where touches are few and takes them to scatter alike, and to share as much of it
+            as they do in the mean over all candidates (`Scores.shared`).
         beats_geometry: whether it explains more, for its few parameters, than the geometry that the
             job does not free would (Schwarz 1978, doi:10.1214/aos/1176344136).
         explains: how much that is, in units of what noise alone would explain: what looks alike by

@@ -57,6 +57,18 @@ class Scores:
         curvature = self.curvature[np.ix_(chosen, chosen)]
         return _solved(curvature, self.score[chosen][:, None])[:, 0]
 
+    def shared(self, equations: int) -> float:
+        """Times as much as if every equation erred for itself that scores vary by touch; 1 or more.
+
+        A joint's noise turns the tip and displaces it: the components of one row err together. Over
+        all candidates, because few touches do not tell it of one (Kish's design effect).
+        """
+        kept = self.telling & (np.diag(self.curvature) > 0)
+        if not kept.any():
+            return 1.0
+        alone = np.diag(self.curvature)[kept] * self.squares / max(equations, 1)
+        return max(1.0, float(np.mean(np.diag(self.variance)[kept] / alone)))
+
     def p_variance(self, chosen: IntArray, equations: int, free: int) -> float:
         """Chance of so much variance explained, by the F test of nested models."""
         freedom = equations - free - len(chosen)
@@ -64,6 +76,7 @@ class Scores:
         if freedom < 1 or not 0 < lowered < self.squares:
             return 1.0
         ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
+        ratio /= self.shared(equations)
         return float(f.sf(ratio, len(chosen), freedom))
 
 
