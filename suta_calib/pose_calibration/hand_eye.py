@@ -37,9 +37,9 @@ from suta_calib.terms.hand_eye_start import (
     EYE_TO_HAND,
     EyeSetup,
     Poses,
+    as_eye_in_hand,
     chordal_mean,
     close_the_loop,
-    inverse_poses,
     loop_closures,
     quaternion_hand_eye,
 )
@@ -187,8 +187,7 @@ def calibrate_hand_eye(
         raise SamplesError(
             f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
         )
-    if setup == EYE_TO_HAND:
-        A = inverse_poses(A)
+    A = as_eye_in_hand(A, setup)
     # How large all this is: lengths are solved in units of it, so that none counts.
     length = extent(A[1]) + rms_length(B[1]) or 1.0
     centre = A[1].mean(axis=0)
