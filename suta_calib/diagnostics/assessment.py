@@ -15,7 +15,12 @@ from suta_calib.diagnostics.contradictions import (
     seen_again,
 )
 from suta_calib.diagnostics.explanation import Explanation, Told, explain_solution
-from suta_calib.diagnostics.odd_readings import odd_columns, odd_where_nothing_fits, rounded
+from suta_calib.diagnostics.odd_readings import (
+    odd_columns,
+    odd_where_nothing_fits,
+    read_again,
+    rounded,
+)
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
 from suta_calib.diagnostics.thinned import thinned
@@ -90,7 +95,7 @@ def _cause(solution: Solution) -> list[str]:
     from suta_calib.diagnostics.causes import find_cause
 
     terms = solution.problem.terms
-    if odd := [*odd_columns(terms)]:
+    if odd := [*odd_columns(terms), *read_again(terms)]:
         return [] if solution.converged else odd
     cause = find_cause(solution)
     if cause is None:

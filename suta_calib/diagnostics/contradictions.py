@@ -17,13 +17,18 @@ import numpy as np
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.common_scale import common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
-from suta_calib.diagnostics.odd_readings import odd_columns, rounded
+from suta_calib.diagnostics.odd_readings import (
+    may_read_alike,
+    odd_columns,
+    read_again,
+    rounded,
+)
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import hashed
 from suta_calib.solver.evaluation import Linearised
+from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term
-from suta_calib.terms.poses import resolutions
 from suta_calib.units import text
 from suta_calib.words import listed
 
@@ -110,6 +115,7 @@ def contradictions(
         *([] if any(each.bad for each in residuals) else _scales(solution, options)),
         *_priors(solution, options),
         *(Contradiction(False, sentence) for sentence in odd_columns(solution.problem.terms)),
+        *(Contradiction(False, sentence) for sentence in read_again(solution.problem.terms)),
         *(Contradiction(False, sentence) for sentence in rounded(solution)),
         *_repeated(solution, [each.term for each in accuracy.validation]),
         *_twice(solution.problem.terms),
@@ -130,7 +136,8 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
     problem = solution.problem
     sigmas = problem.assumed_sigmas()
     lines = problem.linearise(solution.x, sigmas)
-    for line, assumed, found in zip(lines, sigmas, solution.noise, strict=True):
+    units = _noise_units(problem)
+    for line, unit, assumed, found in zip(lines, units, sigmas, solution.noise, strict=True):
         block, level = line.view.block, robust_level(line.residual)
         given = block.noise.sigma is not None
         times = level / float(np.median(line.sigma))
@@ -141,7 +148,7 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
                 times > options.residual,
                 f"The {block.name} residuals are {scatter} per axis, {times:.0f} times the "
                 f"{stated} that {where}: the data do not fit this arm. If the instrument is truly "
-                f"so coarse, say so (sigma_{'mm' if block.unit == 'm' else 'deg'}).",
+                f"so coarse, say so (sigma_{unit}).",
             )
         elif given and found * options.residual_care < assumed:
             yield Contradiction(
@@ -151,7 +158,13 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
                 "much.",
             )
         if level > 1e-9:
-            yield from _gross(line, options)
+            yield from _gross(line, unit, options)
+
+
+def _noise_units(problem: Problem) -> list[str]:
+    """The unit in which a job states the noise of each block."""
+    blocks = ((term, block) for term in problem.terms for block in term.blocks)
+    return [term.unit if block.unit == "m" else "deg" for term, block in blocks]
 
 
 def gross_rows(
@@ -163,11 +176,12 @@ def gross_rows(
         solution: converged or not.
         options: from where on it counts.
     """
-    for line in solution.problem.linearise(solution.x, solution.problem.assumed_sigmas()):
-        yield from _gross(line, options)
+    lines = solution.problem.linearise(solution.x, solution.problem.assumed_sigmas())
+    for line, unit in zip(lines, _noise_units(solution.problem), strict=True):
+        yield from _gross(line, unit, options)
 
 
-def _gross(line: Linearised, options: ContradictionOptions) -> Iterator[Contradiction]:
+def _gross(line: Linearised, unit: str, options: ContradictionOptions) -> Iterator[Contradiction]:
     block = line.view.block
     norms = np.linalg.norm(line.residual, axis=1) / math.sqrt(line.residual.shape[1])
     # Three gross touches of ten are in half of all distances: the best quarter says what most
@@ -181,7 +195,7 @@ def _gross(line: Linearised, options: ContradictionOptions) -> Iterator[Contradi
             f"{100 * share:.0f} % of the {block.name} residuals are more than "
             f"{options.gross_level:.0f} times as large as most: run suta-calib outliers, which "
             "says what they have in common"
-            + (", and give huber_mm, so that they are believed less." if plain else "."),
+            + (f", and give huber_{unit}, so that they are believed less." if plain else "."),
         )
 
 
@@ -342,9 +356,3 @@ class _Place:
 def _labels(samples: Samples) -> list[tuple[str, ...]]:
     columns = [values.tolist() for values in samples.labels.values()]
     return [tuple(values[row] for values in columns) for row in range(len(samples))]
-
-
-def may_read_alike(samples: Samples) -> bool:
-    """Whether an arm that comes back may read the same to the last digit: encoders all coarse."""
-    moving = samples.q[:, np.ptp(samples.q, axis=0) > 0]
-    return samples.position is None and bool(np.all(resolutions(moving) > 0))

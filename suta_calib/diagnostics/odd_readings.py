@@ -1,4 +1,4 @@
-"""What is odd of joint readings by themselves: columns that stand still, copied or rounded ones.
+"""What is odd of joint readings by themselves: what stands still, repeats, was copied or rounded.
 
 None of it needs the arm to be known well, and no fit shows it as what it is.
 """
@@ -12,12 +12,16 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.diagnostics.tip_uncertainty import sensitivity
+from suta_calib.measurements import Samples
+from suta_calib.measurements.samples import hashed, joined
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Term
+from suta_calib.terms.block import grouped, grouped_rows, numbered
+from suta_calib.terms.poses import resolutions
 from suta_calib.units import from_deg, text
 from suta_calib.words import listed
 
@@ -34,6 +38,11 @@ AT_END: Final = 0.1
 EXACT: Final = 1e-3
 # Residuals over what rounding alone would make of them: less, and the readings were exact.
 LEAST, MOST = 0.5, 3.0
+# Rows that read the same from which on it is their readings that are wrong, not what was observed.
+ALIKE: Final = 3
+# Distance, m and pixels, of what is seen from one posture that no instrument's noise makes.
+APART: Final = 0.01
+APART_PX: Final = 20.0
 # Rows whose postures show how the tip hangs on the joints.
 SHOWN: Final = 200
 
@@ -65,6 +74,67 @@ def odd_columns(terms: Sequence[Term]) -> Iterator[str]:
                 f"{joints[a]} and {joints[b]} read the same as one another in every row: was one "
                 "column copied over the other?"
             )
+
+
+def read_again(terms: Sequence[Term]) -> Iterator[str]:
+    """Rows whose joints all read, to the last digit, as in others that were elsewhere.
+
+    As where a bus repeats its last answer, or readings that never came were written as zeros. What
+    is seen of one posture may be wrong in some of its rows, but agrees in most; and a tip that
+    touches one place is not at another.
+
+    Args:
+        terms: whose samples are looked at, over one arm.
+    """
+    for term in terms:
+        samples = term.poses.samples
+        posture = hashed(samples.q)
+        if _arm([term]) is None or len(np.unique(posture)) == len(samples):
+            continue
+        alike = numbered(posture)[1]
+        columns = [name for name in samples.labels if name != "repeat"]
+        place = grouped(joined(samples.labels, columns))[1] if columns else np.zeros_like(alike)
+        if samples.pixels is not None:
+            again = _scattered(alike, np.nanmean(samples.pixels, axis=1), APART_PX)
+        elif samples.position is not None:
+            # What has another label may be another target, or seen from elsewhere.
+            alike = grouped_rows(np.column_stack([alike, place]))[0]
+            again = _scattered(alike, samples.position, APART)
+        elif term.medium == "touch" and not samples.lengths and not may_read_alike(samples):
+            again = _extent(alike, place[:, None].astype(float)) > 0
+        else:
+            continue
+        if again.any():
+            yield (
+                f"{np.sum(again)} rows of {term.kind.replace('_', ' ')}, "
+                f"{samples.origin[int(np.argmax(again))]} the first, read the same in all joints "
+                "to the last digit as others do that were elsewhere: did the bus repeat its last "
+                "answer, or do zeros stand for readings that never came? Leave them out."
+            )
+
+
+def _scattered(group: IntArray, where: FloatArray, reach: float) -> BoolArray:
+    """(n,) rows of groups (n,) most of which are farther than that from their middle, (n, d)."""
+    found = _extent(group, where) > reach
+    for k in np.unique(group[found]):
+        rows = np.flatnonzero(group == k)
+        away = np.linalg.norm(where[rows] - np.median(where[rows], axis=0), axis=1) > reach
+        found[rows] = len(rows) >= ALIKE and 2 * int(np.sum(away)) > len(rows)
+    return found
+
+
+def _extent(group: IntArray, where: FloatArray) -> FloatArray:
+    """(n,) how far apart (n, d) the rows of each one's group (n,) are."""
+    low, high = (np.full((group.max() + 1, where.shape[1]), end) for end in (np.inf, -np.inf))
+    np.minimum.at(low, group, where)
+    np.maximum.at(high, group, where)
+    return np.asarray(np.linalg.norm(high - low, axis=1)[group])
+
+
+def may_read_alike(samples: Samples) -> bool:
+    """Whether an arm that comes back may read the same to the last digit: encoders all coarse."""
+    moving = samples.q[:, np.ptp(samples.q, axis=0) > 0]
+    return samples.position is None and bool(np.all(resolutions(moving) > 0))
 
 
 def odd_where_nothing_fits(terms: Sequence[Term]) -> Iterator[str]:

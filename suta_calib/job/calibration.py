@@ -388,7 +388,7 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
     """Refuse rows of a job that are one another's samples: they would count twice."""
     if len(terms) < 2:
         return
-    from suta_calib.diagnostics.contradictions import may_read_alike
+    from suta_calib.diagnostics.odd_readings import may_read_alike
 
     known: dict[str, list[tuple[int, set[bytes]]]] = {}
     for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):

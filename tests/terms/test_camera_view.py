@@ -12,6 +12,7 @@ import pytest
 from cli_job import answer, cli
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
+from suta_calib.emulation import read_truth
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import projected
@@ -25,6 +26,7 @@ from suta_calib.measurements import (
     write_camera,
     write_corners,
 )
+from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -114,6 +116,32 @@ def test_pictures_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str])
     x = [found["parameters"][f"hand_eye.{key}"] for key in "xyz"]
     for entry, true in zip(x, (0.02, -0.03, 0.04), strict=True):
         assert abs(entry["value"] - true) < 5 * entry["std"]
+
+
+def test_a_reading_that_never_came_is_believed_less_than_all_others(
+    folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    header, *rows = (folder / "calibration" / "samples.csv").read_text().splitlines()
+    joints = sum(name.startswith("joint") for name in header.split(","))
+
+    def found(lost: int, code: int) -> dict[str, Any]:
+        sent = [",".join(["0.0"] * joints + row.split(",")[joints:]) for row in rows[:lost]]
+        (folder / "lost").mkdir(exist_ok=True)
+        (folder / "lost" / "samples.csv").write_text("\n".join([header, *sent, *rows[lost:]]))
+        job = JOB.replace("'calibration/*.csv'", "'lost/*.csv'")
+        (folder / "lost.yaml").write_text(job)
+        files = folder / "lost.yaml", "--out", folder / "lost_results"
+        return answer(capsys, "calibrate", *files, code=code)
+
+    truth = read_truth(folder / "truth.yaml", ArmModel.from_urdf(folder / "arm.urdf", "tip"))
+    told = found(1, 0)
+    assert told["verdict"]["usable"]
+    for name in ("joint_3.offset", "joint_4.offset", "joint_4.z"):
+        row = told["parameters"][name]
+        assert abs(row["value"] - truth[name]) < 4 * row["std"]
+    # A fifth of all pictures outweighs the others; why is said.
+    said = found(3, 1)["verdict"]
+    assert "3 rows of camera view" in " ".join(said["notes"])
 
 
 def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
