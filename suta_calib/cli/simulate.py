@@ -9,7 +9,7 @@ import click
 
 from suta_calib.cli._options import PATH, Folder
 from suta_calib.cli._output import LateProgress
-from suta_calib.simulation import read_simulation, write_simulation
+from suta_calib.simulation import read_simulation, still_empty, write_simulation
 from suta_calib.simulation import simulate as run
 
 
@@ -23,6 +23,7 @@ def simulate(simulation: Path, out: Path, seed: int | None, as_json: bool) -> No
     spec = read_simulation(simulation)
     with LateProgress("simulating") as progress:
         made = run(spec, seed, lambda path: progress.about(f"simulating {path}"))
+    removed = still_empty(made, out)
     write_simulation(made, out)
     files = [
         {"file": file.path, "samples": len(file.samples), "outliers": len(file.outliers)}
@@ -30,8 +31,10 @@ def simulate(simulation: Path, out: Path, seed: int | None, as_json: bool) -> No
     ]
     if as_json:
         told = {"status": "simulated", "seed": made.seed, "out": str(out), "files": files}
-        click.echo(json.dumps(told))
+        click.echo(json.dumps(told | ({"removed": [*map(str, removed)]} if removed else {})))
         return
+    for path in removed:
+        click.echo(f"removed {path}, which held a header and no data")
     total = sum(len(file.samples) for file in made.files)
     wrong = sum(len(file.outliers) for file in made.files)
     click.echo(

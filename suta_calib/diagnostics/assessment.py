@@ -9,6 +9,7 @@ from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.beliefs import contradicted_beliefs
 from suta_calib.diagnostics.changes import changes
+from suta_calib.diagnostics.common_scale import relied_on
 from suta_calib.diagnostics.contradictions import (
     contradictions,
     gross_rows,
@@ -85,7 +86,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *_beside_geometry(thinned(solution), suspect=not cause),
             *_on_priors(solution),
         ],
-        known=_as_drawn(solution),
+        known=[*_as_drawn(solution), *_on_scale(solution)],
     )
 
 
@@ -146,6 +147,18 @@ def _as_drawn(solution: Solution) -> list[str]:
         "Held at nominal, because observations of these kinds cannot tell: "
         f"{listed([each.fixed for each in held])}. The tip is as good as its drawing there, and "
         f"no ± of this answer includes that{_at_stake(solution, held)}."
+    ]
+
+
+def _on_scale(solution: Solution) -> list[str]:
+    """Whatever makes all that was measured longer makes the arm longer, and leaves no residual."""
+    relied = relied_on(solution)
+    if not relied:
+        return []
+    scale = " and ".join(f"the {what}'s" for what in relied)
+    return [
+        f"The arm's lengths are in units of {scale} scale: where that is off by 0.01 %, so is each "
+        "of them, and no ± of this answer includes it."
     ]
 
 

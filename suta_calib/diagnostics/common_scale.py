@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -22,7 +23,7 @@ from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import POSITION
 from suta_calib.solver.information import robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
+from suta_calib.solver.solution import Estimate, Solution
 from suta_calib.terms import Term
 
 # Step of the numerical derivative, relative.
@@ -68,19 +69,37 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
     Args:
         solution: a converged one, of terms over an arm.
     """
-    problem, told = solution.problem, False
-    for what, mine in (
-        ("artefact", [term.needs_artefact for term in problem.terms]),
-        ("instrument", [_measured_in_lengths(t) for t in problem.terms]),
-        ("board", [t.poses.samples.pixels is not None for t in problem.terms]),
-    ):
-        if any(mine):
-            found = scale_step(solution, what, mine)
-            if found.std < UNTOLD:
-                told = True
-                yield found
-    if not told:
+    if told := [found for found in _steps(solution) if found.std < UNTOLD]:
+        yield from told
+    else:
         yield from _grown(solution)
+
+
+def relied_on(solution: Solution) -> list[str]:
+    """Whose scale the arm's lengths rest on, better than anything else tells it.
+
+    What an artefact is off by is in its certificate, and in every ±; nobody states the scale of an
+    instrument, or of a board.
+
+    Args:
+        solution: as for `common_scales`.
+    """
+    long = [e for e in _lengths(solution).values() if abs(e.nominal) > SHORTEST]
+    least = min((e.std / abs(e.nominal) for e in long if e.std), default=np.inf)
+    return [f.what for f in _steps(solution) if f.what != "artefact" and f.std > least]
+
+
+# What says which factors there are, and what says on which the answer rests.
+@lru_cache(maxsize=1)
+def _steps(solution: Solution) -> tuple[CommonScale, ...]:
+    """The factor of every sort of lengths that there is, told or not."""
+    terms = solution.problem.terms
+    sorts = {
+        "artefact": [term.needs_artefact for term in terms],
+        "instrument": [_measured_in_lengths(t) for t in terms],
+        "board": [t.poses.samples.pixels is not None for t in terms],
+    }
+    return tuple(scale_step(solution, *sort) for sort in sorts.items() if any(sort[1]))
 
 
 def scale_step(
@@ -160,18 +179,19 @@ def _longer(term: Term, factors: FloatArray) -> Term:
     return replace(term, **changed)
 
 
+def _lengths(solution: Solution) -> dict[str, Estimate]:
+    """The arm's lengths that were estimated, by name."""
+    estimates = solution.arm_estimates.items()
+    return {n: e for n, e in estimates if e.std and n.rpartition(".")[2] in POSITION}
+
+
 def _grown(solution: Solution) -> Iterator[CommonScale]:
     """How the arm's estimated lengths have grown together."""
-    names = [
-        name
-        for name, e in solution.arm_estimates.items()
-        if e.std and name.rpartition(".")[2] in POSITION
-    ]
-    told = [solution.arm_estimates[name] for name in names]
-    length = np.array([e.nominal for e in told])
+    told = _lengths(solution)
+    length = np.array([e.nominal for e in told.values()])
     if np.sum(np.abs(length) > SHORTEST) >= FEWEST:
-        at = [solution.problem.names.index(name) for name in names]
-        change = np.array([e.value - e.nominal for e in told])
+        at = [solution.problem.names.index(name) for name in told]
+        change = np.array([e.value - e.nominal for e in told.values()])
         yield grown_together(length, change, solution.covariance[np.ix_(at, at)])
 
 

@@ -36,6 +36,8 @@ _ENOUGH_LINES = 5
 # Characters of a cell that a message shows.
 _LONGEST_QUOTE = 200
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
+# What reads tables as spreadsheets of any country write them.
+_IMPORT = "suta-calib import makes such a file of it"
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
@@ -94,7 +96,9 @@ class CsvTable:
         cells = self.cells(name, expected)
         values = _numbers(cells)
         for row in np.flatnonzero(~np.isfinite(values)):
-            raise self.refuse(int(row), name, repr(cells[row]), "a finite number")
+            comma = np.isfinite(number_in(cells[row].replace(",", ".", 1)))
+            hint = f"a decimal comma? {_IMPORT}" if comma and "," in cells[row] else ""
+            raise self.refuse(int(row), name, repr(cells[row]), "a finite number", hint)
         return values
 
     def labels(self, name: str, expected: str = "a column of this name") -> NDArray[np.str_]:
@@ -261,7 +265,11 @@ def _csv_rows(path: Path, text: str) -> list[tuple[int, list[str]]]:
 def _check_header(path: Path, line: int, header: list[str]) -> None:
     if len(header) == 1 and any(separator in header[0] for separator in ";\t"):
         raise SamplesError(
-            f"the header {header[0]!r}", "columns separated by commas", file=path, line=line
+            f"the header {header[0]!r}",
+            "columns separated by commas",
+            file=path,
+            line=line,
+            hint=_IMPORT,
         )
     for name in header:
         if name and header.count(name) > 1:

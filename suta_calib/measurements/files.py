@@ -23,7 +23,8 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
     """Whole text of a UTF-8 file, without its byte order mark.
 
     Raises:
-        InputError: (as ``error``) missing, a folder, unreadable, or not UTF-8 (with the line).
+        InputError: (as ``error``) missing, a folder, unreadable, or not UTF-8 (with the
+            line), as text with bytes that are zero is not.
     """
     if path.is_dir():
         raise error("a folder", "a file", file=path)
@@ -36,12 +37,17 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
         reason = getattr(problem, "strerror", None) or str(problem)
         raise error(f"an unreadable file ({reason})", "a readable file", file=path) from None
     try:
-        return data.decode("utf-8-sig")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as problem:
         line = data[: problem.start].count(b"\n") + 1
         raise error(
             "bytes that are not UTF-8", "UTF-8 text", file=path, line=line, hint="save it as UTF-8"
         ) from None
+    if (at := data.find(b"\0")) >= 0:
+        hint = "UTF-16 has them, then save it as UTF-8; or it was not written to its end"
+        line = data[:at].count(b"\n") + 1
+        raise error("bytes that are zero", "UTF-8 text", file=path, line=line, hint=hint)
+    return text
 
 
 def lines_of(text: str) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
@@ -20,6 +21,7 @@ from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import (
     SIGMAS,
     CsvTable,
+    SutaCalibWarning,
     has_rotations,
     length_columns,
     lengths,
@@ -45,6 +47,9 @@ _MOST_TURNS = 2
 _PLAINLY_MOVED = 0.2
 _PRISMATIC_WIDTHS = 10.0
 _PRISMATIC_MARGIN = 0.5
+# How far beyond its range, in units of it, what a prismatic joint reads deserves a word: no zero
+# that is set a little otherwise puts it there. A revolute joint's may be anywhere on its turn.
+_PRISMATIC_WORD = 0.5
 # The arm's, and what no arm has, °C.
 TEMPERATURE = "temperature"
 TEMPERATURES = (-60.0, 150.0)
@@ -112,7 +117,8 @@ def read_samples(
             files have or none.
 
     Warns:
-        SutaCalibWarning: quaternions that are more than 1 % away from unit length.
+        SutaCalibWarning: quaternions that are more than 1 % away from unit length; readings of a
+            prismatic joint that are far beyond its range.
 
     Raises:
         SamplesError: a file cannot be read, lacks a column, holds a value that is not a finite
@@ -140,7 +146,28 @@ def read_samples(
                 "the columns qx, qy, qz, qw in all of these files or in none",
                 file=without,
             )
-    return Samples.concatenate(parts)
+    samples = Samples.concatenate(parts)
+    _tell_of_slides(samples, joints)
+    return samples
+
+
+def _tell_of_slides(samples: Samples, joints: Sequence[JointRange]) -> None:
+    """Warn of a prismatic joint that is read where it cannot have been, unless its zero is else."""
+    for joint, q in zip(joints, samples.q.T, strict=True):
+        width = joint.upper - joint.lower
+        if joint.unit == "rad" or not 0.0 < width < math.inf:
+            continue
+        beyond = np.maximum(joint.lower - q, q - joint.upper)
+        rows = np.flatnonzero(beyond > _PRISMATIC_WORD * width)
+        if len(rows):
+            warnings.warn(
+                f"{samples.origin[rows[0]]}: found {q[rows[0]]:.4g} m for {joint.name}; expected "
+                f"its range {joint}; {len(rows)} of {len(q)} samples are so far beyond it, by up "
+                f"to {beyond.max():.3g} m: is it another joint's column, or another unit, or is "
+                "its zero elsewhere? They are used as they are",
+                SutaCalibWarning,
+                stacklevel=3,
+            )
 
 
 def _samples(
@@ -284,6 +311,8 @@ def _plausible(joints: tuple[JointRange, ...]) -> tuple[FloatArray, FloatArray]:
 def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:
     """What implausible readings of the k-th joint look like, beside those of all, (joints, n)."""
     if joints[k].unit == "m":
+        if _implausible(q[k] / 1e3, joints[k]).any():
+            return "is it another joint's column?"
         return "looks like millimetres: convert to m"
     turning = [i for i, joint in enumerate(joints) if joint.unit == "rad"]
     turns = {i: _turns_beyond(q[i], joints[i]) for i in turning}

@@ -74,7 +74,7 @@ class Moved:
             by += f" and {deg(self.turn):.2f} ± {deg(self.turn_std):.2f}°"
         return (
             f"From row {self.since} on (rows from 0) {self.what} stands elsewhere, by {by}: it was "
-            f"moved. Calibrate from the {rows} before or after that alone."
+            f"moved. Use the {rows} before or after that alone."
         )
 
 

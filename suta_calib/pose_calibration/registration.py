@@ -2,59 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Assessment, Level
 from suta_calib.distributions import t
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
-    extent,
     homogeneous,
-    register_points,
     rms_length,
-    rotation_from_vector,
     skew,
-    tangent_of_vector,
 )
 from suta_calib.measurements.pose_files import Points
-from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import (
     DIMENSION,
-    Consensus,
-    find_consensus,
-    minimal_samples,
 )
 from suta_calib.pose_calibration.deformation import UNKNOWNS, Strain, common_scale, strain
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
+from suta_calib.pose_calibration.moved import Moved, moved
+from suta_calib.pose_calibration.rigid_fit import (
+    LEAST_POINTS,
+    RigidFit,
+    check_points,
+    distinct_rows,
+    rigid_fit,
+)
 from suta_calib.pose_calibration.robust_answer import RobustAnswer
-from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
-from suta_calib.pose_calibration.stated import Agreement, StatedSpread
-from suta_calib.pose_calibration.weighed_point import WeighedPoint
+from suta_calib.pose_calibration.robust_fit import ROUNDING
 from suta_calib.showing import Shown
-from suta_calib.terms.block import Noise
-from suta_calib.terms.outside import pose_named
-from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.terms.tracked_point import TrackedPoint
+from suta_calib.terms.poses import together
 from suta_calib.units import deg, from_deg, mm, text
 
-LEAST_POINTS: Final = 3
-# Second singular value of centred points, relative to the first, of points on a line.
-ON_A_LINE: Final = 1e-6
-# A reflection that fits so many times better than any rotation is what the data are.
-MIRRORED: Final = 3.0
-# Scatter of the residuals, in units of the points' extent, that unrelated points have.
-UNRELATED: Final = 0.25
-# Extent across a line, in units of the scatter, from which on it is more than noise.
-OFF_LINE: Final = 2.5
-_NOT_ON_A_LINE: Final = "at least three points that are not on one line"
-# Points from which on one that does not fit can be told from the others.
-ENOUGH_TO_JUDGE: Final = 5
+if TYPE_CHECKING:
+    from suta_calib.pose_calibration.repeated_points import Repeats
+    from suta_calib.pose_calibration.stated import Agreement, StatedSpread
+
 # Standard deviations, m and rad, that deserve a word.
 UNSURE: Final = 1e-3
 UNSURE_TURN: Final = from_deg(1.0)
@@ -64,6 +49,11 @@ OTHER_SCALE: Final = 0.005
 # by, in units of their scatter, to be worth a word however many points tell it.
 FALSE_ALARM: Final = 1e-4
 NOTICEABLE: Final = 0.3
+# Distance within which rows may be one point, in units of the scatter: were it less, those that err
+# alike would be found for it.
+NEAR: Final = 6.0
+# What stands elsewhere in its frame, from a row on.
+MAY_MOVE: Final = "one of the two sets"
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -79,7 +69,9 @@ class Registration(Shown, RobustAnswer):
         position: (3,), m.
         centre: (3,) middle of the fitted points in frame b, m.
         distinct: (n,) points that are not copies of one before. Copies count once, except where all
-            points are believed.
+            points are believed; so do points that were touched again, where most of their error is
+            common to all their touches.
+        repeats: these; None where there are none.
         sigma: scatter of one component of an inlier's residual, m.
         scale: how many times larger the fitted points are in the target than in the source, which
             a rigid transform cannot make up for.
@@ -88,6 +80,7 @@ class Registration(Shown, RobustAnswer):
         strain: the same with a scale of its own along every direction; None where too few points
             tell it.
         extent: of the fitted points, root mean square from their middle, m.
+        moved: since when one set stands elsewhere in its frame; None where it always did not.
         stated: standard deviation of one component of a typical residual as instruments state it,
             m; None where they state nothing. Then `sigma` is of such a residual too.
         agreement: of the residuals with what is stated; None likewise.
@@ -103,6 +96,8 @@ class Registration(Shown, RobustAnswer):
     scale_rms: float
     strain: Strain | None
     extent: float
+    repeats: Repeats | None = None
+    moved: Moved | None = None
     stated: float | None = None
     agreement: Agreement | None = None
 
@@ -149,9 +144,14 @@ class Registration(Shown, RobustAnswer):
         caution += self.deformed("care")
         if self.agreement is not None and self.agreement.contradicted:
             caution.append(self.agreement.note)
-        if copies := int(np.sum(~self.distinct)):
+        if self.moved:
+            caution.append(self.moved.sentence("points"))
+        again = self.repeats.count if self.repeats is not None else 0
+        if copies := int(np.sum(~self.distinct)) - again:
             rows = "1 row repeats" if copies == 1 else f"{copies} rows repeat"
             caution.append(f"{rows} another exactly in both sets: no measurement, counted once.")
+        if self.repeats is not None and self.repeats.note:
+            caution.append(self.repeats.note)
         if np.sum(inliers) <= LEAST_POINTS + 1:
             count = int(np.sum(inliers))
             caution.append(f"{count} points leave few residuals: an error in one may not show.")
@@ -166,8 +166,9 @@ class Registration(Shown, RobustAnswer):
             f"the middle of the points is known to ± {text(unsure, 'm', with_unit=True)} and the "
             f"turn to ± {deg(turned):.3f}° (one sigma, 3-D)"
         )
+        counted = "" if self.repeats is None else self.repeats.counted
         return Assessment.of(
-            "" if bad else f"{known}; {self.agreed('points')}",
+            "" if bad else f"{known}; {self.agreed('points')}{counted}",
             bad=bad,
             care=[*caution, *self.kept("points"), *self.notes],
         )
@@ -253,85 +254,78 @@ def register(
             that coincide, or the mirror image of each other.
     """
     a, b = checked_points(source, "source"), checked_points(target, "target")
-    _check_points(a, b)
-    spread = StatedSpread.of(
+    check_points(a, b)
+    spread = _stated(
         checked_sigmas(source_sigma, len(a), "source_sigma"),
         checked_sigmas(target_sigma, len(b), "target_sigma"),
     )
+    pairs, judged = (a, b), seed if robust else None
     first, like = distinct_rows(a, b)
     distinct = np.isin(np.arange(len(a)), first)
     if robust:
         a, b = a[first], b[first]
         spread = None if spread is None else spread.take(first)
     else:
-        like = np.arange(len(a))
-    judged = seed if robust and len(a) >= ENOUGH_TO_JUDGE else None
-    relative = np.ones(len(a)) if spread is None else spread.each / spread.typical
-    start, mirrored = _start(a, b, judged, relative), _start(-a, b, judged, relative)
-    # Mirror images are Arun's third case, unless noise may be what turned the sign.
-    apart = float(start.sigmas[0])
-    if apart > MIRRORED * float(mirrored.sigmas[0]) and apart > ROUNDING * float(np.ptp(b)):
-        raise SamplesError(
-            "points that are the mirror image of each other",
-            "two right-handed frames",
-            hint="swap two axes or turn the sign of one in one of the files",
-        )
-    from_centre, to_centre = a[start.inliers].mean(axis=0), b[start.inliers].mean(axis=0)
-    length = extent(b) or 1.0
-    moved, fixed = (a - from_centre) / length, (b - to_centre) / length
-    # In which directions of b the points of a are uncertain.
-    turned = register_points(a[start.inliers], b[start.inliers])[0]
-    samples = Samples.from_arrays([], np.zeros((len(a), 0)), position=fixed)
-    upright = np.tile(np.eye(3), (len(a), 1, 1))
-    some_poses = parts_of(MeasuredPoses(upright, moved, samples, exact=True))
-
-    def make(rows: IntArray, noises: Sequence[Noise]) -> TrackedPoint:
-        poses = some_poses(rows)
-        if spread is None:
-            return TrackedPoint(poses, noises[0])
-        return WeighedPoint(poses, noises[0], whitening=spread.take(rows).whitening(turned))
-
-    def revise(values: Mapping[str, float], inliers: BoolArray) -> None:
-        del inliers
-        nonlocal turned
-        turned = pose_named(values, TrackedPoint.frames[0].own)[0]
-
-    fit = robust_fit(
-        make,
-        Consensus(start.inliers, start.sigmas / length),
-        robust=robust,
-        revise=None if spread is None else revise,
-        stated=None if spread is None else spread.typical / length,
-    )
-    sigma = fit.sigmas[0] * length
-    _check_fit(fit, moved[fit.inliers], length)
-    x = fit.solution.x
-    R, middle = rotation_from_vector(x[3:6]), to_centre + length * x[:3]
-    position = middle - R @ from_centre
-    jacobian = length * np.eye(6)
-    jacobian[3:, 3:] = R @ tangent_of_vector(x[3:6])
+        first = like = np.arange(len(a))
+    found = rigid_fit(a, b, spread, judged)
+    agreeing, suspects = found.fit.inliers, found.fit.suspects
+    again = _repeats(a, b, found) if robust else None
+    if again is not None:
+        # Every point once: where those of its rows that agree have their middle.
+        once = again.chosen(agreeing)
+        a, b = again.means(a, agreeing), again.means(b, agreeing)
+        found = rigid_fit(a, b, None if spread is None else spread.take(once), judged)
+        agreeing = agreeing & found.fit.inliers[again.point]
+        suspects = agreeing & found.fit.suspects[again.point]
+        first = first[once]
+        distinct = np.isin(np.arange(len(distinct)), first)
+    fit, R = found.fit, found.rotation
     placed, seen = (a @ R.T)[fit.inliers], b[fit.inliers]
-    weight = 1.0 / relative[fit.inliers] ** 2
+    weight = 1.0 / found.relative[fit.inliers] ** 2
     scale, scale_std, scale_rms = common_scale(placed, seen, weight)
+    since = moved(fit, {MAY_MOVE: range(6)}, found.jacobian)
     return Registration(
         rotation=R,
-        position=position,
-        covariance=jacobian @ fit.covariance @ jacobian.T,
-        centre=middle,
-        residuals=(a @ R.T + position - b)[like],
-        inliers=fit.inliers[like],
-        suspects=fit.suspects[like],
+        position=found.position,
+        covariance=found.jacobian @ fit.covariance @ found.jacobian.T,
+        centre=found.middle,
+        residuals=found.off(*pairs),
+        inliers=agreeing[like],
+        suspects=suspects[like],
         distinct=distinct,
-        sigma=sigma,
+        sigma=found.sigma,
         scale=scale,
         scale_std=scale_std,
         scale_rms=scale_rms,
         strain=strain(placed, seen, weight, R),
         extent=rms_length(placed - placed.mean(axis=0)),
+        repeats=again,
+        moved=None if since is None else replace(since, since=int(first[since.since])),
         stated=None if spread is None else spread.typical,
         agreement=fit.agreement,
         solution=fit.solution,
     )
+
+
+def _stated(source: FloatArray | None, target: FloatArray | None) -> StatedSpread | None:
+    if source is None and target is None:
+        return None
+    # Few instruments state anything.
+    from suta_calib.pose_calibration.stated import StatedSpread
+
+    return StatedSpread.of(source, target)
+
+
+def _repeats(a: FloatArray, b: FloatArray, found: RigidFit) -> Repeats | None:
+    """Rows of points (n, 3) that are the same ones, and have most of their error in common."""
+    near = max(NEAR * found.sigma, ROUNDING * float(np.ptp(b)))
+    alike = [together(points, near) for points in (a, b)]
+    if alike := [point for point in alike if point.max() < len(a) - 1]:
+        # Most points are touched once.
+        from suta_calib.pose_calibration.repeated_points import repeats
+
+        return repeats(alike, found.off(a, b) / found.relative[:, None], found.fit.inliers)
+    return None
 
 
 def registration_from_points(
@@ -352,101 +346,3 @@ def registration_from_points(
         )
     files = (a, b) if targets is None else (a, b, targets)
     return replace(found, notes=tuple(note for file in files for note in file.unit_notes))
-
-
-def _start(a: FloatArray, b: FloatArray, seed: int | None, relative: FloatArray) -> Consensus:
-    """What most points agree on; all of them without a seed. ``relative`` as `agreeing_points`."""
-    if seed is not None:
-        return agreeing_points(a, b, seed, determining_rows(a, b), relative)
-    R, p = register_points(a, b)
-    off = (a @ R.T + p - b) / relative[:, None]
-    return Consensus.of_all(len(a), float(np.sqrt(np.mean(off**2))))
-
-
-def agreeing_points(
-    a: FloatArray, b: FloatArray, seed: int, needed: int, relative: FloatArray | None = None
-) -> Consensus:
-    """The points (n, 3) that most agree on how ``a`` lies on ``b``.
-
-    Args:
-        a: points in one frame, m.
-        b: the same in the other, m.
-        seed: of the minimal samples.
-        needed: points that determine the answer.
-        relative: (n,) how much each scatters in units of a typical one; all alike by default.
-    """
-    each = np.ones(len(a)) if relative is None else relative
-
-    def residuals(model: tuple[FloatArray, FloatArray], rows: IntArray) -> FloatArray:
-        R, p = model
-        error = a[rows] @ np.swapaxes(R, 1, 2) + p[:, None, :] - b[rows]
-        return np.asarray((np.linalg.norm(error, axis=2) / each[rows])[..., None])
-
-    samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)
-    return find_consensus(
-        len(a), samples, lambda rows: register_points(a[rows], b[rows]), residuals, needed
-    )
-
-
-def _check_points(a: FloatArray, b: FloatArray) -> None:
-    """Refuse sets that no data could register: sizes, too few, one point, one line."""
-    if a.shape != b.shape:
-        raise SamplesError(
-            f"{len(a)} points and {len(b)} points", "as many of each, row for row the same"
-        )
-    if len(a) < LEAST_POINTS:
-        raise SamplesError(f"{len(a)} points", f"at least {LEAST_POINTS}, not on one line")
-    for points, which in ((a, "first"), (b, "second")):
-        spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if spread[0] <= 1e-12 * np.abs(points).max():
-            raise SamplesError(f"the same point in every row of the {which} set", _NOT_ON_A_LINE)
-        if spread[1] < ON_A_LINE * spread[0]:
-            raise SamplesError(f"points on a line in the {which} set", _NOT_ON_A_LINE)
-
-
-def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
-    """Refuse points that do not lie on each other whatever the transform, or on a line.
-
-    Points off a line by no more than noise do not tell the turn about it.
-    """
-    sigma = fit.sigmas[0]
-    if sigma > UNRELATED:
-        raise SamplesError(
-            f"points that stay {mm(length * sigma):.1f} mm per axis apart when they are "
-            f"laid over each other, which themselves lie {mm(length):.1f} mm about their middle",
-            "the same points, row for row",
-            hint="is the order of the rows the same, and the unit?",
-        )
-    spread = np.linalg.svd(moved - moved.mean(axis=0), compute_uv=False)
-    held = len(fit.solution.identification.fixed)
-    if held or spread[1] / np.sqrt(len(moved)) < OFF_LINE * sigma:
-        raise SamplesError(
-            "points that hardly differ from a line, given how they scatter: the turn about it "
-            "is not determined",
-            _NOT_ON_A_LINE,
-        )
-
-
-def distinct_rows(a: FloatArray, b: FloatArray) -> tuple[IntArray, IntArray]:
-    """Pairs of points (n, 3) without their exact copies.
-
-    Returns:
-        (k,) rows that are not copies of one before, in their order; and (n,) for every row the
-        index of its like among them.
-    """
-    _, first, copies = np.unique(np.hstack([a, b]), axis=0, return_index=True, return_inverse=True)
-    order = np.argsort(first)
-    rank = np.argsort(order)
-    return first[order], rank[copies.reshape(-1)]
-
-
-def determining_rows(a: FloatArray, b: FloatArray) -> int:
-    """Rows (n, 3) of which every choice has three different points, as long as some have.
-
-    Two points fit any pair of their like: where the two that occur most are many rows, what most
-    rows agree on says nothing of the turn about them. In the words of robust regression, the rows
-    are not in general position (Rousseeuw and Leroy 1987, section 3.4). Three where no point
-    occurs twice in either frame.
-    """
-    counts = [np.unique(points, axis=0, return_counts=True)[1] for points in (a, b)]
-    return 1 + max(int(np.sort(c)[-2:].sum()) for c in counts)

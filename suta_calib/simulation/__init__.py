@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from suta_calib.simulation.inverse_kinematics import Targets as Targets
     from suta_calib.simulation.noise import NoiseLevels as NoiseLevels
     from suta_calib.simulation.noise import OutlierSpec as OutlierSpec
+    from suta_calib.simulation.output import still_empty as still_empty
     from suta_calib.simulation.output import truth_text as truth_text
     from suta_calib.simulation.output import write_simulation as write_simulation
     from suta_calib.simulation.schema import ErrorRow as ErrorRow

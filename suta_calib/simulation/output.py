@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,6 +19,7 @@ from suta_calib.geometry.numbers import (
     rpy_from_rotation,
 )
 from suta_calib.measurements import write_corners, write_samples, write_text
+from suta_calib.measurements.files import lines_of
 from suta_calib.model.parameters import POSITION
 from suta_calib.simulation.simulated import SimulatedFile, Simulation
 from suta_calib.simulation.true_poses import TruePose
@@ -33,6 +35,8 @@ _TRUTH_HEADING: Final = (
 def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
     """Write the samples, ``truth.yaml`` and ``README.md`` into a folder, made where needed.
 
+    The samples files of a new job that are `still_empty` there are removed.
+
     Returns:
         The files written.
 
@@ -46,9 +50,14 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
     seen = [file.corners[0] for file in simulation.files if file.corners is not None]
     written = [*(file.path for file in simulation.files), *seen, "truth.yaml", "README.md"]
     # Before the first of them is written.
-    refuse_inputs({folder / name: None for name in written})
-    for name in {Path(file.path).parts[0] for file in simulation.files}:
-        _check_strangers(folder / name, simulation)
+    empty = still_empty(simulation, folder)
+    refuse_inputs(dict.fromkeys([*(folder / name for name in written), *empty]))
+    _check_strangers([path for path in _others(simulation, folder) if path not in empty])
+    for path in empty:
+        try:
+            path.unlink()
+        except OSError as problem:
+            raise OutputError(f"{path}: not removed: {problem.strerror}") from problem
     for file in simulation.files:
         path = folder / file.path
         try:
@@ -177,13 +186,36 @@ def _check_readme(path: Path) -> None:
         )
 
 
-def _check_strangers(folder: Path, simulation: Simulation) -> None:
+def _others(simulation: Simulation, folder: Path) -> list[Path]:
+    """Samples files that lie where a simulation's will, and are none of them."""
+    ours = {folder / file.path for file in simulation.files}
+    return sorted({path for mine in ours for path in mine.parent.glob("*.csv")} - ours)
+
+
+def still_empty(simulation: Simulation, folder: Path) -> list[Path]:
+    """Which of the other samples files, where a simulation's will be, hold a header and no data.
+
+    Such as those that a new job begins with; nothing is lost with them, and a job whose glob finds
+    one of them beside the simulated ones would be refused.
+    """
+    return [path for path in _others(simulation, Path(folder)) if _is_empty(path, simulation)]
+
+
+def _is_empty(path: Path, simulation: Simulation) -> bool:
+    try:
+        lines = [line for line in lines_of(path.read_text("utf-8-sig")) if line.strip()]
+    except (OSError, UnicodeDecodeError):
+        return False
+    # A comment may be worth keeping.
+    return len(lines) == 1 and {*simulation.arm.joints} <= {*lines[0].strip().split(",")}
+
+
+def _check_strangers(strangers: Sequence[Path]) -> None:
     """Old samples would be read together with the new ones, and nobody would notice."""
-    paths = [Path(file.path) for file in simulation.files]
-    ours = {path.name for path in paths if path.parent.name == folder.name}
-    strangers = sorted({path.name for path in folder.glob("*.csv")} - ours)
     if strangers:
+        folder = strangers[0].parent
+        names = ", ".join(path.name for path in strangers if path.parent == folder)
         raise OutputError(
-            f"{folder}: found {', '.join(strangers)}; expected only files this simulation "
-            f"writes ({', '.join(sorted(ours))}); remove them or choose another --out"
+            f"{folder}: found {names}; expected only files this simulation writes; remove them or "
+            "choose another --out"
         )

@@ -12,7 +12,7 @@ from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
-from suta_calib.pose_calibration.registration import (
+from suta_calib.pose_calibration.rigid_fit import (
     ENOUGH_TO_JUDGE,
     LEAST_POINTS,
     MIRRORED,

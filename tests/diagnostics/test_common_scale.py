@@ -12,7 +12,7 @@ from simulated import arm_named, artefact, artefact_scene, perturbed, placements
 
 from suta_calib import Problem, Selection, assess, solve
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.common_scale import grown_together
+from suta_calib.diagnostics.common_scale import grown_together, relied_on
 from suta_calib.measurements import Artefact
 
 
@@ -44,6 +44,29 @@ def test_a_scale_that_joints_would_absorb_is_named(kind: str, factor: float) -> 
     assert f"all lengths of the {what} are 1." in said
     assert f"too {'long' if factor > 1 else 'short'}" in said
     assert not found.usable
+
+
+def test_lengths_rest_on_an_instruments_scale_unless_something_else_tells_it() -> None:
+    """What is off by less than priors notice is in every length, and in no standard deviation."""
+    arm = arm_named("ur5")
+    everything = arm.select(Selection(("geometric",), bound_m=0.05, bound_rad=0.26))
+    turns = arm.select(Selection(("*.offset",), bound_rad=0.26))
+    truth = perturbed(everything, 0, 3e-4, 3e-3)
+    seen = tracked_scene(arm, truth, 60)
+    samples = seen.samples(NOISE)[0]
+    assert samples.position is not None
+    larger = seen.term(replace(samples, position=1.0003 * samples.position))
+    held_out = np.arange(60) % 3 == 0
+    solution = solve(Problem([larger.take(~held_out)], everything), ONCE)
+    assert relied_on(solution) == ["instrument"]
+    found = assess_calibration(solution, assess(solution, [larger.take(held_out)]))
+    assert found.level == "good"
+    assert "in units of the instrument's scale" in found.notes[-1]
+    upper_arm = solution.arm_estimates["elbow_joint.z"]
+    assert upper_arm.std is not None
+    assert abs(upper_arm.value - truth["elbow_joint.z"]) > 3 * upper_arm.std
+    # Where the drawing's lengths are believed, they tell the scale.
+    assert relied_on(solve(Problem([larger], turns), ONCE)) == []
 
 
 def test_an_arm_whose_lengths_all_grow_alike_is_said() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
+from contextlib import nullcontext
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ from suta_calib.measurements import (
         (b"\n# nothing\n", None, "an empty file"),
         (b"\nj1,point\n", 2, "a header and no data"),
         (b"j1,point,j1\n0,A,0\n", 1, "'j1' more than once"),
-        (b"j1;point\n0;A\n", 1, "separated by commas"),
+        (b"j1;point\n0;A\n", 1, "separated by commas; suta-calib import makes"),
         (b"j1,point\n0,A\n0\n0,A\n", 3, "found 1 cells; expected 2"),
         (b"j1,point\n0,A\n0,A,B\n", 3, "found 3 cells; expected 2"),
         (b"j1,point\n0,A\n0.", 3, "in the middle of a row"),
@@ -41,6 +42,9 @@ from suta_calib.measurements import (
         (b"J1,point\n0,A\n", 1, "column 'j1': found only the columns J1, point.*mean 'J1'"),
         (b"j1,points\n0,A\n", 1, "column 'point': .*this kind needs point; did you mean 'points'"),
         (b"j1,point\n0,A\nhigh,B\n", 3, "column 'j1': found 'high'"),
+        (b'j1,point\n"0,5",A\n', 2, "'0,5'; expected a finite number; a decimal comma.*import"),
+        ("j1,point\n0,A\n".encode("utf-16-le"), 1, "bytes that are zero.*UTF-16"),
+        (b"j1,point\n0,A\n\0\0\0", 3, "bytes that are zero.*not written to its end"),
         (b"j1,point\n,A\n", 2, "column 'j1': found ''"),
         (b"j1,point\n1_0,A\n", 2, "column 'j1': found '1_0'"),
         (b"j1,point\nnan,A\n", 2, "column 'j1': found 'nan'"),
@@ -100,9 +104,9 @@ CONTINUOUS = JointRange("j1", "rad", -math.inf, math.inf)
         (PRISMATIC, 4.3, None),
         (PRISMATIC, 4.5, "millimetres"),
         (PRISMATIC, -4.1, "millimetres"),
-        (JointRange("lift", "m", 0.0, 0.01), 0.4, None),
+        (PRISMATIC, 390.5, "millimetres"),
+        (JointRange("lift", "m", 0.0, 0.0), 0.4, None),
         (JointRange("lift", "m", 0.0, 0.01), 0.6, "millimetres"),
-        (JointRange("lift", "m", -math.inf, math.inf), 300.0, None),
     ],
 )
 def test_units_of_readings(
@@ -110,7 +114,9 @@ def test_units_of_readings(
 ) -> None:
     text = f"{joint.name},point\n0,A\n{reading},A\n"
     if meant is None:
-        samples = read_samples([write(tmp_path, text)], [joint], TOUCHED)
+        far = joint.unit == "m" and reading > 0.6
+        with pytest.warns(SutaCalibWarning) if far else nullcontext():
+            samples = read_samples([write(tmp_path, text)], [joint], TOUCHED)
         assert samples.q[1, 0] == reading
         return
     error = refusal(tmp_path, text, TOUCHED, joint)
@@ -118,6 +124,28 @@ def test_units_of_readings(
     assert f"found {reading}" in str(error)
     assert f"joint range [{joint.lower:.4g}, {joint.upper:.4g}] {joint.unit}" in str(error)
     assert f"looks like {meant}: convert to" in error.hint
+
+
+def test_a_slide_without_limits_may_be_anywhere(tmp_path: Path) -> None:
+    joint = JointRange("lift", "m", -math.inf, math.inf)
+    assert read_samples([write(tmp_path, "lift,point\n300,A\n")], [joint], TOUCHED).q == 300.0
+
+
+def test_a_slide_that_is_read_far_beyond_its_range_is_told_of_once(tmp_path: Path) -> None:
+    files = [tmp_path / name for name in ("a.csv", "b.csv")]
+    for file in files:
+        file.write_text("lift,point\n0.3,A\n0.61,A\n-0.3,A\n")
+    with pytest.warns(SutaCalibWarning) as told:
+        read = read_samples(files, [PRISMATIC], TOUCHED)
+    assert read.q.T.tolist() == [[0.3, 0.61, -0.3] * 2]
+    (only,) = told
+    assert "a.csv:3: found 0.61 m for lift; expected its range [0, 0.4] m" in str(only.message)
+    assert "4 of 6 samples are so far beyond it, by up to 0.3 m" in str(only.message)
+
+
+def test_what_no_unit_makes_a_reading_of_a_slide_is_called_none(tmp_path: Path) -> None:
+    error = refusal(tmp_path, "lift,point\n0,A\n9999,A\n", TOUCHED, PRISMATIC)
+    assert error.hint == "is it another joint's column?"
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,7 @@ def test_values_and_lines(tmp_path: Path) -> None:
         ("a: 1\nb: [1, 2\nc: 3\n", 3, "not YAML"),
         ("a: 1\n---\nb: 2\n", 2, "not YAML"),
         ("a: 1\n\tb: 2\n", 2, "not YAML"),
-        ("a: \x00\n", None, "not YAML"),
+        ("a: \x00\n", 1, "bytes that are zero"),
         (b"a: 1\nb: \xff\n", 2, "not UTF-8"),
         ("a: 1\nb: &x [*x]\n", 2, "a reference to itself"),
         ("a: 1\n? [1, 2]\n: 3\n", 2, "a list or mapping as a key"),

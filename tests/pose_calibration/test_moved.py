@@ -13,6 +13,7 @@ from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotati
 from suta_calib.pose_calibration import moved as module
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
+from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -148,3 +149,29 @@ def test_exact_poses_tell_a_change_exactly() -> None:
     assert found.since == 20
     assert found.by == pytest.approx(2e-3, abs=1e-9)
     assert pivoted(40, noise=0.0).moved is None
+
+
+# ── Registration ─────────────────────────────────────────────────────────────────────────────
+def registered(count: int, seed: int, by: float, again: int = 1) -> Registration:
+    """Points of a body that is displaced after half of them; each read ``again`` times."""
+    random = np.random.default_rng(seed)
+    a = random.uniform(-0.1, 0.1, (count, 3))
+    b = a + 2e-4 * random.standard_normal((count, 3))
+    b[count // 2 :] += [0.0, by, 0.0]
+    return register(np.repeat(a, again, axis=0), np.repeat(b, again, axis=0))
+
+
+@pytest.mark.parametrize(("count", "again"), [(12, 1), (12, 3), (30, 1), (600, 1)])
+def test_a_body_that_was_moved_between_points_is_named(count: int, again: int) -> None:
+    found = registered(count, 0, 3e-3, again)
+    assert found.moved is not None
+    assert abs(found.moved.since - again * count // 2) <= again * max(1, count // module.TIMES)
+    assert abs(found.moved.by - 3e-3) < 3 * found.moved.by_std
+    assert found.moved.turn < 3 * found.moved.turn_std
+    assert any("one of the two sets stands elsewhere" in n for n in found.assessment.notes)
+    assert found.assessment.level == "care"
+
+
+@pytest.mark.parametrize("count", [8, 12, 30])
+def test_points_of_a_body_that_rests_move_nothing(count: int) -> None:
+    assert not any(registered(count, seed, 0.0).moved for seed in range(20))

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 from registration_scenes import NOISE, at_points, simulate
 
-from suta_calib.pose_calibration.registration import determining_rows, distinct_rows, register
+from suta_calib.arrays import FloatArray
+from suta_calib.pose_calibration.registration import register
+from suta_calib.pose_calibration.rigid_fit import determining_rows, distinct_rows
 from suta_calib.terms.synthetic import OutlierModel
 
 
@@ -57,6 +59,59 @@ def test_no_fiducial_is_lost_for_others_touched_more_often(
     assert at_points(found, data) < 8 * NOISE.position
     back = register(a[rows] @ R.T + p + noise, a[rows])
     assert set(rows[back.inliers]) == set(range(len(touches)))
+
+
+def touched(
+    count: int, times: int, shared: float, own: float, seed: int
+) -> tuple[FloatArray, FloatArray]:
+    """Points that are touched again and again, with what all touches of one share, m."""
+    _, a, _ = simulate(count, seed=seed)
+    random, rows = np.random.default_rng(seed), np.tile(np.arange(count), times)
+    err = shared * random.standard_normal((count, 3))[rows]
+    return a[rows], a[rows] + err + own * random.standard_normal((len(rows), 3))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("swapped", [False, True])
+def test_copies_with_other_digits_at_their_end_count_once(seed: int, swapped: bool) -> None:
+    a, b = touched(6, 4, NOISE.position, 1e-7, seed)
+    a = a + 1e-7 * np.random.default_rng(9).standard_normal(a.shape)
+    a, b = (b, a) if swapped else (a, b)
+    found, once = register(a, b), register(a[:6], b[:6])
+    np.testing.assert_allclose(found.covariance, once.covariance, rtol=0.02, atol=1e-12)
+    assert found.distinct.tolist() == [*[True] * 6, *[False] * 18]
+    assert found.assessment.level == "care"
+    assert "18 rows repeat another but for 0.0001 mm" in found.assessment.notes[0]
+    assert len(found.residuals) == len(found.inliers) == 24
+
+
+def test_what_touches_of_one_point_share_does_not_average() -> None:
+    """The standard deviations are true; were every touch a witness, half as large."""
+    squares = list[float]()
+    for seed in range(40):
+        a, b = touched(8, 4, 3e-4, 1e-4, seed)
+        found = register(a, b)
+        assert found.repeats is not None
+        assert found.repeats.note == ""
+        assert "counted as 8" in found.assessment.sentence
+        off = found.act(np.zeros(3))
+        squares.append(float(off @ off / np.trace(found.target_covariance(np.zeros(3))[0])))
+    assert 0.6 < np.mean(squares) < 1.5
+
+
+def test_touches_that_err_each_for_itself_all_count() -> None:
+    told = [register(*touched(8, 4, 0.0, 3e-4, seed)).repeats for seed in range(40)]
+    assert sum(again is not None for again in told) <= 4
+
+
+def test_a_wrong_touch_of_a_point_is_none_of_its_middle() -> None:
+    a, b = touched(8, 4, 3e-4, 1e-5, 0)
+    b[11] += [0.0, 0.05, 0.0]
+    found = register(a, b)
+    assert found.outliers == (11,)
+    np.testing.assert_array_equal(np.flatnonzero(found.distinct), range(8))
+    b[3] += [0.0, 0.05, 0.0]
+    assert np.flatnonzero(register(a, b).distinct).tolist() == [0, 1, 2, 4, 5, 6, 7, 19]
 
 
 def test_distinct_rows_keep_their_order() -> None:

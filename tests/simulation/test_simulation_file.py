@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +12,19 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from ruamel.yaml import YAML
+from simulated import SUTA_URDF
 from simulation_scenes import EXACT, Folder, with_noise
 
 from suta_calib.cli.simulate import simulate as command
 from suta_calib.errors import InputError, JobError, OutputError
+from suta_calib.job import CalibrationJob
+from suta_calib.job.new_job import new_job, write_job
 from suta_calib.simulation import (
     read_simulation,
     simulate,
     write_simulation,
 )
+from suta_calib.terms import KINDS
 
 
 @pytest.fixture
@@ -86,6 +91,45 @@ def test_files_of_another_origin_are_neither_mixed_in_nor_replaced(folder: Folde
     with pytest.raises(OutputError, match=r"README\.md: found a page"):
         write_simulation(made, out)
     assert bytes_in(out) == {"README.md": b"# My data\n"}
+
+
+def test_the_empty_samples_of_a_new_job_are_replaced_and_nothing_else_is(folder: Folder) -> None:
+    made, out = folder.simulate(), folder.path / "out"
+    (out / "calibration").mkdir(parents=True)
+    blank, header = out / "calibration/samples.csv", ",".join(made.arm.joints)
+    for kept in (f"{header}\n{header}\n", f"# mine\n{header}\n", "old\n"):
+        blank.write_text(kept)
+        with pytest.raises(OutputError, match=r"calibration: found samples\.csv"):
+            write_simulation(made, out)
+        assert bytes_in(out) == {"calibration/samples.csv": kept.encode()}
+    for answer in ("text", "json"):
+        blank.write_text(f"placement,repeat,landmark,{header}\n")
+        told = run(folder.file(), "--out", out, *(["--json"] if answer == "json" else []))
+        assert not blank.exists()
+        assert str(blank) in told.stdout
+    assert "removed" not in run(folder.file(), "--out", out).stdout
+
+
+def test_the_sets_of_the_guide_can_be_rehearsed(repository: Path, tmp_path: Path) -> None:
+    """Of every kind; from `init`'s own folder to a job that reads what the simulation wrote."""
+    guide = (repository / "docs/guides/your_own_arm.md").read_text()
+    sets = re.findall(r"^  calibration: (\{kind: (\w+).*\})$", guide, re.MULTILINE)
+    assert {kind for _, kind in sets} == {*KINDS}
+    arm = f"{{urdf: {SUTA_URDF}, tip: tip}}"
+    for row, kind in sets:
+        out, sheet = tmp_path / kind, tmp_path / "simulation.yaml"
+        write_job(new_job(SUTA_URDF, "tip", out, kinds=[kind]))
+        row = row.replace("rehearsal/", f"{kind}/")
+        sheet.write_text(f"arm: {arm}\nsets:\n  calibration: {row}\n  validation: {row}\n")
+        write_simulation(simulate(read_simulation(sheet)), out)
+        job = out / "calibration.yaml"
+        text, pictures = job.read_text(), out / "corners"
+        if pictures.is_dir():
+            for name in ("calibration", "validation"):
+                text = text.replace("corners: corners.csv", f"corners: corners/{name}.csv", 1)
+            job.write_text(text)
+        read = CalibrationJob.load(job)
+        assert read.observations[0].kind == kind
 
 
 def test_an_output_folder_that_cannot_be_made_is_refused(folder: Folder) -> None:

@@ -24,7 +24,7 @@ BY_NAME = {
     "pose_calibration/picture_noise.py": {"CameraView"},
     "pose_calibration/pictures.py": {"CameraView"},
     "pose_calibration/pivot.py": {"FixedPoint"},
-    "pose_calibration/registration.py": {"TrackedPoint"},
+    "pose_calibration/rigid_fit.py": {"TrackedPoint"},
     "pose_calibration/robot_noise.py": {"HandEye"},
     "pose_calibration/weighed_point.py": {"TrackedPoint"},
 }
