@@ -46,6 +46,8 @@ class ContradictionOptions:
         gross_care, gross_bad: shares of them from which on it must be known, and that no touch
             explains.
         gross_plain: the same share as the first where plain least squares follow every row.
+        gross_weight: share of the sum of squares that such rows have there: however few they are,
+            they decide more than all others.
         pull, pull_care: parameters this many prior standard deviations from nominal; two in 10⁶ of
             what a prior means is five off.
         held_out, held_out_care: held-out errors over what noise and covariance make one expect;
@@ -69,6 +71,7 @@ class ContradictionOptions:
     gross_care: float = 0.1
     gross_bad: float = 0.35
     gross_plain: float = 0.02
+    gross_weight: float = 0.5
     pull: float = 10.0
     pull_care: float = 5.0
     held_out: float = 3.0
@@ -187,14 +190,20 @@ def _gross(line: Linearised, unit: str, options: ContradictionOptions) -> Iterat
     # Three gross touches of ten are in half of all distances: the best quarter says what most
     # would be.
     sound = robust_level(line.residual, 0.25)
-    share = float(np.mean(norms > options.gross_level * max(sound, 1e-12)))
-    plain = math.isinf(block.noise.huber)
-    if share > (options.gross_plain if plain else options.gross_care):
+    gross = norms > options.gross_level * max(sound, 1e-12)
+    share, plain = float(np.mean(gross)), math.isinf(block.noise.huber)
+    weight = float(np.sum(norms[gross] ** 2) / max(np.sum(norms**2), 1e-300))
+    decided = plain and weight > options.gross_weight
+    if decided or share > (options.gross_plain if plain else options.gross_care):
+        how_many = (
+            f"{100 * share:.0f} % of the" if share >= 0.01 else f"{gross.sum()} of {len(gross)}"
+        )
         yield Contradiction(
             share > options.gross_bad,
-            f"{100 * share:.0f} % of the {block.name} residuals are more than "
-            f"{options.gross_level:.0f} times as large as most: run suta-calib outliers, which "
-            "says what they have in common"
+            f"{how_many} {block.name} residuals are more than "
+            f"{options.gross_level:.0f} times as large as most"
+            + (f", {100 * weight:.0f} % of the sum of squares" if decided else "")
+            + ": run suta-calib outliers, which says what they have in common"
             + (f", and give huber_{unit}, so that they are believed less." if plain else "."),
         )
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
-from simulated import Scene, arm_named, artefact, artefact_scene, placements
+from simulated import Scene, arm_named, artefact, artefact_scene, placements, tracked_scene
 
 from suta_calib import (
     ArmPoses,
@@ -336,3 +336,22 @@ def test_a_clean_problem_has_no_cause(scenes: tuple[Scene, Scene]) -> None:
     term = scenes[0].term(scenes[0].samples(NOISE)[0])
     parameters = unknowns(scenes[0].arm, priors=True)
     assert find_cause(solve(Problem([term], parameters), ONCE)) is None
+
+
+@pytest.mark.parametrize(("far", "said"), [(0.05, True), (4e-4, False)])
+def test_one_row_that_outweighs_all_others_is_said(
+    scenes: tuple[Scene, Scene], far: float, said: bool
+) -> None:
+    """Under one in a hundred, which plain least squares follow all the same."""
+    scene = tracked_scene(scenes[0].arm, truth_of(scenes[0].arm), 150)
+    samples = scene.samples(NOISE, seed=2)[0]
+    assert samples.position is not None
+    position = samples.position.copy()
+    position[30, 0] += far
+    for huber in (np.inf, 1e-3):
+        term = scene.term(replace(samples, position=position), Noise(huber=huber))
+        found = solve(Problem([term], unknowns(scene.arm, priors=False)), ONCE)
+        notes = assess_calibration(found, assess(found)).notes
+        named = any(note.startswith("1 of 150 position residuals are more") for note in notes)
+        # Where it is believed less, it decides nothing.
+        assert named == (said and np.isinf(huber))
