@@ -21,6 +21,7 @@ from suta_calib.diagnostics.accuracy import (
     block_residuals,
     fit_own,
     gain_of,
+    read_where_fitted,
     term_accuracies,
 )
 from suta_calib.errors import UrdfError
@@ -43,11 +44,13 @@ class ArmComparison:
         unsure: mean square that the other arm's covariance adds to their lengths, m²; zero where
             the covariance is not known.
         unsure_std: standard deviation of that, m².
+        seen: held-out rows that were read where rows of the job's observations were.
     """
 
     terms: tuple[TermAccuracy, ...]
     unsure: float = 0.0
     unsure_std: float = 0.0
+    seen: int = 0
 
     @cached_property
     def gain(self) -> Gain:
@@ -66,6 +69,13 @@ class ArmComparison:
             care.append("The URDF is worse than the job's own on these data.")
         elif not gain.better:
             care.append("These data cannot tell the URDF from the job's own: neither is better.")
+        if self.seen:
+            rows = sum(len(each.term.poses) for each in self.terms)
+            care.append(
+                f"{self.seen} of {rows} validation rows were read where rows of the job's "
+                "observations were, if they are not the same: of an arm that was fitted to these "
+                "they tell how good it is there, and nowhere else."
+            )
         sentence = f"RMS {own} with the job's URDF, {this} with this one"
         if 0.0 < abs(gain.significance) < math.inf:
             sentence += f" ({abs(gain.significance):.1f} standard errors apart)"
@@ -103,13 +113,16 @@ def compare_arms(
     known = [_through(term, other) for term in observations]
     values = _fitted(known, judged, fixed, beside_geometry)
     terms = term_accuracies(validation, before, block_residuals(judged, fixed, values))
+    # Rows that were fitted were read where they are.
+    seen = int(read_where_fitted(observations, validation).sum())
     if uncertainty is None or not uncertainty[0]:
-        return ArmComparison(terms)
+        return ArmComparison(terms, seen=seen)
     names, covariance = uncertainty
     estimated = other.select(*names)
     at = {p.name: p.nominal for p in estimated.values()} | values
     first = [term for term in judged if term.kind == judged[0].kind]
-    return ArmComparison(terms, *added_by_estimates(first, estimated, at, names, covariance))
+    added = added_by_estimates(first, estimated, at, names, covariance)
+    return ArmComparison(terms, *added, seen)
 
 
 def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:

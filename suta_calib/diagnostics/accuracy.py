@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2, f, t
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
@@ -18,6 +18,7 @@ from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.ipopt import RobustNlp
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.poses import together
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit
@@ -364,3 +365,19 @@ def term_accuracies(
         )
         for term in terms
     )
+
+
+def fitted_too(fitted: Sequence[Term], held_out: Sequence[Term]) -> BoolArray:
+    """Which held-out rows, (n,) of all terms in order, are fitted ones."""
+    known = {key for term in fitted for key in term.poses.samples.as_keys()}
+    keys = [key for term in held_out for key in term.poses.samples.as_keys()]
+    return np.array([key in known for key in keys], dtype=np.bool_)
+
+
+def read_where_fitted(fitted: Sequence[Term], held_out: Sequence[Term]) -> BoolArray:
+    """Likewise which were read where fitted ones were, without moving or back there."""
+    if not held_out:
+        return np.zeros(0, dtype=np.bool_)
+    count = sum(len(term.poses) for term in fitted)
+    rests = together(np.vstack([term.poses.samples.q for term in (*fitted, *held_out)]))
+    return np.isin(rests[count:], rests[:count])

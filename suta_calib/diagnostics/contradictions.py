@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.accuracy import Accuracy, fitted_too
 from suta_calib.diagnostics.common_scale import common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
 from suta_calib.diagnostics.odd_readings import (
@@ -279,16 +279,12 @@ def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
 
 
 def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contradiction]:
-    if not validation:
-        return
-    known = {key for term in solution.problem.terms for key in term.poses.samples.as_keys()}
-    keys = [key for term in validation for key in term.poses.samples.as_keys()]
-    again = sum(key in known for key in keys)
-    if again:
+    same = fitted_too(solution.problem.terms, validation)
+    if again := int(same.sum()):
         yield Contradiction(
             False,
-            f"{again} of {len(keys)} validation rows were fitted too: "
-            + ("nothing was held out." if again == len(keys) else "they were not held out."),
+            f"{again} of {len(same)} validation rows were fitted too: "
+            + ("nothing was held out." if again == len(same) else "they were not held out."),
         )
 
 

@@ -11,10 +11,14 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
-
 from suta_calib.assessment import Assessment, refuse_unusable
-from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, assess
+from suta_calib.diagnostics.accuracy import (
+    Accuracy,
+    TermAccuracy,
+    assess,
+    fitted_too,
+    read_where_fitted,
+)
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
@@ -30,7 +34,7 @@ from suta_calib.showing import Shown
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
-from suta_calib.terms.poses import joint_ranges, together
+from suta_calib.terms.poses import joint_ranges
 from suta_calib.units import shown, unit_name
 
 if TYPE_CHECKING:
@@ -411,18 +415,14 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
 
 def _read_with_fitted(job: CalibrationJob) -> list[str]:
     """Held-out rows that are other readings of a fitted rest (equal ones: `contradictions`)."""
-    fitted = [term.poses.samples for term in job.observations]
-    held_out = [term.poses.samples for term in job.validation]
-    rests = together(np.vstack([samples.q for samples in (*fitted, *held_out)]))
-    known = {key for samples in fitted for key in samples.as_keys()}
-    other = np.array([key not in known for samples in held_out for key in samples.as_keys()])
-    count = len(rests) - len(other)
-    again = int(np.sum(np.isin(rests[count:], rests[:count]) & other)) if held_out else 0
-    if not again:
+    beside = read_where_fitted(job.observations, job.validation)
+    beside &= ~fitted_too(job.observations, job.validation)
+    if not beside.any():
         return []
     return [
-        f"{again} of {len(other)} validation rows were read where fitted ones were, without moving "
-        "or back there: what the model gets wrong at those postures they do not show."
+        f"{int(beside.sum())} of {len(beside)} validation rows were read where fitted ones were, "
+        "without moving or back there: what the model gets wrong at those postures they do not "
+        "show."
     ]
 
 

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from terms_cases import SIGMA, scene
 
-from suta_calib.analysis.comparison import ArmComparison
+from suta_calib.analysis.comparison import ArmComparison, compare_arms
 from suta_calib.diagnostics.accuracy import term_accuracies
 
 
@@ -42,3 +44,19 @@ def test_what_the_estimates_are_unsure_of_counts_against_significance() -> None:
     assert gain.significance == pytest.approx(gain.mean / gain.std)
     assert unsure.gain.significance == pytest.approx(gain.mean / np.hypot(gain.std, 2e-9))
     assert f"({gain.significance:.1f} standard errors apart)" in found.assessment.sentence
+
+
+def test_held_out_rows_at_fitted_postures_are_told_of() -> None:
+    """Copies with other last digits too: an arm knows the errors that it was fitted to."""
+    s = scene("tracked_point")
+    samples = s.samples(SIGMA)[0]
+    arm = s.term(samples).poses.arm
+    fitted, other = np.arange(len(samples)) % 2 == 0, np.arange(len(samples)) % 4 == 1
+    for jitter in (0.0, 1e-6):
+        shaken = replace(samples, q=samples.q + jitter)
+        own = compare_arms([s.term(samples.take(fitted))], [s.term(shaken.take(fitted))], arm)
+        assert own.seen == fitted.sum()
+        assert f"{own.seen} of {own.seen} validation rows were read" in own.assessment.notes[-1]
+        apart = compare_arms([s.term(samples.take(fitted))], [s.term(shaken.take(other))], arm)
+        assert apart.seen == 0
+        assert not any("were read where" in note for note in apart.assessment.notes)
