@@ -18,8 +18,8 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
 
 # Nearest that a point is taken to be to a camera while a solver looks for it, m.
 NEAREST: Final = 1e-3
-# Largest error of a corner, pixels: more says no more. A board that a wrong reading puts behind the
-# camera is nowhere in the picture, and a lens's polynomial would have it billions of pixels away.
+# Largest error of a corner's coordinate, pixels: more says no more. A board that a wrong reading puts
+# behind the camera is nowhere in the picture, and a lens's polynomial has it billions of pixels off.
 FARTHEST: Final = 1e4
 
 
@@ -28,8 +28,7 @@ def _reprojection(in_eye: Symbol, intrinsics: Symbol, data: Symbol) -> Symbol:
     depth = ca.fmax(in_eye[2], NEAREST)
     u, v = pixel_of(in_eye[0], in_eye[1], depth, intrinsics)
     error = ca.vertcat(u - data[0], v - data[1])
-    within = FARTHEST / ca.sqrt(ca.fmax(ca.sumsqr(error), FARTHEST**2))
-    return data[5] * within * error
+    return data[5] * ca.fmax(-FARTHEST, ca.fmin(error, FARTHEST))
 
 
 def _seen_from_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
