@@ -23,6 +23,9 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
+import numpy as np
+
+from suta_calib.arrays import IntArray
 from suta_calib.errors import InputError, JobError, UrdfError
 from suta_calib.job.calibration import CalibrationJob, read_term
 from suta_calib.job.keys import ARM_KEYS
@@ -40,9 +43,11 @@ from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_sa
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, ArmPoses, Term
-from suta_calib.terms.poses import joint_ranges
+from suta_calib.terms.poses import joint_ranges, resolutions, together
 from suta_calib.units import from_mm
 
+# Readings that differ by less, rad or m, no encoder has told apart.
+COPIED: Final = 1e-7
 _SAMPLES: Final = Key("samples", "files", "The samples CSV files: globs.", required=True)
 _AnyTerm = TypeVar("_AnyTerm", bound=Term)
 LENGTHS_KEYS: Final = Keys(
@@ -193,8 +198,13 @@ class AcceptanceJob:
             if problem.file is not None or key not in self.sections:
                 raise
             found = f"{problem.where}: {problem.found}" if problem.where else problem.found
+            # Rows that were left out are missing for a reason.
+            why = [note.rstrip(".") for note in self.notes if note.startswith(f"{key}:")]
             raise self.sections[key].refuse(
-                found, problem.expected, at=("samples",), hint=problem.hint
+                found,
+                problem.expected,
+                at=("samples",),
+                hint="; ".join([problem.hint, *why]).strip("; "),
             ) from None
 
 
@@ -214,7 +224,46 @@ def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
     for key, read in zip(_MEASURED, (_lengths, _articulation, _probing, _visits), strict=True):
         if key in sections:
             job = replace(job, **read(arm, sections[key]))
-    return job
+    return _without_copies(job)
+
+
+def _without_copies(job: AcceptanceJob) -> AcceptanceJob:
+    """Without touches that another stands for: what was not measured would keep every limit."""
+    probing, visits, notes = job.probing, job.repeatability, list[str]()
+    measured = [*(term.poses.samples for term in job.lengths), *job.articulation]
+    measured += [] if probing is None else [probing.samples]
+    measured += [] if visits is None else [visits]
+    q = np.vstack([each.q for each in measured])
+    moving = q[:, np.ptp(q, axis=0) > 0.0]
+    if moving.size and np.all(resolutions(moving) > 0.0):
+        # An arm with so coarse encoders may read the same when it comes back.
+        return job
+
+    def once(key: str, samples: Samples) -> IntArray:
+        rows = np.unique(together(samples.q, COPIED), return_index=True)[1]
+        if copies := len(samples) - len(rows):
+            notes.append(
+                f"{key}: {copies} of {len(samples)} touches read what another does, but for "
+                "digits that no encoder has: they are copies, and left out."
+            )
+        return np.sort(rows)
+
+    articulation = [each.take(once("articulation", each)) for each in job.articulation]
+    if probing is not None:
+        touched = probing.samples.take(once("probing", probing.samples))
+        probing = replace(probing, samples=touched)
+    if visits is not None:
+        visits = visits.take(once("repeatability", visits))
+    with job.error_context("lengths"):
+        lengths = [term.take(once("lengths", term.poses.samples)) for term in job.lengths]
+    return replace(
+        job,
+        lengths=tuple(lengths),
+        articulation=tuple(articulation),
+        probing=probing,
+        repeatability=visits,
+        notes=(*job.notes, *notes),
+    )
 
 
 def _lengths(arm: ArmModel, section: YamlSection) -> dict[str, Any]:

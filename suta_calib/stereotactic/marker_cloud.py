@@ -77,6 +77,12 @@ class MarkerCloud:
         lever, arm = along @ along - along**2, (spread @ spread - spread**2) / len(centred)
         return float(np.sqrt(1.0 + np.sum(lever / arm) / 3.0))
 
+    def misfit(self, frames: FloatArray, poses: BodyPoses) -> FloatArray:
+        """RMS distance (N_frames,) of the markers used from where the poses have them, m."""
+        apart = np.linalg.norm(poses.to_tracker(self.markers) - frames, axis=-1)
+        used = np.ones(frames.shape[:2], dtype=bool) if poses.used is None else poses.used
+        return np.asarray(np.sqrt(np.sum(used * apart**2, axis=1) / used.sum(axis=1)))
+
     def poses(self, frames: FloatArray, *, robust: bool = False) -> BodyPoses:
         """Pose of the body in every frame, by least squares over the markers.
 

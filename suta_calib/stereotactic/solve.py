@@ -44,10 +44,15 @@ from suta_calib.units import mm
 # of the markers' extent.
 MISSHAPEN: Final = 0.02
 ELSEWHERE: Final = 0.05
+# What a frame's markers miss a probe's shape by, in units of what they usually do while it pivots,
+# that is no noise and no distortion.
+UNLIKE: Final = 5.0
 # A field bends by less than half; what is turned or stretched by more is in other axes or units.
 BENT: Final = 0.5
 # Part of an error that its explanation leaves at most in frames that were left out.
 EXPLAINED: Final = 0.5
+# Files with frames of the EM probe; the first tells its shape.
+EM_PROBE: Final = ("empivot", EM_FIDUCIALS[0], "EM-nav")
 USES: Final = {
     "em_pivot": "the EM pivot",
     "em_fiducials": "the fiducials",
@@ -99,6 +104,8 @@ class StereotacticResult:
             ``em_pivot``, ``em_fiducials``, ``em_nav``; empty without correction. The covariance of
             `em_pivot` allows for it.
         outliers: how many markers were left out, by file; empty where all were believed.
+        misfit: (N_frames,) RMS distance of the EM probe's markers, corrected, from their shape in
+            the first frame of its pivot, by file, m.
     """
 
     data: StereotacticData
@@ -109,6 +116,7 @@ class StereotacticResult:
     navigation: Navigation | None
     extrapolated: Mapping[str, int]
     outliers: Mapping[str, int]
+    misfit: Mapping[str, FloatArray]
 
     @property
     def em_error(self) -> FloatArray:
@@ -124,7 +132,7 @@ class StereotacticResult:
         }
         if self.navigation is not None:
             parts["registration to CT"] = self.navigation.registration
-        bad, care = [*_on_shapes(self), *_on_em_markers(self)], list[str]()
+        bad, care = [*_on_shapes(self), *_on_probe(self), *_on_em_markers(self)], list[str]()
         # What does not fit together is not for dewarping to mend.
         distortion = [] if bad else _on_distortion(self)
         for name, part in parts.items():
@@ -158,7 +166,7 @@ def solve_stereotactic(
     corrected = correction.correct if correction is not None else np.asarray
     frames = corrected(data.em_pivot)
     probe = MarkerCloud.from_frame(frames[0])
-    em_pivot = bodies.pivot("empivot", probe, frames)
+    em_pivot = bodies.pivot(EM_PROBE[0], probe, frames)
     if correction is not None:
         # All frames are about one place, where the correction errs alike: that moves the post.
         common = correction.extrapolation_error(data.em_pivot) ** 2 / 3.0
@@ -172,7 +180,8 @@ def solve_stereotactic(
     seen = {} if correction is None else {u: correction.inside(p) for u, p in data.em_uses.items()}
     outside = {use: int(np.sum(~inside)) for use, inside in seen.items()}
     return StereotacticResult(
-        *(data, expected, em_pivot, optical_pivot, correction, navigation, outside, bodies.outliers)
+        *(data, expected, em_pivot, optical_pivot, correction, navigation, outside),
+        *(bodies.outliers, bodies.misfit),
     )
 
 
@@ -182,6 +191,7 @@ class _Bodies:
     def __init__(self, data: StereotacticData, robust: bool) -> None:
         self.data, self.robust = data, robust
         self.outliers: dict[str, int] = {}
+        self.misfit: dict[str, FloatArray] = {}
 
     def poses(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> BodyPoses:
         """Poses of one body; an error names the file."""
@@ -189,6 +199,8 @@ class _Bodies:
             poses = cloud.poses(frames, robust=self.robust)
         if self.robust:
             self.outliers[kind] = self.outliers.get(kind, 0) + poses.outliers
+        if kind in EM_PROBE:
+            self.misfit[kind] = cloud.misfit(frames, poses)
         return poses
 
     def pivot(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> PivotCalibration:
@@ -233,7 +245,7 @@ def _navigate(
         corrected = frames if correction is None else correction.correct(frames)
         return bodies.poses(kind, probe, corrected).to_tracker(tip[None])[:, 0]
 
-    fiducials, em = tips(EM_FIDUCIALS[0], given.em_fiducials), tips("EM-nav", given.em_nav)
+    fiducials, em = tips(EM_FIDUCIALS[0], given.em_fiducials), tips(EM_PROBE[2], given.em_nav)
     with error_context(path_of(data.prefix, "ct-fiducials")):
         registration = register(fiducials, given.ct_fiducials, robust=bodies.robust)
     if correction is not None:
@@ -259,6 +271,23 @@ def _on_shapes(result: StereotacticResult) -> list[str]:
         "from calbody's: look for another unit or order, or for a wrong marker."
         for where, (given, frames) in seen.items()
         if (rms := _misfit(given, frames)).max() > MISSHAPEN * extent(given)
+    ]
+
+
+def _on_probe(result: StereotacticResult) -> list[str]:
+    """Frames in which the EM probe has not the shape that it pivots with: an order, a marker.
+
+    A pivot, and a registration, notice a frame that does not fit the others; a tip that is only
+    looked for has none.
+    """
+    usual, probe = np.median(result.misfit[EM_PROBE[0]]), result.data.em_pivot[0]
+    least = max(MISSHAPEN * extent(probe), UNLIKE * float(usual))
+    return [
+        f"{kind}: the probe's markers of frame {int(np.argmax(rms)) + 1} stay "
+        f"{mm(rms.max()):.2f} mm RMS from their shape in {EM_PROBE[0]}: look for another unit or "
+        "order, or for a wrong marker."
+        for kind, rms in result.misfit.items()
+        if rms.max() > least
     ]
 
 

@@ -18,8 +18,8 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
 
 # Nearest that a point is taken to be to a camera while a solver looks for it, m.
 NEAREST: Final = 1e-3
-# Largest error of a corner's coordinate, pixels: more says no more. A board that a wrong reading puts
-# behind the camera is nowhere in the picture, and a lens's polynomial has it billions of pixels off.
+# Largest error of a corner's coordinate, pixels: more says no more. A board that a wrong reading
+# puts behind the camera is nowhere in the picture, and a lens's polynomial has it anywhere.
 FARTHEST: Final = 1e4
 
 

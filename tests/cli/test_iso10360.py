@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -105,6 +107,50 @@ def test_every_file_is_read_once(folder: Path, monkeypatch: pytest.MonkeyPatch) 
     monkeypatch.setattr("suta_calib.measurements.sample_files.read_csv_table", counted)
     AcceptanceJob.load(folder / "job.yaml")
     assert sorted(read) == ["articulation.csv", "lengths.csv", "probing.csv", "repeated.csv"]
+
+
+def rewrite(file: Path, made: Callable[[int, list[list[str]]], list[str]]) -> None:
+    """Every row by its number and all rows."""
+    header, *lines = file.read_text().splitlines()
+    rows = [line.split(",") for line in lines]
+    made_of = [",".join(made(k, rows)) for k in range(len(rows))]
+    file.write_text("\n".join([header, *made_of, ""]))
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-9])
+def test_copies_are_no_touches(folder: Path, capsys: Capture, jitter: float) -> None:
+    """Readings that were written again, with other labels or last digits, prove nothing."""
+
+    def copied(k: int, rows: list[list[str]]) -> list[str]:
+        labels = rows[k][6:]
+        first = next(row for row in rows if row[6:] == labels)
+        later = [row for row in rows if row[6:] == labels].index(rows[k]) % 5
+        source = rows[rows.index(first) + later]
+        return [*(repr(float(each) + k * jitter) for each in source[:6]), *labels]
+
+    rewrite(folder / "probing.csv", copied)
+    found = answer(capsys, folder / "job.yaml", code=1)
+    assert decisions(found)["P_Form"] == "undecided"
+    notes = " ".join(found["verdict"]["notes"])
+    assert "probing: 40 of 50 touches read what another does" in notes
+    assert "5 of near, 5 of far touches; the standard asks for 25" in notes
+
+    rewrite(folder / "repeated.csv", lambda k, rows: [*rows[0][:6], *rows[k][6:]])
+    assert "29 of 30 touches read what another does" in refused(capsys, folder)
+
+
+def test_coarse_encoders_may_read_the_same_again(folder: Path, capsys: Capture) -> None:
+    step = 2 * math.pi / 2**14
+    for name in ("lengths", "articulation", "probing", "repeated"):
+        rewrite(
+            folder / f"{name}.csv",
+            lambda k, rows: [
+                *(repr(round(float(each) / step) * step) for each in rows[k][:6]),
+                *rows[k][6:],
+            ],
+        )
+    assert cli("iso10360", folder / "job.yaml", "--json") in (0, 1)
+    assert "copies" not in capsys.readouterr().out
 
 
 def test_parts_of_the_test_may_be_left_out(folder: Path, capsys: Capture) -> None:

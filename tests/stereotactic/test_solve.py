@@ -312,3 +312,36 @@ def test_markers_of_another_size_are_no_answer(part: str, scale: float) -> None:
     assessment = solve_stereotactic(replace(data, body=body)).assessment
     assert assessment.level == "bad"
     assert "another unit" in assessment.notes[0]
+
+
+PROBE_READ_WRONGLY = {
+    "markers in another order": lambda frames: frames[:, [1, 0, *range(2, frames.shape[1])]],
+    "one of them elsewhere": lambda frames: (
+        frames + 0.02 * (np.arange(frames.shape[1]) == 2)[:, None]
+    ),
+    "mm for m": lambda frames: 1e-3 * frames,
+}
+
+
+@pytest.mark.parametrize("dewarp", [False, True])
+@pytest.mark.parametrize("which", PROBE_READ_WRONGLY)
+def test_a_probe_of_another_shape_navigates_nowhere(which: str, dewarp: bool) -> None:
+    """No pivot and no registration would notice: each navigation frame stands for itself."""
+    data = simulate_stereotactic(distortion=1e-3, em_noise=0.1e-3, grid=3).data
+    assert data.navigation is not None
+    assert solve(data, dewarp=dewarp).assessment.usable
+    last = data.navigation.em_nav.copy()
+    last[-1:] = PROBE_READ_WRONGLY[which](last[-1:])
+    wrong = replace(data, navigation=replace(data.navigation, em_nav=last))
+    assessment = solve(wrong, dewarp=dewarp).assessment
+    assert assessment.level == "bad"
+    assert f"EM-nav: the probe's markers of frame {len(last)} stay" in assessment.notes[0]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_probe_in_a_bent_field_keeps_its_shape(seed: int) -> None:
+    for distortion, noise in ((3e-3, 1e-4), (1e-3, 5e-4)):
+        data = simulate_stereotactic(distortion=distortion, em_noise=noise, grid=3, seed=seed).data
+        for robust in (False, True):
+            notes = solve(data, dewarp=True, robust=robust).assessment.notes
+            assert not any("the probe's markers" in note for note in notes)
