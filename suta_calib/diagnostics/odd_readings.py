@@ -116,8 +116,10 @@ def read_again(terms: Sequence[Term]) -> Iterator[str]:
 def _scattered(group: IntArray, where: FloatArray, reach: float) -> BoolArray:
     """(n,) rows of groups (n,) most of which are farther than that from their middle, (n, d)."""
     found = _extent(group, where) > reach
-    for k in np.unique(group[found]):
-        rows = np.flatnonzero(group == k)
+    order = np.argsort(group, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        if not found[rows[0]]:
+            continue
         away = np.linalg.norm(where[rows] - np.median(where[rows], axis=0), axis=1) > reach
         found[rows] = len(rows) >= ALIKE and 2 * int(np.sum(away)) > len(rows)
     return found
