@@ -18,6 +18,7 @@ from scipy.optimize import least_squares
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.batched import Batched
+from suta_calib.distributions import f
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import vector_from_rotation, wrap
 from suta_calib.measurements import Samples
@@ -38,6 +39,8 @@ _SAME: Final = 1e-3
 _SAME_POSTURE: Final = 0.02
 # A branch fits if its residuals are within the assumed noise, or not much worse than the best.
 _NOT_MUCH_WORSE: Final = 3.0
+# Chance of naming a pose where all are as good.
+_FALSE_ALARM: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,6 +68,21 @@ class Branch:
     def rms_angle(self) -> float | None:
         """Root mean square of the angles, rad; None where no orientation is known."""
         return None if self.angles is None else float(np.sqrt(np.mean(self.angles**2)))
+
+
+@dataclass(frozen=True)
+class Contradicted:
+    """A pose that all others contradict.
+
+    Attributes:
+        row: which one, as its file has it.
+        distance: from where the other poses say that the tip was, m.
+        rms: how far the tip stays from the other poses, once this one is left out, m.
+    """
+
+    row: str
+    distance: float
+    rms: float
 
 
 @dataclass(frozen=True)
@@ -101,6 +119,7 @@ class ZeroOffsets:
         redundancy: how many equations different postures give beyond one for each offset that is
             estimated: with none, whatever is read fits.
         beyond_limits: joints that with the chosen offsets would stand beyond their limits.
+        contradicted: the pose that agrees with no other; None where there is none.
         options: how they were found.
     """
 
@@ -110,6 +129,7 @@ class ZeroOffsets:
     undetermined: tuple[Combination, ...]
     redundancy: int
     beyond_limits: tuple[str, ...] = ()
+    contradicted: Contradicted | None = None
     options: ZeroOffsetOptions = DEFAULT
 
     @property
@@ -164,6 +184,12 @@ class ZeroOffsets:
             )
         if self.status == "undetermined":
             bad.append("Not usable: give more poses, or their orientations.")
+        if (odd := self.contradicted) is not None:
+            care.append(
+                f"{odd.row} contradicts all the other poses: the tip stays {mm(odd.rms):.3f} mm "
+                f"(RMS) from those without it, and then {mm(odd.distance):.3f} mm from it. Check "
+                "its pose and its readings, or leave it out."
+            )
         if self.status == "no_fit":
             bad.append(
                 "Not usable: no offsets make the URDF agree; look for a wrong unit, frame or joint "
@@ -220,7 +246,7 @@ def find_zero_offsets(
     answers = [fit.refined(start, every) for start in starts]
     best = min(answers, key=fit.cost)
     undetermined = fit.undetermined(best)
-    branches = _distinct(fit, answers, every)
+    branches, free = _distinct(fit, answers, every), every
     if not all(combination.alone for combination in undetermined):
         # A continuum of answers has no branches worth listing: the smallest stands for them.
         branches = branches[:1]
@@ -233,9 +259,43 @@ def find_zero_offsets(
         raise InputError(str(options.branch), f"1 to {len(branches)}", where="--branch")
     chosen = branches[options.branch - 1].offsets
     beyond = _beyond_limits(arm, samples.q + chosen)
-    postures = len(_apart(arm, list(samples.q), _SAME_POSTURE))
-    redundancy = fit.redundancy(postures, len(undetermined))
-    return ZeroOffsets(arm, fit.names, branches, undetermined, redundancy, beyond, options)
+    # One row of each posture: repeats bear out one another and not the offsets.
+    postures = samples.take(_apart(arm, samples.q, _SAME_POSTURE))
+    redundancy = fit.redundancy(len(postures), len(undetermined))
+    contradicted = _contradicted(arm, postures, chosen, free)
+    return ZeroOffsets(
+        arm, fit.names, branches, undetermined, redundancy, beyond, contradicted, options
+    )
+
+
+def _contradicted(
+    arm: ArmModel, samples: Samples, offsets: FloatArray, free: IntArray
+) -> Contradicted | None:
+    """The pose without which the others agree far better than chance would have it, by an F test.
+
+    Each is left out in turn, as linearised about the answer; the one that stands out by refitting.
+    """
+    fit, count = _OffsetFit(arm, samples), len(samples)
+    each = fit.equations
+    freedom = (count - 1) * each - len(free)
+    if freedom <= 0:
+        return None
+    offsets = fit.refined(offsets, free)
+    residual, own = fit.by_pose(offsets)
+    slope = own[:, :, free]
+    spread = np.linalg.pinv(np.einsum("kdp,kdq->pq", slope, slope), hermitian=True)
+    left = np.eye(each) - slope @ spread @ np.swapaxes(slope, 1, 2)
+    gain = np.einsum("kd,kde,ke->k", residual, np.linalg.pinv(left, hermitian=True), residual)
+    odd = int(np.argmax(gain))
+    others = _OffsetFit(arm, samples.take(np.delete(np.arange(count), odd)))
+    without = others.refined(offsets, free)
+    cost = others.cost(without)
+    ratio = (fit.cost(offsets) - cost) / each / max(cost / freedom, np.finfo(float).tiny)
+    if count * float(f.sf(ratio, each, freedom)) > _FALSE_ALARM:
+        return None
+    distance = fit.branch(without, free).distances[odd]
+    rms = others.branch(without, free).rms
+    return Contradicted(samples.origin[odd], float(distance), rms)
 
 
 def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:
@@ -252,7 +312,7 @@ def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[F
     found = inverse.solve(targets, postures, rng, starts=1)
     order = np.argsort(~found.reached, kind="stable")
     offsets = [wrapped_offsets(arm, found.q[k] - samples.q[0]) for k in order]
-    return [np.zeros(len(arm.joints)), *_apart(arm, offsets)][:_TRIED]
+    return [np.zeros(len(arm.joints)), *(offsets[k] for k in _apart(arm, offsets))][:_TRIED]
 
 
 def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
@@ -267,13 +327,15 @@ def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _apart(arm: ArmModel, offsets: Sequence[FloatArray], same: float = _SAME) -> list[FloatArray]:
-    """Each of them once, in the order given."""
-    kept: list[FloatArray] = []
-    for each in offsets:
-        others = np.array(kept).reshape(-1, len(each))
+def _apart(
+    arm: ArmModel, offsets: Sequence[FloatArray] | FloatArray, same: float = _SAME
+) -> list[int]:
+    """The first of each that are the same, in the order given."""
+    kept: list[int] = []
+    for k, each in enumerate(offsets):
+        others = np.array([offsets[first] for first in kept]).reshape(-1, len(each))
         if not np.any(np.all(np.abs(wrapped_offsets(arm, others - each)) < same, axis=1)):
-            kept.append(each)
+            kept.append(k)
     return kept
 
 
@@ -283,7 +345,7 @@ def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray], free: IntArray) ->
     # Every residual may be as large as the noise assumed.
     limit = max(len(fit.rows(answers[0])[0]), _NOT_MUCH_WORSE**2 * float(costs.min()))
     good = [answers[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
-    apart = _apart(fit.arm, good)
+    apart = [good[k] for k in _apart(fit.arm, good)]
     return tuple(fit.branch(o, free) for o in sorted(apart, key=lambda o: float(np.linalg.norm(o))))
 
 
@@ -349,9 +411,26 @@ class _OffsetFit:
         verdict = identify(unknown, len(unknown), information, np.zeros(len(unknown)))
         return verdict.combinations
 
+    @property
+    def equations(self) -> int:
+        """Of one pose."""
+        return 3 if self._rotation is None else 6
+
+    def by_pose(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same rows (k, d) and (k, d, n), those of each pose together."""
+        count = len(self._position)
+
+        def together(rows: FloatArray) -> FloatArray:
+            # Positions of all poses stand before all orientations.
+            parts = [part.reshape(count, 3, -1) for part in np.split(rows, self.equations // 3)]
+            return np.concatenate(parts, axis=1)
+
+        residual, slope = self.rows(offsets)
+        return together(residual)[:, :, 0], together(slope)
+
     def redundancy(self, poses: int, held: int) -> int:
         """Equations of so many poses beyond one for each offset that is not held."""
-        return poses * (3 if self._rotation is None else 6) - len(self.names) + held
+        return poses * self.equations - len(self.names) + held
 
     def branch(self, offsets: FloatArray, free: IntArray) -> Branch:
         """Offsets, how sure those are that are free, and their residuals."""

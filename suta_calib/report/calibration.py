@@ -81,12 +81,12 @@ COMPUTED_BY: Final = {
 
 
 REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
-    "Repeatability: the tip about the mean of repeats of the same touch",
+    "Repeatability, mm: the tip about the mean of repeats of the same touch",
     Column("data", "data", lambda row: row[0]),
     Column("rms", "RMS", lambda row: row[1].rms, "m"),
     Column("std", "± std", lambda row: row[1].std, "m"),
     Column("touches", "touches", lambda row: row[1].touches, form="d"),
-    Column("places", "of", lambda row: row[1].places, form="d"),
+    Column("places", "places", lambda row: row[1].places, form="d"),
 )
 ABOUT: Final = Listing[tuple[str, str]](
     "", Column("", "", lambda row: row[0]), Column("", "", lambda row: row[1])

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from suta_calib.acquisition.zero_offsets import Branch, ZeroOffsets
+from suta_calib.acquisition.zero_offsets import Branch, Contradicted, ZeroOffsets
 from suta_calib.report.document import Document, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
 from suta_calib.units import deg, mm
@@ -18,6 +18,9 @@ RESIDUAL: Final = Listing[Branch](
     Column("rms", unit="m"),
     Column("max", value=lambda branch: branch.distances.max(), unit="m"),
     Column("rms", value=lambda branch: branch.rms_angle, unit="rad"),
+)
+CONTRADICTED: Final = Listing[Contradicted](
+    "", Column("row"), Column("distance", unit="m"), Column("rms", unit="m")
 )
 
 
@@ -40,6 +43,7 @@ def zero_offsets_document(found: ZeroOffsets, written: Path | None = None) -> Do
             for name, value in found.values().items()
         },
         "redundancy": found.redundancy,
+        "contradicted": found.contradicted and CONTRADICTED.record(found.contradicted),
         "undetermined": [combination.fixed for combination in found.undetermined],
         "combinations": [combination.direction for combination in found.undetermined],
         "residual": RESIDUAL.record(found.chosen),

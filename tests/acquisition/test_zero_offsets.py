@@ -153,6 +153,51 @@ def test_offsets_scatter_as_they_say(arm: ArmModel) -> None:
     assert low < pulls @ pulls < 1.1 * high
 
 
+@pytest.mark.parametrize(("count", "oriented"), [(4, True), (8, True), (8, False)])
+@pytest.mark.parametrize("off", [0.005, 0.1])
+def test_a_pose_that_all_others_contradict_is_named(
+    arm: ArmModel, count: int, oriented: bool, off: float
+) -> None:
+    noise = {"noise": 1e-4, "turn": 1e-4}
+    true = known(arm, count, oriented=oriented, **noise)
+    assert true.position is not None
+    position = true.position.copy()
+    position[2, 1] += off
+    wrong = Samples.from_arrays(arm.joints, true.q, position=position, rotation=true.rotation)
+    assert find_zero_offsets(arm, true).contradicted is None
+    found = find_zero_offsets(arm, wrong)
+    odd = found.contradicted
+    assert odd is not None
+    assert odd.row == wrong.origin[2]
+    assert odd.distance == pytest.approx(off, rel=0.2)
+    assert odd.rms < 1e-3
+    assert found.assessment.level == ("bad" if found.status == "no_fit" else "care")
+    assert any(f"{odd.row} contradicts all" in note for note in found.assessment.notes)
+
+
+def test_too_few_poses_and_repeats_of_one_contradict_no_other(arm: ArmModel) -> None:
+    """Of two poses either may be wrong, however often one of them was taken."""
+    true = known(arm, 2, oriented=True)
+    assert true.position is not None
+    assert true.rotation is not None
+    rows = [0, 0, 0, 0, 1]
+    position = true.position[rows]
+    position[-1, 0] += 0.03
+    wrong = Samples.from_arrays(
+        arm.joints, true.q[rows], position=position, rotation=true.rotation[rows]
+    )
+    assert find_zero_offsets(arm, wrong).contradicted is None
+
+
+def test_poses_that_only_scatter_are_seldom_contradicted(arm: ArmModel) -> None:
+    """One in a thousand sets is allowed; of forty two would be far more."""
+    sets = [
+        find_zero_offsets(arm, known(arm, 5, oriented=k % 2 == 0, noise=1e-3, turn=2e-3, seed=k))
+        for k in range(40)
+    ]
+    assert sum(found.contradicted is not None for found in sets) < 2
+
+
 def test_a_joint_beyond_its_limits_is_named(tmp_path: Path, suta_urdf: Path, arm: ArmModel) -> None:
     samples = known(arm, 4, oriented=True)
     stands = wrap(samples.q + OFFSETS)[:, 2]
