@@ -395,6 +395,8 @@ class _OffsetFit:
             lambda x: self.rows(whole(x))[0],
             start[free],
             lambda x: self.rows(whole(x))[1][:, free],
+            # MINPACK's is the quicker, and wants no fewer equations than unknowns.
+            method="lm" if self.equations * len(self._position) >= len(free) else "trf",
             xtol=1e-12,
             ftol=1e-12,
             gtol=1e-12,

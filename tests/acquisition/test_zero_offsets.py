@@ -189,13 +189,14 @@ def test_too_few_poses_and_repeats_of_one_contradict_no_other(arm: ArmModel) -> 
     assert find_zero_offsets(arm, wrong).contradicted is None
 
 
-def test_poses_that_only_scatter_are_seldom_contradicted(arm: ArmModel) -> None:
-    """One in a thousand sets is allowed; of forty two would be far more."""
-    sets = [
+@pytest.mark.parametrize("sets", [10, pytest.param(300, marks=pytest.mark.slow)])
+def test_poses_that_only_scatter_are_seldom_contradicted(arm: ArmModel, sets: int) -> None:
+    """One in a thousand sets is allowed."""
+    found = [
         find_zero_offsets(arm, known(arm, 5, oriented=k % 2 == 0, noise=1e-3, turn=2e-3, seed=k))
-        for k in range(40)
+        for k in range(sets)
     ]
-    assert sum(found.contradicted is not None for found in sets) < 2
+    assert sum(each.contradicted is not None for each in found) <= sets // 100
 
 
 def test_a_joint_beyond_its_limits_is_named(tmp_path: Path, suta_urdf: Path, arm: ArmModel) -> None:
