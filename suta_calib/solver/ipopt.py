@@ -114,6 +114,13 @@ class RobustNlp:
         """
         return self._minimise(start, (), settled)[0]
 
+    def descended(self, start: FloatArray) -> Minimum | None:
+        """The minimum beside one start (n,) where steps downhill alone come to it; else None."""
+        there = self._descend(start)
+        if not there.settled:
+            return None
+        return Minimum(self._filled(start, there.z), there.cost, SETTLED, there.steps)
+
     def minimise_all(
         self, starts: Sequence[FloatArray], done: Callable[[int], None] = lambda _: None
     ) -> list[Minimum]:

@@ -155,8 +155,9 @@ def _from_there(problem: Problem, like: Solution, options: SolverOptions) -> Sol
         term.check_enough()
     began, sigmas = perf_counter(), problem.assumed_sigmas()
     free = _estimated(problem, like.identification)
-    minimum = RobustNlp(problem, free, sigmas, options).minimise(like.x)
-    if not minimum.converged:
+    # Where steps downhill do not come to it, what can be found is another than before.
+    minimum = RobustNlp(problem, free, sigmas, options).descended(like.x)
+    if minimum is None:
         return None
     verdicts = like.before, like.identification
     found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, like.noise, None)
