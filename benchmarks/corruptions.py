@@ -17,6 +17,7 @@ import argparse
 import json
 import os
 import re
+import shutil
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -117,15 +118,17 @@ def corrupted(sound: Sound, corruption: Corruption | None, folder: Path) -> Path
             file = replace(file, samples=samples, displacement=np.zeros((len(samples), 3)))
         files.append(file)
     write_simulation(replace(sound.made, files=tuple(files)), folder)
-    artefact = read_artefact(SUTA / "artefact.yaml")
+    artefact = SUTA / "artefact.yaml"
+    if corruption is not None and corruption.artefact is not None:
+        write_artefact(folder / artefact.name, corruption.artefact(read_artefact(artefact)))
+    else:
+        shutil.copy(artefact, folder)
     if corruption is not None:
         if corruption.urdf is not None:
             arm = folder / URDF.name
             arm.write_text(corruption.urdf(URDF.read_text(encoding="utf-8")), encoding="utf-8")
             text = text.replace(str(URDF), str(arm))
         text = text.replace("validation/*.csv", f"{corruption.validation}/*.csv")
-        artefact = artefact if corruption.artefact is None else corruption.artefact(artefact)
-    write_artefact(folder / "artefact.yaml", artefact)
     job = folder / "calibration.yaml"
     job.write_text(text, encoding="utf-8")
     return job
