@@ -184,16 +184,20 @@ class ZeroOffsets:
             )
         if self.status == "undetermined":
             bad.append("Not usable: give more poses, or their orientations.")
-        if (odd := self.contradicted) is not None:
+        odd = self.contradicted
+        if odd is not None:
             care.append(
                 f"{odd.row} contradicts all the other poses: the tip stays {mm(odd.rms):.3f} mm "
                 f"(RMS) from those without it, and then {mm(odd.distance):.3f} mm from it. Check "
                 "its pose and its readings, or leave it out."
             )
         if self.status == "no_fit":
+            explained = odd is not None and odd.rms <= options.tolerance
             bad.append(
-                "Not usable: no offsets make the URDF agree; look for a wrong unit, frame or joint "
-                "that turns the other way."
+                "Not usable: no offsets make the URDF agree with all poses."
+                if explained
+                else "Not usable: no offsets make the URDF agree; look for a wrong unit, frame or "
+                "joint that turns the other way."
             )
         if count > 1:
             care.append(

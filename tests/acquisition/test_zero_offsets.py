@@ -173,6 +173,8 @@ def test_a_pose_that_all_others_contradict_is_named(
     assert odd.rms < 1e-3
     assert found.assessment.level == ("bad" if found.status == "no_fit" else "care")
     assert any(f"{odd.row} contradicts all" in note for note in found.assessment.notes)
+    # What one wrong pose explains is no wrong unit.
+    assert not any("wrong unit" in note for note in found.assessment.notes)
 
 
 def test_too_few_poses_and_repeats_of_one_contradict_no_other(arm: ArmModel) -> None:
