@@ -7,11 +7,12 @@ the JSON, the report and whoever reads an answer back ask it; nobody judges twic
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
 from suta_calib.errors import NotUsableError
+from suta_calib.records import dataclass
 
 Level = Literal["good", "care", "bad"]
 WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do not use"}

@@ -14,7 +14,7 @@ from suta_calib.lazy import UNUSED_OF_NUMPY
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "halton"}
-    | {"incomplete", "lazy", "processes", "showing", "threads", "words"},
+    | {"incomplete", "lazy", "processes", "records", "showing", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
@@ -120,22 +120,22 @@ NO_ARM = ("jinja2", "scipy", "pinocchio", "lxml", "yaml", "ruamel.yaml")
 ARM = ("jinja2", "scipy", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB,), 159, ARM[1:]),
-    "observe": ((JOB,), 121, ARM),
-    "validate": (("urdf/suta.urdf", JOB), 115, ARM),
-    "outliers --out": ((JOB,), 134, ()),
-    "pivot": (("data/poses/pivot.csv",), 69, ("json", *NO_ARM)),
-    "hand-eye": (("data/poses/hand_eye.csv",), 76, ("json", *NO_ARM)),
+    "calibrate": ((JOB,), 158, ARM[1:]),
+    "observe": ((JOB,), 119, ARM),
+    "validate": (("urdf/suta.urdf", JOB), 86, ARM),
+    "outliers --out": ((JOB,), 132, ()),
+    "pivot": (("data/poses/pivot.csv",), 70, ("json", *NO_ARM)),
+    "hand-eye": (("data/poses/hand_eye.csv",), 77, ("json", *NO_ARM)),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        74,
+        75,
         ("json", *NO_ARM),
     ),
-    "pivot --out": (("data/poses/pivot.csv",), 80, NO_ARM[1:]),
-    "hand-eye --out": (("data/poses/hand_eye.csv",), 87, NO_ARM[1:]),
+    "pivot --out": (("data/poses/pivot.csv",), 81, NO_ARM[1:]),
+    "hand-eye --out": (("data/poses/hand_eye.csv",), 88, NO_ARM[1:]),
     "register --out": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        85,
+        86,
         NO_ARM[1:],
     ),
 }

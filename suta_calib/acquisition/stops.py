@@ -8,7 +8,7 @@ found where it was.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +22,7 @@ from suta_calib.acquisition.averaging import (
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import wrap
+from suta_calib.records import dataclass
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
@@ -23,6 +22,7 @@ from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import vector_from_rotation, wrap
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
+from suta_calib.records import dataclass
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.solver.identifiability import Combination, identify
 from suta_calib.solver.information import Information

@@ -12,7 +12,6 @@ its uncertainty taken into account (ISO 14253-1's rule for proving nonconformity
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -24,6 +23,7 @@ from suta_calib.certification.measuring import DIAGONALS, SLOPES, UNEVEN, WIDTH,
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
 from suta_calib.distributions import norm, t
+from suta_calib.records import dataclass
 
 # Chance that a pillar is named of an artefact with nothing wrong.
 FALSE_ALARM: Final = 0.001

@@ -8,7 +8,6 @@ rule, with exact derivatives from CasADi.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
@@ -21,6 +20,7 @@ from suta_calib.certification.points import Pillar, RawPoints
 from suta_calib.distributions import chi2, f
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 # Rows of a pillar's answer.

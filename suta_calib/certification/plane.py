@@ -10,7 +10,7 @@ a slip of the probe is likelier than a pillar that leans by just as much.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -18,6 +18,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.distributions import chi2, f, norm, t
 from suta_calib.geometry.numbers import right_singular
+from suta_calib.records import dataclass
 
 # Chance that any touch of a feature without a wrong one is called wrong.
 FALSE_ALARM: Final = 0.001

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -19,6 +19,7 @@ from suta_calib.distributions import norm, t
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text
+from suta_calib.records import dataclass
 from suta_calib.units import deg, from_deg, mm, um
 
 # The tip points down when seated.

@@ -10,7 +10,7 @@ what neighbouring rows get wrong alike (`shared_errors`): order in time is mostl
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
@@ -30,6 +30,7 @@ from suta_calib.diagnostics.suspects import (
     suspects,
     waves,
 )
+from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, text

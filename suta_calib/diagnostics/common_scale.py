@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any, Final
 
@@ -21,6 +21,7 @@ from suta_calib import distributions
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import POSITION
+from suta_calib.records import dataclass
 from suta_calib.solver.information import robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate, Solution

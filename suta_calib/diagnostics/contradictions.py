@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,6 +24,7 @@ from suta_calib.diagnostics.odd_readings import (
 )
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import hashed
+from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

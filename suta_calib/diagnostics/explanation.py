@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Final, Literal
 
@@ -20,6 +19,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.rich_data import LEVER, RichData
 from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
+from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem

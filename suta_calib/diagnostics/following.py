@@ -8,7 +8,7 @@ that is off across them changes no distance at first, and all of the touches bes
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Final
 
@@ -19,6 +19,7 @@ from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.diagnostics.score_tests import offered_names, problem_beside
 from suta_calib.diagnostics.scores import known_beforehand
 from suta_calib.model.parameters import Family
+from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_threshold, huber_weight
 from suta_calib.solver.problem import Problem

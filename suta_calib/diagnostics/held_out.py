@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -24,6 +23,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import Accuracy, fit_own
 from suta_calib.distributions import chi2
+from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

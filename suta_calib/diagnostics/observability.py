@@ -6,7 +6,7 @@ needed, measured values are not believed yet.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,7 @@ from suta_calib.diagnostics.explanation import (
     explain,
     redundant_names,
 )
+from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.identifiability import WEAK, Identification, schur_complement
@@ -207,7 +208,9 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     information = predicted_information(problem, x, sigmas)
     identification = identify_at(problem, x, sigmas)
     free = np.array([p.free for p in problem.parameters.values()], dtype=bool)
-    estimated = np.setdiff1d(np.flatnonzero(free), identification.fixed).astype(np.intp)
+    held = np.zeros(len(free), dtype=bool)
+    held[identification.fixed] = True
+    estimated = np.flatnonzero(free & ~held)
     explanations = explain(problem, x, identification)
     prospects = _prospects(problem, information, identification, estimated)
     as_drawn = as_drawn_names(explanations)
@@ -215,8 +218,8 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
         n: replace(prospects[n], redundant=True, as_drawn=n in as_drawn)
         for n in redundant_names(explanations)
     }
-    judged = np.arange(problem.arm_count or len(free))
-    asked, fixed = judged[free[judged]], np.intersect1d(judged, identification.fixed)
+    judged = slice(problem.arm_count or len(free))
+    asked, fixed = int(free[judged].sum()), int(held[judged].sum())
     singular = _singular_values(problem, information, prospects)
     samples = sum(len(term.poses) for term in problem.terms)
     return Observability(
@@ -227,8 +230,8 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
         samples=samples,
         equations=sum(len(block) * block.size for block in problem.blocks),
         unknowns=int(free.sum()),
-        asked=len(asked),
-        rank=len(asked) - len(fixed),
+        asked=asked,
+        rank=asked - fixed,
         singular_values=singular,
         indices=Indices.of(singular, samples),
     )

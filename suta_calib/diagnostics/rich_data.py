@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -19,6 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.tip_uncertainty import STILL, Sensitivity, sensitivity
 from suta_calib.geometry.numbers import random_rotations, skew
 from suta_calib.measurements import Artefact, Landmark, Samples
+from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.identifiability import WEAK, schur_complement
 from suta_calib.solver.information import whitened_rows

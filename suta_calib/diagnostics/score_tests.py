@@ -14,7 +14,6 @@ the job frees, and once all of the geometry: a bent link must not be taken for a
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Final
 
@@ -25,6 +24,7 @@ from suta_calib.diagnostics.scores import Scores, curvature_of, scores_of
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows, robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem

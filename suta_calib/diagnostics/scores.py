@@ -6,13 +6,13 @@ See `score_tests`, whose equation these are the parts of.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import f
+from suta_calib.records import dataclass
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import Rows, robust_curvature
 from suta_calib.solver.problem import Problem

@@ -16,7 +16,7 @@ chance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from itertools import product
 from typing import Final
@@ -26,6 +26,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.following import Following, whitened, widened
 from suta_calib.distributions import f
+from suta_calib.records import dataclass
 from suta_calib.solver.information import scaled_inverse
 
 # Variance that neighbours have in common over what each has for itself, and chords of turns (or

@@ -8,7 +8,6 @@ looked at for the price of one (Andrews 1993, doi:10.2307/2951764).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Final
@@ -20,6 +19,7 @@ from suta_calib.diagnostics.following import Following, columns_of, whitened
 from suta_calib.diagnostics.scores import TELLING
 from suta_calib.distributions import f
 from suta_calib.geometry.numbers import skew
+from suta_calib.records import dataclass
 
 # What is plausible: a turn, rad; a share of a travel; a shift, m.
 TURN: Final = 0.01

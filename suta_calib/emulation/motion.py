@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
+from suta_calib.records import dataclass
 
 _TURN: Final = 2 * np.pi
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +14,7 @@ from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
+from suta_calib.records import dataclass
 
 # Half a million rows of two bodies; what is larger does not fit a table that people look at, and a
 # device or a pipe never ends.

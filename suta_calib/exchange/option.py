@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True)

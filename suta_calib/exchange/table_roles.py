@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.rotations import NUMBERS, is_rotation
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.measurements.csv_table import SIGMAS
+from suta_calib.records import dataclass
 
 ROTATION: Final = Option(
     "rotation",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
@@ -30,6 +30,7 @@ from suta_calib.measurements import (
 )
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem

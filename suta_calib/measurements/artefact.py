@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.records import dataclass
 from suta_calib.units import deg, mm
 
 LANDMARK_KEYS: Final = Keys(

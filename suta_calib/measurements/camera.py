@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +15,7 @@ from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
+from suta_calib.records import dataclass
 
 # The one distortion model here, as ROS calls it.
 PLUMB_BOB: Final = "plumb_bob"

@@ -11,7 +11,6 @@ import re
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 
@@ -23,6 +22,7 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
+from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST, from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")

@@ -7,7 +7,7 @@ import io
 import math
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -35,6 +35,7 @@ from suta_calib.measurements.csv_table import (
 )
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import Samples
+from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 
 # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in

@@ -9,7 +9,6 @@ take, or says what is wrong with it.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any, Final
 import yaml
 
 from suta_calib.errors import InputError
+from suta_calib.records import dataclass
 
 KeyPath = tuple[str | int, ...]
 # Of either library: they have the same attributes.

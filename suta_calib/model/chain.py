@@ -13,7 +13,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -33,6 +32,7 @@ from suta_calib.model.urdf_tree import (
     refusal,
     suggestion,
 )
+from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 from suta_calib.words import listed
 

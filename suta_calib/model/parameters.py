@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import ItemsView, Iterable, Iterator, Mapping, Sequence, ValuesView
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, Final, Literal
@@ -17,6 +17,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
+from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.units import Unit, from_deg
 from suta_calib.words import listed

@@ -8,7 +8,6 @@ their own. Format: http://wiki.ros.org/urdf/XML.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,6 +16,7 @@ from lxml import etree
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
 from suta_calib.model.xacro_file import expanded, is_xacro
+from suta_calib.records import dataclass
 
 # lxml ships without type information.
 Element = Any

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+from suta_calib.records import dataclass
 from suta_calib.units import Unit
 
 

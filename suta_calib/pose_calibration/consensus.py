@@ -9,7 +9,6 @@ their own spread. Nearly half of the rows may be anything.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, Self
 
@@ -17,6 +16,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2
+from suta_calib.records import dataclass
 
 TRIES: Final = 300
 REFINED: Final = 8

@@ -8,7 +8,6 @@ middle; they do not look like outliers, and the turn and the shift follow them.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.distributions import f
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION
+from suta_calib.records import dataclass
 from suta_calib.units import text
 
 # Unknowns of a rigid transform with a scale, and of one with a stretch along every axis as well.

@@ -7,7 +7,6 @@ times too small. What is left shows how large the share is, and that how far X h
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -15,6 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.distributions import t
 from suta_calib.pose_calibration.robust_fit import RobustFit
+from suta_calib.records import dataclass
 from suta_calib.solver.information import whitened_rows
 
 # Chance that a trend is seen where there is none.

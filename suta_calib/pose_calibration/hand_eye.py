@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Final, get_args
 
@@ -31,6 +31,7 @@ from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
 from suta_calib.pose_calibration.robust_answer import RobustAnswer
 from suta_calib.pose_calibration.robust_fit import robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
+from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,6 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import f
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.serial_correlation import correlation_length
+from suta_calib.records import dataclass
 from suta_calib.solver.information import whitened_rows
 from suta_calib.units import deg, text
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -20,6 +19,7 @@ from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unkno
 from suta_calib.pose_calibration.picture_likelihood import WAYS
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
+from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -13,6 +12,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2
 from suta_calib.pose_calibration.picture_likelihood import WAYS
 from suta_calib.pose_calibration.picture_noise import FINEST
+from suta_calib.records import dataclass
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
 

@@ -22,7 +22,7 @@ have in common is added to the covariance, by `correlation`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -39,6 +39,7 @@ from suta_calib.pose_calibration.picture_likelihood import (
     Point,
     Sums,
 )
+from suta_calib.records import dataclass
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.losses import huber_weight

@@ -7,7 +7,7 @@ where to start; what is minimised then are reprojection errors, of all cameras a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final, Literal
 
 import numpy as np
@@ -39,6 +39,7 @@ from suta_calib.pose_calibration.picture_noise import (
     sizes_of_boards,
     weigh_pictures,
 )
+from suta_calib.records import dataclass
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -32,6 +32,7 @@ from suta_calib.pose_calibration.rigid_fit import (
 )
 from suta_calib.pose_calibration.robust_answer import RobustAnswer
 from suta_calib.pose_calibration.robust_fit import ROUNDING
+from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.terms.poses import together
 from suta_calib.units import deg, from_deg, mm, text

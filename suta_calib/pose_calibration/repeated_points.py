@@ -9,7 +9,6 @@ they have in common is asked of the residuals, by an analysis of variance betwee
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import f
 from suta_calib.pose_calibration.consensus import DIMENSION
+from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 # Unknowns of a rigid transform.

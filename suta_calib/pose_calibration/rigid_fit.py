@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -19,6 +18,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
+from suta_calib.records import dataclass
 from suta_calib.terms.block import Noise
 from suta_calib.terms.outside import pose_named
 from suta_calib.terms.poses import MeasuredPoses

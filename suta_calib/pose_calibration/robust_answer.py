@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -11,6 +10,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rms_length
+from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.units import text
 from suta_calib.words import listed

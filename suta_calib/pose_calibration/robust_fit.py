@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final
 
@@ -19,6 +19,7 @@ from suta_calib.distributions import chi2, f
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
+from suta_calib.records import dataclass
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import (
     Information,

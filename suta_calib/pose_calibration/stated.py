@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -11,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.distributions import chi2
+from suta_calib.records import dataclass
 
 # Chance of residuals as large, or as small, below which what was stated is contradicted.
 SURPRISING: Final = 0.01

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -11,6 +10,7 @@ import numpy as np
 
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.plotting.style import BLUE, GREY, WIDTH
+from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, File, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text

@@ -10,13 +10,14 @@ import csv
 import io
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
-from dataclasses import KW_ONLY, dataclass, replace
+from dataclasses import KW_ONLY, replace
 from itertools import repeat
 from typing import Any, Generic, Literal, TypeVar, cast
 
 import numpy as np
 
 from suta_calib import units
+from suta_calib.records import dataclass
 from suta_calib.units import NOTHING, Unit
 
 Row = TypeVar("Row")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -12,6 +11,7 @@ from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import Points
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.registration import Registration
+from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, Table, components, written
 from suta_calib.report.poses import (

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any, Final
 
@@ -26,6 +26,7 @@ from suta_calib.measurements import (
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
+from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
     encoder_readings,

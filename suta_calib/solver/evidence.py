@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.distributions import chi2
+from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.terms.block import Block

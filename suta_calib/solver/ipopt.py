@@ -6,7 +6,7 @@ Both work on x divided by the parameters' scales, within their bounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from threading import get_ident
 from typing import Any, Final
 
@@ -14,6 +14,7 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.records import dataclass
 from suta_calib.solver.descent import NEGLIGIBLE, Basin, Descent, descend
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -18,6 +17,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter, ParameterSet
+from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
 from suta_calib.terms.block import Block, grouped_rows
 from suta_calib.terms.poses import ArmPoses
@@ -179,12 +179,12 @@ class Problem:
 
         None as well where the part would have other unknowns, or the same in another order.
         """
-        random = np.random.default_rng(0)
         terms, rows = list[Term](), list[IntArray | None]()
-        for term in self.terms:
+        for k, term in enumerate(self.terms):
             n, some = len(term.poses), None
             each = np.arange(n)[:, None]
             if n > 2 * ENOUGH and all(np.array_equal(b.samples, each) for b in term.blocks):
+                random = np.random.default_rng(k)
                 some = np.sort(random.choice(n, ENOUGH, replace=False)).astype(np.intp)
             terms.append(term if some is None else term.take(some))
             rows += [some] * len(term.blocks)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import TYPE_CHECKING, Final
@@ -137,14 +137,14 @@ def judged(found: Solution) -> Solution | None:
     identification = identify_at(problem, found.x, levels, robust=True)
     if {*identification.fixed.tolist()} != {*fixed.tolist()}:
         return None
-    _check_redundant(problem, _estimated(problem, identification))
+    _check_redundant(problem, _asked(problem, identification.fixed))
     return replace(found, identification=identification, noise=tuple(levels))
 
 
-def _estimated(problem: Problem, verdict: Identification) -> IntArray:
-    """Indices of what is asked for and not to be held."""
-    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
-    return np.setdiff1d(wanted, verdict.fixed)
+def _asked(problem: Problem, held: Iterable[int] = ()) -> IntArray:
+    """Indices of what is asked for, less what is to be held."""
+    free, held = [p.free for p in problem.parameters.values()], {*held}
+    return np.flatnonzero([asked and k not in held for k, asked in enumerate(free)])
 
 
 def _from_there(problem: Problem, like: Solution, options: SolverOptions) -> Solution | None:
@@ -154,7 +154,7 @@ def _from_there(problem: Problem, like: Solution, options: SolverOptions) -> Sol
     for term in problem.terms:
         term.check_enough()
     began, sigmas = perf_counter(), problem.assumed_sigmas()
-    free = _estimated(problem, like.identification)
+    free = _asked(problem, like.identification.fixed)
     # Where steps downhill do not come to it, what can be found is another than before.
     minimum = RobustNlp(problem, free, sigmas, options).descended(like.x)
     if minimum is None:
@@ -197,10 +197,10 @@ def _solution(
 
 def _check_determined(problem: Problem, verdict: Identification) -> None:
     """Refuse problems without unknowns, and data that determine nothing or fit any values."""
-    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
+    wanted = _asked(problem)
     if not len(wanted):
         raise ParameterError("no unknowns", "at least one parameter to estimate")
-    free = np.setdiff1d(wanted, verdict.fixed)
+    free = _asked(problem, verdict.fixed)
     if np.any(wanted < problem.arm_count) and not np.any(free < problem.arm_count):
         equations = sum(term.equations() for term in problem.terms)
         raise SamplesError(
@@ -240,7 +240,6 @@ def _fit(
         The best minimum, what each start ended in, the last verdict, what was free, and the noise
         that residuals show at the minimum.
     """
-    wanted = np.flatnonzero([p.free for p in problem.parameters.values()])
     fixed = set(identification.fixed.tolist())
     attempts: tuple[Minimum, ...] = ()
     levels = [math.inf] * len(sigmas)
@@ -250,7 +249,7 @@ def _fit(
             progress(done, len(starts))
 
     for revision in range(MAX_REVISIONS):
-        free = np.setdiff1d(wanted, list(fixed))
+        free = _asked(problem, fixed)
         nlp = RobustNlp(problem, free, sigmas, options)
         tried = nlp.minimise_all(starts, tell if revision == 0 else lambda _: None)
         attempts = attempts or tuple(tried)

@@ -15,7 +15,7 @@ that are left out and predicted from the rest; it goes on no farther than these 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -27,6 +27,7 @@ from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
+from suta_calib.records import dataclass
 from suta_calib.threads import single_threaded
 
 # Beyond this the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.

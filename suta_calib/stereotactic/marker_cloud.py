@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
@@ -19,6 +18,7 @@ from suta_calib.pose_calibration.rigid_fit import (
     ON_A_LINE,
     agreeing_points,
 )
+from suta_calib.records import dataclass
 
 MAX_ROUNDS: Final = 10
 # Residual relative to the size of the body that is rounding.

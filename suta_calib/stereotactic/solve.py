@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
+from suta_calib.records import dataclass
 from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
     Output1,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from itertools import compress
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.records import dataclass
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:

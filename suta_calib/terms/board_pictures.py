@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -17,6 +16,7 @@ from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
 from suta_calib.measurements.csv_table import SutaCalibWarning
+from suta_calib.records import dataclass
 from suta_calib.terms.camera_start import board_poses
 from suta_calib.terms.hand_eye_start import (
     HALF_TURN,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self
@@ -28,6 +28,7 @@ from suta_calib.measurements import (
 from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
+from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
@@ -15,6 +14,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
+from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import point_named, point_parameters

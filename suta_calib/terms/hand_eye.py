@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -17,6 +17,7 @@ from suta_calib.geometry.numbers import extent, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.measurements.pose_files import FAR, NEAR
+from suta_calib.records import dataclass
 from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye

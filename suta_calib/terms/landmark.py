@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar, Final, Self
 
@@ -17,6 +17,7 @@ from suta_calib.geometry.numbers import nearest_rotation, rms_length, rotation_f
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
+from suta_calib.records import dataclass
 from suta_calib.terms.block import (
     LEARNT,
     Block,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Final, Literal, Self
 
@@ -17,6 +17,7 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact, SampleColumns, Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import Parameter
+from suta_calib.records import dataclass
 from suta_calib.terms.block import (
     LEARNT,
     Block,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final
 
@@ -19,6 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
+from suta_calib.records import dataclass
 from suta_calib.terms.block import numbered
 
 if TYPE_CHECKING:
@@ -379,7 +380,8 @@ def resolutions(q: FloatArray) -> FloatArray:
 
 
 def _resolution(readings: FloatArray) -> float:
-    steps = np.diff(np.unique(readings))
+    steps = np.diff(np.sort(readings))
+    steps = steps[steps > 0.0]
     smallest = float(steps.min(initial=np.inf))
     whole = steps / smallest
     coarse = WANDER < smallest < COARSEST and len(steps) > 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -15,6 +14,7 @@ from suta_calib.device.reading import Statistics
 from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import OutputError
 from suta_calib.model.arm import ArmModel
+from suta_calib.records import dataclass
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency

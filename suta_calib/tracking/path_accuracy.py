@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal
 
@@ -13,6 +12,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.arm import ArmModel
+from suta_calib.records import dataclass
 from suta_calib.tracking.alignment import Alignment, ReferencePath, align
 from suta_calib.tracking.reversals import (
     ChannelReversals,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -14,6 +13,7 @@ from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.distributions import chi2
 from suta_calib.plotting.factor import round_down
+from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.units import mm

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,6 +11,7 @@ import pinocchio as pin
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.model.arm import ArmModel, reduced_model
 from suta_calib.model.urdf_tree import read_tree
+from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

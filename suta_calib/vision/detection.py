@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from hashlib import sha256
 from typing import Final
 
@@ -18,6 +18,7 @@ from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
 from suta_calib.processes import usable_cores
+from suta_calib.records import dataclass
 from suta_calib.vision.camera_fit import (
     CameraFit,
     CameraFitOptions,

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.errors import InputError
+from suta_calib.records import dataclass
 from suta_calib.vision.opencv import MOST_PIXELS, opencv
 
 Grey = NDArray[np.uint8]

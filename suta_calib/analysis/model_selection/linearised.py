@@ -11,7 +11,7 @@ Computations, section 6.5.4).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property
 from typing import Final
 
@@ -25,6 +25,7 @@ from suta_calib.diagnostics.score_tests import (
     noise_ratio,
     offered_names,
 )
+from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_weight

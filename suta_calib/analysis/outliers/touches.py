@@ -9,7 +9,7 @@ given a displacement one at a time, the most significant first, so that none hid
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import field
 from typing import Final
 
 import numpy as np
@@ -21,6 +21,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2
 from suta_calib.distributions import f as f_distribution
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.records import dataclass
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final
 
@@ -28,6 +27,7 @@ from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel, reduced_model
 from suta_calib.model.xacro_file import plain_urdf
+from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import count
 from typing import Final
 
@@ -25,6 +24,7 @@ from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.halton import halton
+from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.units import deg, from_deg, from_mm, mm
 

@@ -10,7 +10,6 @@ noise falls with 1/√τ, a drift rises with τ; the minimum tells how long aver
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -24,6 +23,7 @@ from suta_calib.distributions import chi2, t
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
+from suta_calib.records import dataclass
 from suta_calib.units import Unit, from_deg
 
 _PER_DECADE: Final = 8

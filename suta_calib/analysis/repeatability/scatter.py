@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
@@ -20,6 +19,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.distributions import t
 from suta_calib.model.arm import ArmModel
+from suta_calib.records import dataclass
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95
