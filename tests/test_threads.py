@@ -49,16 +49,18 @@ def test_a_command_has_one_thread_from_the_start_unless_another_number_is_asked_
     asked: str | None,
 ) -> None:
     code = (
-        "import sys\n"
+        "import atexit, sys\n"
         "from suta_calib.cli import main\n"
+        "def say():\n"
+        "    import numpy as np\n"
+        "    from suta_calib.threads import single_threaded\n"
+        "    single_threaded(np.eye)(3) @ np.eye(3)\n"
+        "    print('threadpoolctl' in sys.modules, end=' ')\n"
+        "    import threadpoolctl\n"
+        "    print(*{p['num_threads'] for p in threadpoolctl.threadpool_info()})\n"
+        "atexit.register(say)\n"
         "sys.argv[1:] = ['--version']\n"
-        "try:\n    main()\nexcept SystemExit:\n    pass\n"
-        "import numpy as np\n"
-        "from suta_calib.threads import single_threaded\n"
-        "single_threaded(np.eye)(3) @ np.eye(3)\n"
-        "print('threadpoolctl' in sys.modules, end=' ')\n"
-        "import threadpoolctl\n"
-        "print(*{p['num_threads'] for p in threadpoolctl.threadpool_info()})"
+        "main()"
     )
     environment = {name: value for name, value in os.environ.items() if name != VARIABLE}
     environment |= {} if asked is None else {VARIABLE: asked}
