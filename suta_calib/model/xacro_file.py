@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Final
@@ -57,6 +56,9 @@ def plain_urdf(path: Path) -> Iterator[Path]:
     if not is_xacro(path):
         yield path
         return
+    # Few URDFs are generated.
+    import tempfile
+
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / f"{path.stem}.urdf"
         file.write_bytes(expanded(path))

@@ -28,7 +28,7 @@ from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_s
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
-from suta_calib.pose_calibration.robust_answer import RobustAnswer
+from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.records import dataclass
@@ -145,6 +145,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         )
 
 
+@doubting
 def calibrate_hand_eye(
     hand: tuple[ArrayLike, ArrayLike],
     seen: tuple[ArrayLike, ArrayLike],

@@ -21,6 +21,7 @@ from suta_calib.pose_calibration.robust_answer import (
     LARGEST,
     LONGEST_TIP,
     RobustAnswer,
+    doubting,
     exchanged,
 )
 from suta_calib.pose_calibration.robust_fit import parts_of, robust_fit
@@ -136,6 +137,7 @@ class PivotCalibration(Shown, RobustAnswer):
         return exchanged(self.tip, self.post, float(np.sqrt(np.trace(self.covariance))))
 
 
+@doubting
 def calibrate_pivot(
     rotation: ArrayLike,
     position: ArrayLike,

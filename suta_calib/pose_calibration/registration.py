@@ -30,7 +30,7 @@ from suta_calib.pose_calibration.rigid_fit import (
     distinct_rows,
     rigid_fit,
 )
-from suta_calib.pose_calibration.robust_answer import RobustAnswer
+from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import ROUNDING
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
@@ -220,6 +220,7 @@ class Registration(Shown, RobustAnswer):
         )
 
 
+@doubting
 def register(
     source: ArrayLike,
     target: ArrayLike,

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from functools import cached_property
-from typing import Final
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cached_property, wraps
+from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
@@ -35,9 +38,11 @@ class RobustAnswer:
         covariance: of the answer's unknowns, m and rad.
         residuals: (n, 3) of all rows, m.
         inliers: (n,) rows that were fitted.
-        suspects: (n,) those of them that stand out, but that the others do not prove wrong.
+        suspects: (n,) those of them that stand out, but that the others do not prove wrong; where
+            all rows were to be believed, those that they do.
         solution: of the solver.
         notes: what the files of the data give to think about, one sentence each.
+        all_believed: whether they were to be: plain least squares.
     """
 
     covariance: FloatArray
@@ -46,6 +51,7 @@ class RobustAnswer:
     suspects: BoolArray
     solution: Solution
     notes: tuple[str, ...] = ()
+    all_believed: bool = False
 
     @cached_property
     def rms(self) -> float:
@@ -93,10 +99,43 @@ class RobustAnswer:
         rows = listed([str(row) for row in np.flatnonzero(self.suspects)])
         if not rows:
             return []
+        if self.all_believed:
+            return [
+                f"Of the {what} {rows} (rows from 0) contradict the others and pull at the answer: "
+                "all were to be believed. Solve robustly, or look what happened there."
+            ]
         return [
             f"Of the {what} {rows} (rows from 0) stand out, but so few others do not prove them "
             "wrong: they are kept, and ± is wider for it."
         ]
+
+
+P = ParamSpec("P")
+A = TypeVar("A", bound=RobustAnswer)
+
+
+def doubting(solve: Callable[P, A]) -> Callable[P, A]:
+    """A solver that tells which rows contradict the others where it is to believe all of them.
+
+    Args:
+        solve: believes all rows where its keyword ``robust`` is False; what it would leave out
+            otherwise are then the `suspects` of its answer.
+    """
+
+    @wraps(solve)
+    def solved(*args: P.args, **kwargs: P.kwargs) -> A:
+        found = solve(*args, **kwargs)
+        if kwargs.get("robust", True):
+            return found
+        judging: dict[str, Any] = {**kwargs, "robust": True}
+        try:
+            judged = solve(*args, **judging)
+        except SamplesError:
+            # So few agree that nobody can say with whom.
+            return replace(found, all_believed=True)
+        return replace(found, suspects=~judged.inliers, all_believed=True)
+
+    return solved
 
 
 def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:

@@ -29,7 +29,8 @@ from suta_calib.report.poses import axes_with_std
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.stereotactic.cis_files import output1_text, points_text
 from suta_calib.stereotactic.distortion import DistortionCorrection
-from suta_calib.stereotactic.solve import Navigation, StereotacticErrors, StereotacticResult
+from suta_calib.stereotactic.navigation import Navigation
+from suta_calib.stereotactic.solve import StereotacticErrors, StereotacticResult
 from suta_calib.units import mm, text
 
 NAME: Final = "stereotactic"

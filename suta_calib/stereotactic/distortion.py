@@ -396,12 +396,12 @@ def fit_distortion_robustly(
     Raises:
         SamplesError: as of `fit_distortion`.
     """
-    wrong, degree = _far(measured - expected), -1
+    wrong, degree = far_off(measured - expected), -1
     believed = np.where(wrong[..., None], expected, measured)
     for _ in range(MAX_ROUNDS):
         fit, fits = _fit_inside(believed, expected)
         residuals = fit.correct(measured) - expected
-        again = _far(residuals)
+        again = far_off(residuals)
         if np.array_equal(again, wrong) and fit.degree == degree:
             break
         # Where the tracker would see the points if the fit is right: the correction's inverse.
@@ -413,8 +413,8 @@ def fit_distortion_robustly(
     return replace(_continued(fit, fits), residuals=residuals), wrong
 
 
-def _far(errors: FloatArray) -> BoolArray:
-    """Errors far too large for a normal scatter of the median's size, (N_frames, n)."""
+def far_off(errors: FloatArray) -> BoolArray:
+    """Which errors (N_frames, n, 3), m, are far too large for a scatter of the median's size."""
     sizes = np.linalg.norm(errors, axis=-1)
     sigma = float(np.median(sizes)) / np.sqrt(chi2.ppf(0.5, DIMENSION))
     limit = GROSS * np.sqrt(outlier_limit(sizes.size, 1))

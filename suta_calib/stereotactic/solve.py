@@ -33,13 +33,16 @@ from suta_calib.stereotactic.cis_files import (
 from suta_calib.stereotactic.distortion import (
     HARMLESS,
     DistortionCorrection,
+    far_off,
     fit_distortion,
     fit_distortion_robustly,
     is_distorted,
     smooth_distortion,
 )
 from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud
+from suta_calib.stereotactic.navigation import Navigation
 from suta_calib.units import mm
+from suta_calib.words import listed
 
 # Misfit of rigid markers that no noise makes, and of EM readings that asks for a reason, as part
 # of the markers' extent.
@@ -52,6 +55,8 @@ UNLIKE: Final = 5.0
 BENT: Final = 0.5
 # Part of an error that its explanation leaves at most in frames that were left out.
 EXPLAINED: Final = 0.5
+# Frames that are named.
+MOST_FRAMES: Final = 3
 # Files with frames of the EM probe; the first tells its shape.
 EM_PROBE: Final = ("empivot", EM_FIDUCIALS[0], "EM-nav")
 USES: Final = {
@@ -59,34 +64,6 @@ USES: Final = {
     "em_fiducials": "the fiducials",
     "em_nav": "the navigation frames",
 }
-
-
-@dataclass(frozen=True, eq=False)
-class Navigation:
-    """Where the EM probe's tip was in CT.
-
-    Attributes:
-        registration: ``T_ct_em`` by the fiducials.
-        fiducials: (N_B, 3) the fiducials by the EM probe, corrected, in the EM tracker, m.
-        em: (N_frames, 3) the tip while navigating, corrected, in the EM tracker, m.
-        tip_error: (N_frames,) 3-D RMS error to expect there for what the markers are read wrongly,
-            more where they lie outside what a correction is fitted to, m.
-    """
-
-    registration: Registration
-    fiducials: FloatArray
-    em: FloatArray
-    tip_error: FloatArray
-
-    @property
-    def ct(self) -> FloatArray:
-        """(N_frames, 3) the tip while navigating, in CT, m."""
-        return self.registration.act(self.em)
-
-    @property
-    def target_error(self) -> FloatArray:
-        """(N_frames,) expected error by the registration and by the readings, 3-D RMS, m."""
-        return np.hypot(self.registration.target_error(self.em), self.tip_error)
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +116,9 @@ class StereotacticResult:
         for name, part in parts.items():
             notes = [f"{name}: {note}" for note in part.assessment.notes]
             (care if part.assessment.usable else bad).extend(notes)
+        # What is bent is off for that reason.
+        if self.navigation is not None and (self.correction is not None or not distortion):
+            care += filter(None, [self.navigation.unexplained])
         return Assessment.of(bad=bad, care=[*care, *distortion])
 
     @property
@@ -249,14 +229,18 @@ def _navigate(
     fiducials, em = tips(EM_FIDUCIALS[0], given.em_fiducials), tips(EM_PROBE[2], given.em_nav)
     with error_context(path_of(data.prefix, "ct-fiducials")):
         registration = register(fiducials, given.ct_fiducials, robust=bodies.robust)
-    if correction is not None:
-        errors = correction.body_error(given.em_nav)
-    else:
-        # What the markers miss the probe's shape by; six numbers of a frame are its pose's.
-        scatter = rms_length(_misfit(probe.markers, given.em_nav)[:, None])
-        markers = len(probe.markers)
-        errors = np.full(len(em), scatter / np.sqrt(max(markers - 2, 1)))
-    return Navigation(registration, fiducials, em, probe.amplified(tip) * errors)
+
+    def tip_error(frames: FloatArray) -> FloatArray:
+        if correction is not None:
+            return probe.amplified(tip) * correction.body_error(frames)
+        # What the markers miss the probe's shape by, which is of a frame as well: both are read
+        # wrongly. Six numbers of a frame are its pose's.
+        scatter = rms_length(_misfit(probe.markers, frames)[:, None])
+        free = 2 * max(len(probe.markers) - 2, 1)
+        return np.full(len(frames), probe.amplified(tip) * scatter / np.sqrt(free))
+
+    errors = tip_error(given.em_nav), tip_error(given.em_fiducials)
+    return Navigation(registration, fiducials, em, *errors)
 
 
 def _on_shapes(result: StereotacticResult) -> list[str]:
@@ -339,6 +323,15 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
             "the optical tracker says, most of it distortion: --dewarp corrects it."
         ]
     notes = list[str]()
+    far = far_off(correction.residuals)
+    if far.any() and "calreadings" not in result.outliers:
+        frames, sizes = np.flatnonzero(far.any(axis=1)) + 1, correction.residuals[far]
+        notes.append(
+            f"calreadings: {int(far.sum())} of {far.size} EM markers stay up to "
+            f"{mm(np.linalg.norm(sizes, axis=1).max()):.2f} mm off what the others say of their "
+            f"place (frame {listed([str(frame) for frame in frames], MOST_FRAMES)}): they bend the "
+            "correction there. --robust leaves them out."
+        )
     for use, seen in result.data.em_uses.items():
         error = correction.extrapolation_error(seen)
         if error > max(correction.cross_validation[correction.degree], HARMLESS):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from stereotactic_scenes import distance, spoilt
 
+from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.stereotactic.cis_files import CalibrationMarkers, StereotacticData
 from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
@@ -207,6 +208,79 @@ def test_verdict_says_when_correction_is_needed() -> None:
     assert any("--dewarp" in note for note in solve(bent.data).assessment.notes)
     notes = solve(bent.data, dewarp=True).assessment.notes
     assert not any("--dewarp" in note for note in notes)
+
+
+# ── what single frames and fiducials say against all others ──────────────────────────────────
+def with_navigation(data: StereotacticData, **changed: FloatArray) -> StereotacticData:
+    assert data.navigation is not None
+    return replace(data, navigation=replace(data.navigation, **changed))
+
+
+def one_off(frames: FloatArray, index: int, by: float) -> FloatArray:
+    """All of one frame, or one point, displaced along z by ``by``, m."""
+    found = frames.copy()
+    found[index] += [0.0, 0.0, by]
+    return found
+
+
+CONTRADICTED = {
+    "a fiducial in CT": (
+        lambda d: with_navigation(d, ct_fiducials=one_off(d.navigation.ct_fiducials, 2, 3e-3)),
+        "Fiducial 3 is off most",
+    ),
+    "a fiducial that was touched elsewhere": (
+        lambda d: with_navigation(d, em_fiducials=one_off(d.navigation.em_fiducials, 4, 3e-3)),
+        "Fiducial 5 is off most",
+    ),
+    "a frame of the EM pivot": (
+        lambda d: replace(d, em_pivot=one_off(d.em_pivot, 3, 4e-3)),
+        r"EM pivot: Of the poses .*\b3\b.* \(rows from 0\) contradict the others",
+    ),
+    "a frame of the optical pivot": (
+        lambda d: replace(
+            d,
+            optical_pivot=replace(d.optical_pivot, probe=one_off(d.optical_pivot.probe, 5, 4e-3)),
+        ),
+        r"optical pivot: Of the poses .*\b5\b.* \(rows from 0\) contradict the others",
+    ),
+    "a frame of the calibration object": (
+        lambda d: replace(d, readings=replace(d.readings, em=one_off(d.readings.em, 10, 5e-3))),
+        r"place \(frame 11\): they bend the correction there. --robust leaves them out.",
+    ),
+}
+
+
+@pytest.mark.parametrize("distortion", [0.0, 2e-3])
+@pytest.mark.parametrize("which", CONTRADICTED)
+def test_what_contradicts_all_others_is_told(which: str, distortion: float) -> None:
+    """Of plain least squares, which believes it: before, most such sets were called good."""
+    spoil, told = CONTRADICTED[which]
+    for seed in range(2):
+        data = simulate_stereotactic(seed=seed, distortion=distortion, em_noise=1e-4, grid=3).data
+        assert solve(data, dewarp=True).assessment.level == "good"
+        assessment = solve(spoil(data), dewarp=True).assessment
+        assert assessment.level == "care"
+        assert any(re.search(told, note) for note in assessment.notes), assessment.notes
+
+
+def test_fiducials_are_held_against_what_the_probe_reads() -> None:
+    """Six fiducials hardly tell which of them is wrong; how finely they were read does that."""
+    off, stated = [], []
+    for seed in range(8):
+        made = simulate_stereotactic(seed=seed, em_noise=2e-4, grid=2)
+        clean = solve(made.data)
+        assert clean.assessment.level == "good", clean.assessment.notes
+        given = made.data.navigation
+        assert given is not None
+        spoilt_ct = one_off(given.ct_fiducials, seed % 6, 4e-3)
+        assessment = solve(with_navigation(made.data, ct_fiducials=spoilt_ct)).assessment
+        assert any("readings of the probe explain" in note for note in assessment.notes)
+        navigation = clean.navigation
+        assert navigation is not None
+        off += np.sum((navigation.ct - made.truth.navigation) ** 2, axis=1).tolist()
+        stated += (navigation.target_error**2).tolist()
+    # What the markers miss the probe's shape by is twice what they are read wrongly by.
+    assert 0.7 < np.sqrt(np.mean(off) / np.mean(stated)) < 1.4
 
 
 def test_same_seed_same_set() -> None:

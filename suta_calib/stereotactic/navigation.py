@@ -1,0 +1,70 @@
+"""Where the EM probe's tip was in CT, how far to trust it, and whether the fiducials agree."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.distributions import chi2
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.pose_calibration.consensus import DIMENSION
+from suta_calib.pose_calibration.registration import Registration
+from suta_calib.records import dataclass
+from suta_calib.units import mm
+
+# Chance of fiducials as far off by the readings alone below which something else is wrong.
+UNEXPLAINED: Final = 1e-5
+_OF_A_POSE: Final = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Navigation:
+    """Where the EM probe's tip was in CT.
+
+    Attributes:
+        registration: ``T_ct_em`` by the fiducials.
+        fiducials: (N_B, 3) the fiducials by the EM probe, corrected, in the EM tracker, m.
+        em: (N_frames, 3) the tip while navigating, corrected, in the EM tracker, m.
+        tip_error: (N_frames,) 3-D RMS error to expect there for what the markers are read wrongly,
+            more where they lie outside what a correction is fitted to, m.
+        fiducial_error: (N_B,) the same of the tip in the fiducials, m.
+    """
+
+    registration: Registration
+    fiducials: FloatArray
+    em: FloatArray
+    tip_error: FloatArray
+    fiducial_error: FloatArray
+
+    @property
+    def ct(self) -> FloatArray:
+        """(N_frames, 3) the tip while navigating, in CT, m."""
+        return self.registration.act(self.em)
+
+    @property
+    def target_error(self) -> FloatArray:
+        """(N_frames,) expected error by the registration and by the readings, 3-D RMS, m."""
+        return np.hypot(self.registration.target_error(self.em), self.tip_error)
+
+    @property
+    def unexplained(self) -> str:
+        """What is said of fiducials that lie farther from each other's places than they are read.
+
+        So few of them hardly tell which is wrong; empty where the readings explain it.
+        """
+        fitted, found = self.registration.inliers, self.registration
+        freedom = DIMENSION * int(fitted.sum()) - _OF_A_POSE
+        # A registration takes as much of the errors as it has unknowns.
+        explained = rms_length(self.fiducial_error[fitted][:, None])
+        explained *= np.sqrt(freedom / (DIMENSION * int(fitted.sum())))
+        if freedom < 1 or chi2.sf((found.rms / explained) ** 2 * freedom, freedom) > UNEXPLAINED:
+            return ""
+        apart = np.where(fitted, np.linalg.norm(found.residuals, axis=1), 0.0)
+        return (
+            f"The fiducials lie {mm(found.rms):.2f} mm RMS off where each other puts them, and the "
+            f"readings of the probe explain {mm(explained):.2f} mm: one was touched elsewhere, has "
+            "moved or is off in CT, where ± does not hold. Fiducial "
+            f"{int(np.argmax(apart)) + 1} is off most, by {mm(apart.max()):.2f} mm."
+        )
