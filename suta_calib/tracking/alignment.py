@@ -336,10 +336,15 @@ class _AlignmentFit:
         moved, time = self._moved(), self.time - self.latency
         columns = [self.path.velocity(time)[:, :, None]]
         if self.registered:
-            columns.append(np.tile(np.eye(3), (len(moved), 1, 1)))
-            columns.append(-skew(moved - moved.mean(axis=0)))
+            columns.append(rigid_motions(moved))
         columns.append(-self.R @ self.errors)
         return self.residual(), np.concatenate(columns, axis=2)
+
+
+def rigid_motions(points: FloatArray) -> FloatArray:
+    """(n, 3, 6) velocity of points (n, 3) that shift, and turn about their mean."""
+    shift = np.tile(np.eye(3), (len(points), 1, 1))
+    return np.concatenate([shift, -skew(points - points.mean(axis=0))], axis=2)
 
 
 def _inverse(jacobian: FloatArray) -> FloatArray:

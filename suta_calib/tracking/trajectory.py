@@ -32,6 +32,7 @@ class Trajectory:
         position: (n, 3) m.
         rotation: (n, 3, 3); None where the file has none.
         angles: (n, joints) readings of an arm, rad; None where there are none.
+        lines: (n,) of the file, from 1; None where it was not read from one.
     """
 
     path: Path
@@ -39,6 +40,11 @@ class Trajectory:
     position: FloatArray
     rotation: FloatArray | None = None
     angles: FloatArray | None = None
+    lines: tuple[int, ...] | None = None
+
+    def origin(self, row: int) -> str:
+        """Where a row comes from: file and line, or its number from 0."""
+        return f"row {row}" if self.lines is None else f"{self.path.name}:{self.lines[row]}"
 
 
 def read_trajectory(path: str | Path, arm: ArmModel | None = None) -> Trajectory:
@@ -60,6 +66,6 @@ def read_trajectory(path: str | Path, arm: ArmModel | None = None) -> Trajectory
         angles = np.stack([table.numbers(name) for name in arm.joints], axis=-1)
         if not any(name in table.columns for name in position_columns()):
             rotation, position = arm.forward(angles)
-            return Trajectory(table.path, time, position, rotation, angles)
+            return Trajectory(table.path, time, position, rotation, angles, table.lines)
     turned = rotations(table) if has_rotations(table) else None
-    return Trajectory(table.path, time, positions(table), turned, angles)
+    return Trajectory(table.path, time, positions(table), turned, angles, table.lines)
