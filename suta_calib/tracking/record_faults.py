@@ -1,0 +1,208 @@
+"""What a record itself got wrong: a clock, a stuck tracker, something knocked, single wild rows.
+
+None of this is the motion's doing, and all of it hides in an error that is averaged. What an honest
+record may err by is taken out first: an offset, errors that grow with the place or depend on which
+way it moves, lateness, play and geometry where joints are known. Stray rows are looked for first
+(`stray_rows`), then one of the others (`shifts_in_time`) in the rest.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.tracking.errors_in_time import LEAST, NOTHING, ErrorsInTime, Found, Kind, fitted
+from suta_calib.tracking.shifts_in_time import ShiftsInTime
+from suta_calib.tracking.stray_rows import STUCK, Stray, robust_residual, stuck_rows, wild_rows
+from suta_calib.tracking.trajectory import Trajectory
+from suta_calib.units import Unit, mm, ms, text
+
+# Of the squares of the errors, what a fault explains that spoils the answer.
+MOST: Final = 0.5
+# The same of one that is worth a word.
+WORTH: Final = 0.05
+# Digits of a clock's rate and its std, in per cent.
+_DIGITS: Final = 2
+
+
+@dataclass(frozen=True)
+class RecordFault:
+    """Something that the record, and not the motion, got wrong.
+
+    Attributes:
+        kind: ``stuck`` rows, ``wild`` rows, a ``jump``, a ``step`` of its time, or the ``rate`` of
+            its clock.
+        first, last: file and line of its first and last row; of the worst where it is wild rows,
+            of the longest stretch where it stuck more than once.
+        since, until: their times, s.
+        to_the_end: whether it lasts until the last row.
+        count: of stretches, or of wild rows.
+        size: how far the reference moved on, or the rows are off, m; by how much the recording
+            comes later, s, or its clock runs fast, a number.
+        std: its standard deviation; NaN of rows that are stuck or wild.
+        seconds: of the whole record.
+        explained: share of the squares of the errors that it explains, from 0 to 1.
+        latency, rms: s and m, as they are without it, and without those told before it.
+        latency_with, rms_with: as they are with it.
+        spoils: whether it explains most of the error, and one of these numbers changed by more
+            than its standard uncertainty.
+    """
+
+    kind: Kind
+    first: str
+    last: str
+    since: float
+    until: float
+    to_the_end: bool
+    count: int
+    size: float
+    std: float
+    seconds: float
+    explained: float
+    latency: float
+    rms: float
+    latency_with: float
+    rms_with: float
+    spoils: bool
+
+    @property
+    def unit(self) -> Unit:
+        """Of ``size`` and ``std``."""
+        return "1" if self.kind == "rate" else "s" if self.kind == "step" else "m"
+
+    @property
+    def sentence(self) -> str:
+        """What it is, what to do, and what the answer is without it."""
+        return (
+            f"{self._what} Without that: {mm(self.rms):.3f} mm RMS (not {mm(self.rms_with):.3f}), "
+            f"latency {ms(self.latency):.2f} ms (not {ms(self.latency_with):.2f})."
+        )
+
+    @property
+    def _what(self) -> str:
+        from_there = f"From {self.since:.3f} s on ({self.first})"
+        stretch = f"from {self.since:.3f} s to {self.until:.3f} s ({self.first} to {self.last})"
+        if self.kind == "stuck":
+            times = f" {self.count} times, longest" if self.count > 1 else ""
+            return (
+                f"The recording is stuck{times} {stretch}, while the reference moves on by "
+                f"{mm(self.size):.1f} mm: leave these rows out."
+            )
+        if self.kind == "wild":
+            many = self.count > 1
+            return (
+                f"{self.count} row{'s are' if many else ' is'} off those before and after by "
+                f"{'up to ' if many else ''}{mm(self.size):.2f} mm ({self.first}, at "
+                f"{self.since:.3f} s): leave {'them' if many else 'it'} out."
+            )
+        if self.kind == "jump":
+            by = f"{text(self.size, 'm')} ± {text(self.std, 'm', with_unit=True)}"
+            where = from_there if self.to_the_end else stretch[0].upper() + stretch[1:]
+            return (
+                f"{where} the recording stands elsewhere, by {by}, against the reference: was a "
+                "base, a tool or a target knocked? Compare the rows before and after alone."
+            )
+        if self.kind == "step":
+            later = "later" if self.size > 0 else "earlier"
+            return (
+                f"{from_there} the recording comes {abs(ms(self.size)):.2f} ± {ms(self.std):.2f} "
+                f"ms {later} than before: did its time stamps jump? Compare the rows before and "
+                "after alone."
+            )
+        # Two digits of the std.
+        digits = max(_DIGITS, _DIGITS - 1 - math.floor(math.log10(max(100 * self.std, 1e-6))))
+        grows = abs(ms(self.size * self.seconds))
+        return (
+            f"The recording's clock runs {100 * abs(self.size):.{digits}f} ± "
+            f"{100 * self.std:.{digits}f} % {'fast' if self.size > 0 else 'slow'} beside the "
+            f"reference's: the latency changes by {grows:.1f} ms in {self.seconds:.1f} s. Take the "
+            "times of both from one clock."
+        )
+
+
+def record_faults(
+    record: ErrorsInTime,
+    recorded: Trajectory,
+    rows: np.typing.NDArray[np.intp],
+    latency: tuple[float, float],
+    std_of_rms: Callable[[FloatArray], float],
+) -> tuple[RecordFault, ...]:
+    """What explains a record's errors that is no error of the motion, one beside those before it.
+
+    Args:
+        record: errors over time.
+        recorded: whose rows are named.
+        rows: (n,) those that the record has.
+        latency: and its standard uncertainty, s.
+        std_of_rms: the standard deviation of a root mean square, m, by squares in order of time.
+    """
+    told, shape, lateness = list[RecordFault](), np.zeros_like(record.error), 0.0
+    squares, late = np.sum(record.error**2, axis=1), 0.0
+    for each in _found(record):
+        # Each beside those before it: what one explains does not make the next a trifle.
+        shape, lateness = shape + each.shape, lateness + each.lateness
+        before, latency_with = squares, late
+        squares, late = _without(record, shape)
+        late += lateness
+        with_it, rms = (float(np.sqrt(np.mean(some))) for some in (before, squares))
+        changed = abs(late - latency_with) > latency[1] or abs(with_it - rms) > std_of_rms(squares)
+        explained = 1.0 - float(squares.sum()) / max(float(before.sum()), 1e-300)
+        first, last = rows[each.first], rows[each.last]
+        fault = RecordFault(
+            kind=each.kind,
+            first=recorded.origin(first),
+            last=recorded.origin(last),
+            since=float(recorded.time[first]),
+            until=float(recorded.time[last]),
+            to_the_end=bool(each.last == len(rows) - 1),
+            count=each.count,
+            size=each.size,
+            std=each.std,
+            seconds=float(record.time[-1] - record.time[0]),
+            explained=explained,
+            latency=latency[0] + late,
+            rms=rms,
+            latency_with=latency[0] + latency_with,
+            rms_with=with_it,
+            spoils=bool(explained > MOST and changed),
+        )
+        told += [fault] if explained > WORTH else []
+    return tuple(told)
+
+
+def _found(record: ErrorsInTime) -> list[Found]:
+    """The most telling faults: stuck and wild rows, and one of the others."""
+    if len(record.time) < LEAST:
+        return []
+    left = robust_residual(record)
+    scatter = max(float(np.median(np.linalg.norm(left, axis=1))), NOTHING / STUCK)
+    found, kept = list[Found](), np.ones(len(left), dtype=bool)
+
+    def leave_out(kind: Kind, stray: Stray | None) -> None:
+        if stray:
+            shape = np.zeros_like(left)
+            shape[stray.rows] = np.nan
+            kept[stray.rows] = False
+            ends = stray.first, stray.last
+            found.append(Found(kind, stray.size, math.nan, shape, stray.count, *ends))
+
+    leave_out("stuck", stuck_rows(record, left, scatter))
+    leave_out("wild", wild_rows(record, left, scatter, kept) if np.sum(kept) >= LEAST else None)
+    other = ShiftsInTime(record, kept).most_telling() if np.sum(kept) >= LEAST else None
+    return [*found, other] if other else found
+
+
+def _without(record: ErrorsInTime, shape: FloatArray) -> tuple[FloatArray, float]:
+    """Squares of the errors (m,) without a shape (n, 3), m², and what lateness that leaves, s."""
+    kept = np.isfinite(shape[:, 0])
+    error, columns = record.error[kept] - shape[kept], record.estimated[kept]
+    # What the alignment makes of it: lateness and transform go with the rest that it estimates.
+    follows = fitted(columns, error)
+    moved = 1 + record.transform.shape[2]
+    error = error - columns[:, :, :moved] @ follows[:moved]
+    return np.sum(error**2, axis=1), float(follows[0])

@@ -1,0 +1,259 @@
+"""A record that is elsewhere, or later, than it was: something knocked, a clock that runs wrong.
+
+* A jump is a change from row to row that dwarfs every other one of this record, and is there at
+  once: a level that is another from a row on is no proof, for order in time is mostly order in
+  space, and where a joint turns back its play is taken up.
+* A clock's rate, and a step of its time, are errors along the velocity that grow with time, or
+  begin at some time. They must explain most of what is left beyond the scatter of neighbouring
+  rows, and more than chance does where rows count for as few as their correlation leaves.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.acquisition.averaging import NORMAL
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.distributions import f
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.pose_calibration.serial_correlation import correlation_length
+from suta_calib.tracking.errors_in_time import (
+    NOTHING,
+    SAME,
+    ErrorsInTime,
+    Found,
+    Kind,
+    fitted,
+    per_axis,
+)
+
+# Rows are taken together to so many at most.
+BINS: Final = 1000
+# Chance that the tests of one kind call an honest record's clock wrong.
+FALSE_ALARM: Final = 1e-4
+# Of the squares beyond the scatter of neighbours, what a clock's fault must explain.
+SHARE: Final = 0.5
+# Of a shape's squares, what no honest cause must be able to explain for it to be told.
+FREE: Final = 0.03
+# Bins at either end at which no step is looked for, and degrees of freedom that tell a variance.
+EDGE: Final = 3
+LEAST_FREEDOM: Final = 3.0
+# Rounds in which what was found is found anew where it has led to.
+ROUNDS: Final = 4
+# Times that a jump is larger than every other change, and the share by which the end of a short
+# one may differ from its beginning.
+DWARFS: Final = 2.5
+ALIKE: Final = 0.5
+# Rows of which means are taken before and after, s of the longest, and means that a record has.
+WIDTHS: Final = (2, 4, 8, 16, 32, 64, 128)
+LONGEST: Final = 0.25
+MEANS: Final = 24
+# s, or two rows, within which so much of a jump happens: play takes longer to be taken up.
+SHARP: Final = 0.005
+AT_ONCE: Final = 0.85
+# m; changes that are none.
+TINY: Final = 1e-9
+
+
+class ShiftsInTime:
+    """A jump, a rate or a step of time.
+
+    Args:
+        record: errors over time.
+        kept: (n,) rows that are neither stuck nor wild.
+    """
+
+    def __init__(self, record: ErrorsInTime, kept: BoolArray) -> None:
+        self.record, self.at = record, np.flatnonzero(kept)
+        self.n = len(self.at)
+        self.time, self.error = record.time[kept], record.error[kept]
+        self.columns, self.velocity = record.columns[kept], record.velocity[kept]
+        self.first = np.unique(np.linspace(0, self.n, min(self.n, BINS) + 1).astype(np.intp))[:-1]
+        self.counts = np.diff(np.append(self.first, self.n))
+        self.b_error, self.b_columns = self.mean(self.error), self.mean(self.columns)
+        flat = self.b_columns.reshape(-1, self.b_columns.shape[2])
+        flat = flat / np.maximum(np.sqrt(np.mean(flat**2, axis=0)), 1e-300)
+        u, s, _ = np.linalg.svd(flat, full_matrices=False)
+        self.q = u[:, s > SAME * s[0]]
+        self.left = self.free(self.b_error)
+        second = np.diff(self.error, 2, axis=0)
+        noise = NORMAL * np.median(np.abs(second), axis=0) / np.sqrt(6.0)
+        self.white = float(np.sum(noise**2) * np.sum(1.0 / self.counts))
+
+    def mean(self, rows: FloatArray) -> FloatArray:
+        """Means of rows (n, …) by bins (m, …)."""
+        sums = np.add.reduceat(rows, self.first, axis=0)
+        return np.asarray(sums / self.counts.reshape(-1, *[1] * (rows.ndim - 1)))
+
+    def free(self, rows: FloatArray) -> FloatArray:
+        """What no column explains of bins (m, 3)."""
+        flat = rows.ravel()
+        return np.asarray((flat - self.q @ (self.q.T @ flat)).reshape(-1, 3))
+
+    def most_telling(self) -> Found | None:
+        """The one that leaves least, where there is one."""
+        found = [each for each in (self.jump(), self.rate(), self.step()) if each]
+        return min(found, key=lambda each: each[0])[1] if found else None
+
+    def spread(self, shape: FloatArray) -> FloatArray:
+        """(n, 3) of all rows, from those that are kept."""
+        whole = np.zeros_like(self.record.error)
+        whole[self.at] = shape
+        return whole
+
+    def judged(self, column: FloatArray, looks: int) -> tuple[float, float, float] | None:
+        """What bins (m, 3) leave, the size of a column and its std; None where it is chance.
+
+        Args:
+            column: (m, 3) m per unit of its size.
+            looks: of so many columns it is the best.
+        """
+        free = self.free(column)
+        told = float(np.sum(free**2))
+        if told <= FREE * float(np.sum(column**2)):
+            return None
+        size = float(np.sum(free * self.left)) / told
+        rest = self.left - size * free
+        squares, every = float(np.sum(rest**2)), float(np.sum(self.left**2))
+        freedom = (rest.size - self.q.shape[1] - 1) / correlation_length(rest)
+        small = rms_length(size * column) < NOTHING
+        little = every - squares < SHARE * max(every - self.white, 0.0)
+        if freedom < LEAST_FREEDOM or small or little:
+            return None
+        variance = max(squares, 1e-18 * rest.size) / freedom
+        if float(f.sf((every - squares) / variance, 1.0, freedom)) * looks > FALSE_ALARM:
+            return None
+        return squares, size, float(np.sqrt(variance / told))
+
+    def rate(self) -> tuple[float, Found] | None:
+        """An error along the velocity that grows with time."""
+        since = self.time - self.time.mean()
+        return self.delayed("rate", since, 1, 0)
+
+    def step(self) -> tuple[float, Found] | None:
+        """An error along the velocity from a row on: the bin from which it explains most."""
+        means = self.mean(-self.velocity)
+        q = self.q.reshape(len(means), 3, -1)
+        own, shared, pull = (
+            np.cumsum(each[::-1], axis=0)[::-1]
+            for each in (
+                np.sum(means**2, axis=1),
+                np.einsum("mi,mik->mk", means, q),
+                np.sum(means * self.left, axis=1),
+            )
+        )
+        told = own - np.sum(shared**2, axis=1)
+        usable = told > FREE * np.maximum(own, 1e-300)
+        usable[:EDGE] = usable[-EDGE:] = False
+        gain = np.where(usable, pull**2 / np.where(usable, told, 1.0), 0.0)
+        if not gain.any():
+            return None
+        row = int(self.first[np.argmax(gain)])
+        after = np.zeros(self.n)
+        after[row:] = 1.0
+        found = self.delayed("step", after, len(means), row)
+        if not found or not self.sharp(self.residual(), row, -found[1].size * self.velocity[row]):
+            return None
+        return found
+
+    def delayed(
+        self, kind: Kind, basis: FloatArray, looks: int, first: int
+    ) -> tuple[float, Found] | None:
+        """Delays in proportion to a basis (rows,), from a row on, and what squares they leave."""
+        judged = self.judged(self.mean(-self.velocity * basis[:, None]), looks)
+        if not judged:
+            return None
+        size, lateness, error = judged[1], 0.0, self.error
+        whole, columns = np.zeros(len(self.record.time)), self.b_columns
+        # Delays are not small beside what the motion changes in: again where they lead to.
+        for _ in range(ROUNDS):
+            whole[self.at] = lateness + size * basis
+            position, velocity = (each[self.at] for each in self.record.late(whole))
+            error = self.error + self.record.reference[self.at] - position
+            late, own = (self.mean(-velocity * each) for each in (1.0, basis[:, None]))
+            columns = np.concatenate([late[:, :, None], columns[:, :, 1:]], axis=2)
+            every = np.concatenate([columns, own[:, :, None]], axis=2)
+            change = fitted(every, self.mean(error))
+            lateness, size = lateness + float(change[0]), size + float(change[-1])
+        rest = self.mean(error) - every @ change
+        std = judged[2] * rms_length(rest) / max(float(np.sqrt(judged[0] / len(rest))), 1e-300)
+        shape = self.spread(self.error - error)
+        ends = int(self.at[first]), int(self.at[-1])
+        return float(np.sum(rest**2)), Found(kind, size, std, shape, 1, *ends, lateness)
+
+    def residual(self) -> FloatArray:
+        """(rows, 3) what no column explains."""
+        return np.asarray(self.error - self.columns @ fitted(self.b_columns, self.b_error))
+
+    def sharp(self, left: FloatArray, row: int, jump: FloatArray) -> bool:
+        """Whether most of a jump (3,) is there at once, as far as the noise lets it be seen."""
+        size = float(np.linalg.norm(jump))
+        w = max(2, round(SHARP / float(np.median(np.diff(self.time)))))
+        change = _changes(left, w) @ (jump / max(size, 1e-300))
+        noise = NORMAL * float(np.median(np.abs(change)))
+        near = change[max(row - w - w // 2, 0) : row - w + w // 2 + 1]
+        return len(near) > 0 and float(near.max()) > AT_ONCE * size - 3.0 * noise
+
+    def jump(self) -> tuple[float, Found] | None:
+        """A place that is another from a row on, or between two."""
+        step = float(np.median(np.diff(self.time)))
+        widths = [w for w in WIDTHS if w * MEANS <= self.n and w * step <= LONGEST]
+        left = self.residual()
+        if not widths:
+            return None
+        # What the jump made of all that was fitted hides it: again with it in its place.
+        for _ in range(ROUNDS):
+            ratio, w, first, end = max(_dwarfing(left, w) for w in widths)
+            inside = np.zeros(self.n)
+            inside[first:end] = 1.0
+            own = per_axis(self.mean(inside)[:, None])
+            beta = fitted(np.concatenate([self.b_columns, own], axis=2), self.b_error)
+            left = self.error - self.columns @ beta[:-3]
+        if ratio < DWARFS:
+            return None
+        change = _changes(left, w)
+        jump = change[first - w]
+        size = float(np.linalg.norm(jump))
+        column = self.mean(inside[:, None] * jump)
+        told = float(np.sum(self.free(column) ** 2)) > FREE * float(np.sum(column**2))
+        if size < NOTHING or not told or not self.sharp(left, first, jump):
+            return None
+        elsewhere = np.abs(np.arange(len(change)) - (first - w)) > w
+        if end < self.n:
+            elsewhere &= np.abs(np.arange(len(change)) - (end - w)) > w
+        std = float(np.sqrt(np.mean((change[elsewhere] @ (jump / size)) ** 2)))
+        offset = inside[:, None] * beta[-3:]
+        squares, shape = float(np.sum(self.mean(left - offset) ** 2)), self.spread(offset)
+        ends = int(self.at[first]), int(self.at[end - 1])
+        return squares, Found("jump", size, std, shape, 1, *ends)
+
+
+def _changes(left: FloatArray, w: int) -> FloatArray:
+    """(n - 2 w + 1, 3) mean of w rows after minus mean of w rows before rows w … n - w."""
+    sums = np.concatenate([np.zeros((1, 3)), np.cumsum(left, axis=0)])
+    means = (sums[w:] - sums[:-w]) / w
+    return np.asarray(means[w:] - means[:-w])
+
+
+def _dwarfing(left: FloatArray, w: int) -> tuple[float, int, int, int]:
+    """How far the largest change dwarfs the others, the width, where it is, and where it ends.
+
+    Or the two largest, where the second takes back what the first did.
+    """
+    change = _changes(left, w)
+    size = np.linalg.norm(change, axis=1)
+    at = np.arange(len(size))
+    one = int(np.argmax(size))
+    beyond = np.where(np.abs(at - one) > w, size, 0.0)
+    two = int(np.argmax(beyond))
+    third = np.where(np.abs(at - two) > w, beyond, 0.0)
+    single = size[one] / max(beyond[two], TINY)
+    found = [(float(single), w, one + w, len(left))]
+    back = np.linalg.norm(change[one] + change[two])
+    if back < ALIKE * size[one]:
+        double = size[two] / max(float(third.max()), TINY)
+        first, end = sorted((one, two))
+        found.append((float(double), w, first + w, end + w))
+    return max(found)
