@@ -40,7 +40,8 @@ def path_accuracy(
     qx,qy,qz,qw where orientations are to be compared. RECORDED.csv may come from track --csv:
     with --urdf and its joint columns the hysteresis of every joint is found, and taken out of the
     latency. Exits with 1 where the motions do not tell the latency: where it is the largest looked
-    at, where they repeat themselves, or where nothing moves but noise.
+    at, where they repeat themselves, or where nothing moves but noise; and where most of the error
+    is the record's own doing: a clock that runs wrong, a stuck tracker, something that was knocked.
     """
     from suta_calib.report.path_accuracy import path_accuracy_document
     from suta_calib.tracking.path_accuracy import compare

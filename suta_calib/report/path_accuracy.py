@@ -19,6 +19,7 @@ from suta_calib.report.listing import Column, Json, Listing, shown_as
 from suta_calib.report.poses import pose_record
 from suta_calib.report.svg import picture, shown_array, svg_text
 from suta_calib.tracking.path_accuracy import UPDATE_RATES, MotionQuarter, PathAccuracy
+from suta_calib.tracking.record_faults import RecordFault
 from suta_calib.tracking.reversals import ChannelReversals
 from suta_calib.units import NOTHING, Unit, mm, ms, text, unit_name
 
@@ -121,12 +122,35 @@ JOINTS: Final = Listing[Reversals](
 )
 
 
+def _fault_unit(each: RecordFault) -> Unit:
+    return each.unit
+
+
+# Written only: the notes of the assessment tell them.
+FAULTS: Final = Listing[RecordFault](
+    "What the record itself got wrong",
+    Column("kind"),
+    Column("first"),
+    Column("last"),
+    Column("since", unit="s"),
+    Column("until", unit="s"),
+    Column("count"),
+    Column("size", unit=_fault_unit),
+    Column("std", unit=_fault_unit),
+    Column("explained"),
+    Column("rms", unit="m"),
+    Column("latency_ms", value=lambda each: ms(each.latency)),
+    Column("spoils"),
+)
+
+
 def path_accuracy_document(found: PathAccuracy) -> Document:
     """Latency, errors, what happens where joints turn back, and the transform if one was found.
 
     In JSON ``errors`` has ``same_time`` (recorded minus reference at one time),
     ``latency_removed``, ``path`` (the part of it across the motion) and, with orientations,
-    ``orientation``.
+    ``orientation``; ``faults`` has what the record itself got wrong, and ``rms`` and ``latency``
+    without that.
     """
     alignment = found.alignment
     same_time, aligned = np.linalg.norm([found.error_same_time, found.error], axis=2)
@@ -175,6 +199,7 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
         "by_acceleration": ACCELERATIONS.records(found.by_acceleration),
         "by_update_rate": RATES.records(rates),
         "reversals": {"per": found.per, "channels": reversals.records(rows)},
+        "faults": FAULTS.records(found.faults),
         "registration": registration,
         "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},
         "seconds": float(found.time[-1] - found.time[0]),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from typing import Final, Literal
 
@@ -13,7 +14,9 @@ from suta_calib.assessment import Assessment
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.arm import ArmModel
 from suta_calib.records import dataclass
-from suta_calib.tracking.alignment import Alignment, ReferencePath, align
+from suta_calib.tracking.alignment import Alignment, ReferencePath, align, rigid_motions
+from suta_calib.tracking.errors_in_time import ErrorsInTime, per_axis
+from suta_calib.tracking.record_faults import RecordFault, record_faults
 from suta_calib.tracking.reversals import (
     ChannelReversals,
     axis_channels,
@@ -75,6 +78,7 @@ class PathAccuracy:
         reversals: per joint, or per axis of the recording where nothing is known of joints.
         per: which of the two.
         hysteresis: by joint, and its standard uncertainty, rad or m; only those that turn back.
+        faults: of the record itself, each as it is without those before it.
     """
 
     recorded: Trajectory
@@ -83,6 +87,7 @@ class PathAccuracy:
     reversals: tuple[ChannelReversals, ...]
     per: Literal["joint", "axis"]
     hysteresis: dict[str, tuple[float, float]]
+    faults: tuple[RecordFault, ...] = ()
 
     @property
     def time(self) -> FloatArray:
@@ -133,7 +138,7 @@ class PathAccuracy:
         size = np.linalg.norm(vectors, axis=1)
         order = np.argsort(size, kind="stable")
         squares = np.sum(self.error**2, axis=1), np.sum(self.error_same_time**2, axis=1)
-        stretch = np.arange(len(size), dtype=np.intp) * _STRETCHES // max(len(size), 1)
+        stretch = _stretches(len(size))
         return tuple(
             MotionQuarter(
                 float(size[rows[0]]),
@@ -211,6 +216,8 @@ class PathAccuracy:
                 "The motion does not tell the latency: it is too slow for the distance that is "
                 "left, or the files are in different frames (--register)."
             )
+        for fault in self.faults:
+            (bad if fault.spoils else care).append(fault.sentence)
         if not any(each.reversals for each in self.reversals):
             care.append(f"No {self.per} turns back: nothing can be said of hysteresis.")
         elif self.per == "axis":
@@ -287,7 +294,7 @@ def compare(
     truth = ReferencePath(reference).position(recorded.time[rows] - alignment.latency)
     error[rows] = (alignment.act(recorded.position[rows]) - truth) @ alignment.rotation
     sizes = zip(alignment.sizes.tolist(), alignment.sizes_std.tolist(), strict=True)
-    return PathAccuracy(
+    found = PathAccuracy(
         recorded,
         reference,
         alignment,
@@ -295,3 +302,37 @@ def compare(
         "joint" if by_joint else "axis",
         dict(zip([t.channel.name for t in judged], sizes, strict=False)),
     )
+    return replace(found, faults=_faults(found, errors))
+
+
+def _faults(found: PathAccuracy, errors: FloatArray | None) -> tuple[RecordFault, ...]:
+    """Of the record; errors (n, 3, k) of known shapes are along the recording's axes."""
+    alignment, rows = found.alignment, found.alignment.rows
+    path, late = ReferencePath(found.reference), found.time - alignment.latency
+    position = alignment.act(found.recorded.position[rows])
+    none = np.zeros((len(rows), 3, 0))
+    # Where nothing is known of joints, each axis may err by which way it went.
+    senses = np.column_stack([each.sense[rows] for each in found.reversals])
+    record = ErrorsInTime(
+        time=found.time,
+        error=found.error,
+        recorded=position,
+        reference=path.position(late),
+        velocity=path.velocity(late),
+        transform=rigid_motions(position) if alignment.registered else none,
+        known=none if errors is None else -alignment.rotation @ errors[rows],
+        honest=per_axis(senses) if errors is None else none,
+        interval=float(np.median(np.diff(found.reference.time))),
+        late=lambda delay: (path.position(late - delay), path.velocity(late - delay)),
+    )
+    latency = alignment.latency, alignment.latency_std
+    return record_faults(record, found.recorded, rows, latency, _std_of_rms)
+
+
+def _std_of_rms(squares: FloatArray) -> float:
+    return _jackknife(squares, _stretches(len(squares)))
+
+
+def _stretches(rows: int) -> IntArray:
+    """Which stretch of time each row is in."""
+    return np.arange(rows, dtype=np.intp) * _STRETCHES // max(rows, 1)
