@@ -29,7 +29,7 @@ from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
-from suta_calib.pose_calibration.robust_fit import robust_fit
+from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
@@ -44,6 +44,7 @@ from suta_calib.terms.hand_eye_start import (
     loop_closures,
     quaternion_hand_eye,
 )
+from suta_calib.terms.poses import together
 from suta_calib.units import deg, from_deg, text
 
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
@@ -57,6 +58,8 @@ FINEST_TURN: Final = from_deg(0.1)
 # of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
 FEW_PAIRS: Final = 8
 FINEST_POSITION: Final = 5e-4
+# Part of the noise within which hand and eye are read alike only where they were not read again.
+ALIKE: Final = 0.05
 # What X and Z are another by, where it is moved.
 MAY_MOVE: Final[dict[EyeSetup, tuple[str, str]]] = {
     EYE_IN_HAND: ("the eye on the hand (or the hand's tool frame)", "the target (or the base)"),
@@ -78,6 +81,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
         trend: of the residuals with the distance from the eye; the covariance allows for it.
         moved: what stands elsewhere from some pair on; None where nothing does.
+        copies: how many of the pairs that were fitted repeat another: no measurements.
         length: m per unit of `solution`.
     """
 
@@ -90,6 +94,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     robot_noise_fraction: float
     trend: DistanceTrend
     moved: Moved | None
+    copies: int
     length: float
 
     @property
@@ -112,9 +117,13 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     def assessment(self) -> Assessment:
         """How far to trust X."""
         caution = list[str]()
-        if self.inliers.sum() < ENOUGH:
+        count = int(self.inliers.sum()) - self.copies
+        if self.copies:
+            rows = "1 pair repeats" if self.copies == 1 else f"{self.copies} pairs repeat"
+            caution.append(f"{rows} another, hand and eye: no measurement of its own.")
+        if count < ENOUGH:
             caution.append(
-                f"Only {int(self.inliers.sum())} pairs: the standard deviations are guesses "
+                f"Only {count} pairs: the standard deviations are guesses "
                 "themselves, and a wrong pair may not show; take a dozen or more."
             )
         if self.moved:
@@ -141,7 +150,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         return Assessment.of(
             "" if bad else f"{self.known}; {agreed}",
             bad=bad,
-            care=[*caution, *self.kept("pairs")],
+            care=[*caution, *self.set_aside("pairs", self.inliers), *self.kept("pairs")],
         )
 
 
@@ -236,9 +245,20 @@ def calibrate_hand_eye(
         moved=moved(
             fit, dict(zip(MAY_MOVE[setup], (range(6), range(6, 12)), strict=True)), jacobian
         ),
+        copies=_copies(scaled, target, fit),
         solution=fit.solution,
         length=length,
     )
+
+
+def _copies(A: Poses, B: Poses, fit: RobustFit) -> int:
+    """How many fitted pairs repeat another, as far as noise could ever let them."""
+    rows = np.flatnonzero(fit.inliers)
+    if len(rows) > MOST_ROWS:
+        return 0
+    near = ALIKE * np.maximum(fit.sigmas, ROUNDING)
+    numbers = [each for R, p in (A, B) for each in (p / near[0], R.reshape(-1, 9) / near[1])]
+    return len(rows) - len(np.unique(together(np.hstack(numbers)[rows], 1.0)))
 
 
 def hand_eye_from_pairs(

@@ -126,7 +126,7 @@ class PivotCalibration(Shown, RobustAnswer):
         return Assessment.of(
             "" if bad else f"{known}; {self.agreed('poses')}",
             bad=bad,
-            care=[*caution, *self.kept("poses")],
+            care=[*caution, *self.set_aside("poses", self.inliers), *self.kept("poses")],
         )
 
     @property
@@ -212,6 +212,10 @@ def calibrate_pivot(
     parameters = [f"{label}.{axis}" for label in labels_of for axis in "xyz"]
     x = np.array([fit.solution.values[n] for n in parameters]) * length
     order = [fit.solution.problem.names.index(n) for n in parameters]
+    posts = {
+        f"the post {name}" if len(names) > 1 else "the post": order[3 + 3 * k : 6 + 3 * k]
+        for k, name in enumerate(names)
+    }
     return PivotCalibration(
         tip=x[:3],
         posts={n: x[3 + 3 * k : 6 + 3 * k] + centre for k, n in enumerate(names)},
@@ -223,7 +227,7 @@ def calibrate_pivot(
         turn=float(_turns(R[fit.inliers])[0]),
         moved=moved(
             fit,
-            {"the tip on the tool": order[:3], "the post": order[3:]},
+            {"the tip on the tool": order[:3], **posts},
             length * np.eye(len(order)),
         ),
         solution=fit.solution,

@@ -171,7 +171,7 @@ class Registration(Shown, RobustAnswer):
         return Assessment.of(
             "" if bad else f"{known}; {self.agreed('points')}{counted}",
             bad=bad,
-            care=[*caution, *self.kept("points"), *self.notes],
+            care=[*caution, *self.set_aside("points", inliers), *self.kept("points"), *self.notes],
         )
 
     def deformed(self, level: Level) -> list[str]:

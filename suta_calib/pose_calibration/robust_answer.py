@@ -18,8 +18,9 @@ from suta_calib.solver.solution import Solution
 from suta_calib.units import text
 from suta_calib.words import listed
 
-# Part of the rows that, where they disagree, leave open who is right.
+# Part of the rows that, where they disagree, leave open who is right; and that is no accident.
 MANY_OUTLIERS: Final = 0.4
+SOME_OUTLIERS: Final = 0.3
 # Nothing that a hand holds reaches farther, m.
 LONGEST_TOOL: Final = 1.0
 # Nor is a tool so long, or all that a tracker sees of a hand or points so large, m: they seem
@@ -93,6 +94,16 @@ class RobustAnswer:
         if share > MANY_OUTLIERS:
             found.append(f"{share:.0%} of the {what} do not agree with the rest.")
         return found
+
+    def set_aside(self, what: str, inliers: BoolArray) -> list[str]:
+        """That many rows, ``what`` in the plural, were left out, where it is not too many."""
+        lost = int(np.sum(~inliers))
+        if not SOME_OUTLIERS < lost / len(inliers) <= MANY_OUTLIERS:
+            return []
+        return [
+            f"{lost} of {len(inliers)} {what} do not agree with the rest and are left out: more "
+            "than mishaps are. Look what they have in common."
+        ]
 
     def kept(self, what: str) -> list[str]:
         """Which rows, ``what`` in the plural, stand out and were believed all the same."""

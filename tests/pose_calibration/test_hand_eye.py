@@ -178,3 +178,21 @@ def test_loops_of_many_answers_are_those_of_each() -> None:
         alone = _loops(data.poses, data.seen, (X[0][[k]], X[1][[k]]))
         np.testing.assert_allclose(alone[0][0], R[k], atol=1e-14)
         np.testing.assert_allclose(alone[1][0], p[k], atol=1e-14)
+
+
+@pytest.mark.parametrize("jitter", [0.0, 1e-7])
+def test_pairs_that_were_written_again_are_no_pairs(jitter: float) -> None:
+    data, random = noisy(8, seed=1), np.random.default_rng(0)
+    rows = np.tile(np.arange(8), 3)
+    hand, seen = (
+        (R[rows], p[rows] + jitter * random.standard_normal((24, 3)))
+        for R, p in (data.poses, data.seen)
+    )
+    found = calibrate_hand_eye(hand, seen)
+    assert found.copies == 16
+    notes = found.assessment.notes
+    assert any("16 pairs repeat another" in note for note in notes)
+    assert any("Only 8 pairs" in note for note in notes)
+    assert calibrate_hand_eye(data.poses, data.seen).copies == 0
+    many = noisy(40, seed=2)
+    assert calibrate_hand_eye(many.poses, many.seen).copies == 0
