@@ -124,14 +124,14 @@ STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "observe": ((JOB,), 119, ARM),
     "validate": (("urdf/suta.urdf", JOB), 86, ARM),
     "outliers --out": ((JOB,), 132, ()),
-    "pivot": (("data/poses/pivot.csv",), 70, ("json", *NO_ARM)),
+    "pivot": (("data/poses/pivot.csv",), 71, ("json", *NO_ARM)),
     "hand-eye": (("data/poses/hand_eye.csv",), 77, ("json", *NO_ARM)),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
         75,
         ("json", *NO_ARM),
     ),
-    "pivot --out": (("data/poses/pivot.csv",), 81, NO_ARM[1:]),
+    "pivot --out": (("data/poses/pivot.csv",), 82, NO_ARM[1:]),
     "hand-eye --out": (("data/poses/hand_eye.csv",), 88, NO_ARM[1:]),
     "register --out": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),

@@ -22,7 +22,6 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
-from suta_calib.pose_calibration.distance_trend import DistanceTrend, distance_trend
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
@@ -30,6 +29,7 @@ from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
+from suta_calib.pose_calibration.trends import Trend, distance_trend
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
@@ -92,7 +92,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     rotation_residuals: FloatArray
     axes: FloatArray
     robot_noise_fraction: float
-    trend: DistanceTrend
+    trend: Trend
     moved: Moved | None
     copies: int
     length: float
@@ -126,10 +126,6 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
                 f"Only {count} pairs: the standard deviations are guesses "
                 "themselves, and a wrong pair may not show; take a dozen or more."
             )
-        if self.moved:
-            caution.append(self.moved.sentence("pairs"))
-        elif self.unsure:
-            caution.append(f"{self.unsure}: add poses, turned by 30° or more about different axes.")
         if self.trend.significant:
             caution.append(
                 f"What the eye sees seems {abs(self.trend.share):.2%} ± {self.trend.std:.2%} of "
@@ -138,6 +134,10 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
                 "that: calibrate the camera anew and measure the target, or give the corners in "
                 "the pictures (--corners), which correct the camera too."
             )
+        if self.moved:
+            caution.append(self.moved.sentence("pairs"))
+        elif self.unsure and not self.trend.significant:
+            caution.append(f"{self.unsure}: add poses, turned by 30° or more about different axes.")
         bad = self.objections("pairs", self.inliers, self.length)
         if self.inverted != "good":
             (bad if self.inverted == "bad" else caution).append(

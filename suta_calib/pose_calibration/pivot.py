@@ -25,6 +25,7 @@ from suta_calib.pose_calibration.robust_answer import (
     exchanged,
 )
 from suta_calib.pose_calibration.robust_fit import parts_of, robust_fit
+from suta_calib.pose_calibration.trends import tilt_trend
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
@@ -60,6 +61,9 @@ class PivotCalibration(Shown, RobustAnswer):
         turn: root mean square turn of the inliers' orientations about their mean, as far as it
             tells the tip along the direction of the tool that they tell least about, rad.
         moved: what is elsewhere from some pose on; None where nothing is.
+        bent: by how much the tip is off at the largest tilt, beside what is in proportion to the
+            tilt and goes into the tip, and its standard deviation, m, and that tilt, rad; None
+            where it is not.
         length: m per unit of `solution`.
     """
 
@@ -68,6 +72,7 @@ class PivotCalibration(Shown, RobustAnswer):
     sigma: float
     turn: float
     moved: Moved | None
+    bent: tuple[float, float, float] | None
     length: float
 
     @property
@@ -103,6 +108,14 @@ class PivotCalibration(Shown, RobustAnswer):
         if self.moved:
             caution.append(self.moved.sentence("poses"))
         unsure = float(np.linalg.norm(self.tip_std))
+        if self.bent:
+            by, std, tilt = self.bent
+            off = f"{text(by, 'm')} ± {text(std, 'm', with_unit=True)} at {deg(tilt):.0f}°"
+            caution.append(
+                f"The farther the tool tilts, the more the tip is off: by {off}, and by more that "
+                "another tip makes up for: ± does not hold. Does the tool bend, a ball roll or "
+                "slip in its seat, or the tracker turn wrongly?"
+            )
         if unsure > UNSURE:
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
         bad = self.objections("poses", self.inliers)
@@ -216,6 +229,8 @@ def calibrate_pivot(
         f"the post {name}" if len(names) > 1 else "the post": order[3 + 3 * k : 6 + 3 * k]
         for k, name in enumerate(names)
     }
+    trend, tilt = tilt_trend(fit, R, x[:3])
+    fallen = length * (1.0 - np.cos(tilt))
     return PivotCalibration(
         tip=x[:3],
         posts={n: x[3 + 3 * k : 6 + 3 * k] + centre for k, n in enumerate(names)},
@@ -230,6 +245,7 @@ def calibrate_pivot(
             {"the tip on the tool": order[:3], **posts},
             length * np.eye(len(order)),
         ),
+        bent=(abs(trend.share) * fallen, trend.std * fallen, tilt) if trend.significant else None,
         solution=fit.solution,
         length=length,
     )

@@ -321,3 +321,32 @@ def test_poses_without_a_common_point_are_called_so() -> None:
 def test_what_are_no_poses_is_refused(R: object, message: str) -> None:
     with pytest.raises(SamplesError, match=message):
         calibrate_pivot(R, np.zeros((4, 3)))  # type: ignore[arg-type]
+
+
+# ── A tool that is no rigid body ─────────────────────────────────────────────────────────────
+def tilted(count: int, seed: int, bend: float) -> PivotCalibration:
+    """Tilts of up to 45° to all sides; the tip is off towards them by ``bend`` times their sine."""
+    random = np.random.default_rng(seed)
+    tilt, side = random.uniform(0.0, np.pi / 4, count), random.uniform(-np.pi, np.pi, count)
+    axis = np.column_stack([-np.sin(side), np.cos(side), np.zeros(count)])
+    spin = random.uniform(-1.0, 1.0, count)[:, None] * [0.0, 0.0, 1.0]
+    R = rotation_from_vector(tilt[:, None] * axis) @ rotation_from_vector(spin)
+    off = bend * np.sin(tilt)[:, None] * np.column_stack([np.cos(side), np.sin(side), 0.0 * tilt])
+    p = np.array([0.1, 0.2, -1.0]) + off - R @ [0.0, 0.0, 0.15]
+    return calibrate_pivot(R, p + 1.5e-4 * random.standard_normal((count, 3)))
+
+
+def test_a_tool_that_bends_the_farther_it_tilts_is_told() -> None:
+    """The tip takes up what is in proportion to the tilt, and its ± does not hold."""
+    for seed in range(4):
+        found = tilted(120, seed, 1.4e-3)
+        assert np.linalg.norm(found.tip - [0.0, 0.0, 0.15]) > 4 * np.linalg.norm(found.tip_std)
+        assert found.bent is not None
+        assert found.bent[2] == pytest.approx(np.pi / 4, abs=0.03)
+        assert found.assessment.level == "care"
+        assert any("± does not hold" in note for note in found.assessment.notes)
+
+
+@pytest.mark.parametrize("count", [8, 30, 120])
+def test_a_rigid_tool_does_not_bend(count: int) -> None:
+    assert not any(tilted(count, seed, 0.0).bent for seed in range(15))

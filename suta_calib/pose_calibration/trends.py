@@ -1,0 +1,100 @@
+"""Residuals that grow with something: with the distance from the eye, with how far a tool tilts.
+
+Poses from a camera of which the focal length is wrong by a share are too far, or too near, by that
+share; a tool that bends, or whose ball rolls in its seat, is off by what grows with the tilt. The
+answer follows most of it, and what is left scatters little: ± from the scatter alone is several
+times too small. What is left shows how large the error is, and that how far the answer follows.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.distributions import t
+from suta_calib.pose_calibration.robust_fit import RobustFit
+from suta_calib.records import dataclass
+from suta_calib.solver.information import whitened_rows
+
+# Chance that a trend is seen where there is none.
+FALSE_ALARM: Final = 0.001
+
+
+@dataclass(frozen=True, eq=False)
+class Trend:
+    """How much residuals change with something that no unknown is.
+
+    Attributes:
+        share: the estimate, per unit of what they change with.
+        std: its standard deviation.
+        significant: whether chance does not explain it.
+        covariance: of the solution's parameters, for having followed just this; zero where not.
+    """
+
+    share: float
+    std: float
+    significant: bool
+    covariance: FloatArray
+
+
+def distance_trend(fit: RobustFit, depth: FloatArray) -> Trend:
+    """How much too far an eye sees, as a share of the distance.
+
+    Args:
+        fit: of a `HandEye` term, whose first block is the position in the eye.
+        depth: (n,) of the target in the eye, of all rows, in the fit's unit of length.
+    """
+    # Expected less seen, along the eye's axis.
+    return _trend(fit, -depth[:, None] * [0.0, 0.0, 1.0])
+
+
+def tilt_trend(fit: RobustFit, rotation: FloatArray, tip: FloatArray) -> tuple[Trend, float]:
+    """How far off the post seems to be along the tool's mean direction, for 1 - cos of the tilt.
+
+    What is in proportion to the tilt itself is a tip elsewhere: no residual tells it. But nothing
+    bends, rolls or slides quite so, and the next term of its series is left.
+
+    Args:
+        fit: of a `FixedPoint` term, whose residuals are in the tool.
+        rotation: (n, 3, 3) of all poses.
+        tip: (3,) in the tool.
+
+    Returns:
+        The trend, in the fit's unit of length, and the largest tilt from the mean, rad.
+    """
+    along = rotation @ (tip / max(float(np.linalg.norm(tip)), 1e-300))
+    mean = along[fit.inliers].mean(axis=0)
+    mean = mean / max(float(np.linalg.norm(mean)), 1e-300)
+    fallen = 1.0 - np.clip(along @ mean, -1.0, 1.0)
+    farthest = float(np.arccos(1.0 - fallen[fit.inliers].max()))
+    return _trend(fit, fallen[:, None] * np.einsum("nji,j->ni", rotation, mean)), farthest
+
+
+def _trend(fit: RobustFit, shape: FloatArray) -> Trend:
+    """Regression of the residuals on a shape, as far as the unknowns do not follow it.
+
+    Args:
+        fit: the answer.
+        shape: (n, 3) of all rows, what the first block's residuals change by for unit size.
+    """
+    solution = fit.solution
+    rows = whitened_rows(solution.problem, solution.x, fit.sigmas)
+    jacobian = np.vstack([row.jacobian[:, solution.free] for row in rows])
+    residuals = [row.line.residual / s for row, s in zip(rows, fit.sigmas, strict=True)]
+    residual = np.concatenate([each.ravel() for each in residuals])
+    trend = np.zeros((len(residual) // 3, 3))
+    trend[: fit.inliers.sum()] = shape[fit.inliers] / fit.sigmas[0]
+    followed = -np.linalg.lstsq(jacobian, trend.ravel(), rcond=None)[0]
+    seen = trend.ravel() + jacobian @ followed
+    power, freedom = float(seen @ seen), len(residual) - len(solution.free) - 1
+    share = float(seen @ residual) / max(power, 1e-300)
+    left = residual - share * seen
+    std = float(np.sqrt(left @ left / max(freedom, 1) / max(power, 1e-300)))
+    significant = freedom > 0 and abs(share) > t.isf(FALSE_ALARM / 2, freedom) * std
+    covariance = np.zeros_like(fit.covariance)
+    if significant:
+        at = np.ix_(solution.free, solution.free)
+        covariance[at] = (share**2 + std**2) * np.outer(followed, followed)
+    return Trend(share, std, significant, covariance)
