@@ -52,6 +52,10 @@ FEW_ROWS: Final = 12
 SUBSETS: Final = 12
 # Chance of what rows that are kept stand out by, above which it is not worth a word.
 REMARKABLE: Final = 0.2
+# Part of many rows, and times the limit of an outlier that their squares are on average, which no
+# tail of a distribution makes: something else was measured there.
+ANOTHER_THING: Final = 0.1
+FAR_OFF: Final = 2.0
 # Relative change of a noise level that is none.
 SAME_NOISE: Final = 0.01
 THRESHOLD: Final = huber_threshold(DIMENSION)
@@ -158,6 +162,10 @@ def robust_fit(
         # Any choice of as many rows might have been the suspicious one.
         alone = f.sf(gain, dropped, freedom) if freedom > 0 else 1.0
         chance = min(alone * _choices(count, dropped), 1.0)
+        # Where many are wrong so many choices are possible that no chance is small.
+        if count >= MANY_ROWS and dropped >= ANOTHER_THING * count:
+            far = float(distance[suspects[:dropped]].mean())
+            chance *= far < FAR_OFF * outlier_limit(count, len(fit.sigmas))
         least = min(least, chance)
         if chance < FALSE_ALARM:
             break

@@ -85,3 +85,28 @@ def test_where_rows_that_settled_tell_other_things_the_rounds_go_on(
     np.testing.assert_array_equal(answer.inliers, expected.inliers)
     np.testing.assert_allclose(answer.solution.noise, expected.solution.noise, rtol=1e-6)
     assert answer.assessment == expected.assessment
+
+
+@pytest.mark.parametrize("count", [30, 100, 300])
+def test_nearly_a_third_that_saw_another_place_is_left_out(count: int) -> None:
+    """Of so many any choice is likely to seem wrong; that all are eight times the noise off is not."""
+    for seed in range(3):
+        random = np.random.default_rng(seed)
+        a = random.uniform(-0.1, 0.1, (count, 3))
+        b = a + 0.3 + 2e-4 * random.standard_normal((count, 3))
+        wrong = np.sort(random.permutation(count)[: 3 * count // 10])
+        b[wrong] += [1.6e-3, 0.0, 0.0]
+        found = register(a, b)
+        assert found.outliers == tuple(wrong)
+        off = found.act(np.zeros((1, 3)))[0] - 0.3
+        assert np.linalg.norm(off) < 4 * found.target_error(np.zeros((1, 3)))[0]
+
+
+def test_long_tails_are_no_other_place() -> None:
+    """Of Student's t with 2.5 degrees of freedom hardly any row is left out."""
+    lost = 0
+    for seed in range(10):
+        random = np.random.default_rng(seed)
+        a = random.uniform(-0.1, 0.1, (100, 3))
+        lost += len(register(a, a + 0.3 + 1e-4 * random.standard_t(2.5, (100, 3))).outliers)
+    assert lost <= 50
