@@ -92,7 +92,12 @@ class Moved:
         )
 
 
-def moved(fit: RobustFit, parts: Mapping[str, Sequence[int]], si: FloatArray) -> Moved | None:
+def moved(
+    fit: RobustFit,
+    parts: Mapping[str, Sequence[int]],
+    si: FloatArray,
+    rows: Mapping[str, IntArray] | None = None,
+) -> Moved | None:
     """The most telling change of one unknown, or of what leaves a run of rows out.
 
     Args:
@@ -100,8 +105,14 @@ def moved(fit: RobustFit, parts: Mapping[str, Sequence[int]], si: FloatArray) ->
         parts: indices of each unknown's parameters that may have changed, in the solution's order;
             displacement first, turn (if any) after it, in threes.
         si: (p, p) derivative of displacements, m, and small turns, rad, by the parameters.
+        rows: of the unknowns that only some rows see, which ones.
     """
-    return _moved_among_fitted(fit, parts, si) or _run(fit.inliers, " or ".join(parts))
+    every = np.arange(len(fit.inliers), dtype=np.intp)
+    runs = (
+        _run(fit.inliers, of, what)
+        for what, of in {" or ".join(parts): every, **(rows or {})}.items()
+    )
+    return _moved_among_fitted(fit, parts, si) or next(filter(None, runs), None)
 
 
 def _moved_among_fitted(
@@ -277,9 +288,9 @@ def _std_along(step: FloatArray, covariance: FloatArray) -> float:
     return math.sqrt(max(float(along @ covariance @ along), 0.0))
 
 
-def _run(inliers: BoolArray, what: str) -> Moved | None:
-    """Rows that disagree and are nearly all the first ones, or nearly all the last."""
-    out = ~inliers
+def _run(inliers: BoolArray, rows: IntArray, what: str) -> Moved | None:
+    """Of some rows those that disagree, where they are nearly all the first ones, or the last."""
+    out = ~inliers[rows]
     for backwards in (False, True):
         # The run in which rows that disagree most outnumber those that agree.
         many = np.cumsum(np.where(out[::-1] if backwards else out, 1, -1))
@@ -287,5 +298,6 @@ def _run(inliers: BoolArray, what: str) -> Moved | None:
         run = out[len(out) - length :] if backwards else out[:length]
         found = int(run.sum())
         if found >= RUN and found >= (1.0 - STRAYS) * max(length, int(out.sum())):
-            return Moved(what, len(out) - length if backwards else length)
+            since = len(out) - length if backwards else length
+            return Moved(what, int(rows[since])) if since < len(rows) else None
     return None

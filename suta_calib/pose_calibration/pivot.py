@@ -244,6 +244,7 @@ def calibrate_pivot(
             fit,
             {"the tip on the tool": order[:3], **posts},
             length * np.eye(len(order)),
+            {post: np.flatnonzero(index == k) for k, post in enumerate(posts)},
         ),
         bent=(abs(trend.share) * fallen, trend.std * fallen, tilt) if trend.significant else None,
         solution=fit.solution,

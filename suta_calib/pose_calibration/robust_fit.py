@@ -162,10 +162,11 @@ def robust_fit(
         # Any choice of as many rows might have been the suspicious one.
         alone = f.sf(gain, dropped, freedom) if freedom > 0 else 1.0
         chance = min(alone * _choices(count, dropped), 1.0)
-        # Where many are wrong so many choices are possible that no chance is small.
-        if count >= MANY_ROWS and dropped >= ANOTHER_THING * count:
+        # Where many are wrong so many choices are possible that no chance is small. A hand, whose
+        # turns are fitted too, may err alike in many like poses.
+        if len(fit.sigmas) == 1 and count >= MANY_ROWS and dropped >= ANOTHER_THING * count:
             far = float(distance[suspects[:dropped]].mean())
-            chance *= far < FAR_OFF * outlier_limit(count, len(fit.sigmas))
+            chance *= far < FAR_OFF * outlier_limit(count, 1)
         least = min(least, chance)
         if chance < FALSE_ALARM:
             break

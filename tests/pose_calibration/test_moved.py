@@ -214,7 +214,8 @@ def test_of_several_posts_the_one_that_moved_is_named(moved: str) -> None:
     assert found is not None
     assert found.what == f"the post {moved}"
     assert abs(found.since - 45) <= 4
-    assert abs(found.by - 1.5e-3) < 4 * found.by_std
+    # Where its rows are left out nothing tells by how much.
+    assert np.isnan(found.by) or abs(found.by - 1.5e-3) < 4 * found.by_std
     assert np.isnan(found.turn)
 
 

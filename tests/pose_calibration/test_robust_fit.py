@@ -89,7 +89,7 @@ def test_where_rows_that_settled_tell_other_things_the_rounds_go_on(
 
 @pytest.mark.parametrize("count", [30, 100, 300])
 def test_nearly_a_third_that_saw_another_place_is_left_out(count: int) -> None:
-    """Of so many any choice is likely to seem wrong; that all are eight times the noise off is not."""
+    """Of so many any choice may seem wrong by chance, but not all eight times the noise off."""
     for seed in range(3):
         random = np.random.default_rng(seed)
         a = random.uniform(-0.1, 0.1, (count, 3))
