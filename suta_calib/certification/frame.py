@@ -24,9 +24,9 @@ from suta_calib.certification.measuring import (
     YAW,
     MeasuredArtefact,
     PillarGeometry,
-    ProbingNoise,
     levelled,
 )
+from suta_calib.certification.noise import ProbingNoise, Scatter
 from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
@@ -50,7 +50,7 @@ class Heading:
         by_ground: (3) derivative by the ground's small error.
         inliers: (n,) touches of the side that are used.
         residuals: (n,) of all its touches from the plane, m.
-        rms: scatter of the side's touches about its plane, m.
+        scatter: of the side's touches about its plane.
     """
 
     angle: float
@@ -58,7 +58,12 @@ class Heading:
     by_ground: FloatArray
     inliers: BoolArray
     residuals: FloatArray
-    rms: float
+    scatter: Scatter
+
+    @property
+    def rms(self) -> float:
+        """Standard deviation of one residual, m; 0 where the touches are as few as a line takes."""
+        return self.scatter.sigma
 
 
 def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Heading | None:
@@ -97,10 +102,9 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
         side[used].T, np.zeros(GROUND), np.arctan2(turn[0, 1], turn[0, 0])
     )
     angle, by_touch, by_ground = (np.asarray(o.full(), dtype=float).reshape(-1) for o in outputs)
-    freedom = int(used.sum()) - columns
     residuals = fit(used)[0]
-    rms = float(np.sqrt(np.sum(residuals[used] ** 2) / freedom)) if freedom > 0 else 0.0
-    return Heading(float(angle[0]), by_touch, by_ground, used, residuals, rms)
+    scatter = Scatter(float(np.sum(residuals[used] ** 2)), int(used.sum()) - columns)
+    return Heading(float(angle[0]), by_touch, by_ground, used, residuals, scatter)
 
 
 def _lined_up(points: FloatArray, middle: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -171,11 +175,12 @@ def sources_of(measured: MeasuredArtefact, heading: Heading | None, noise: Probi
     n = len(measured.ground_points)
     sigmas = [np.full(3 * n, noise.ground)]
     for pillar, top in zip(measured.pillars, measured.tops, strict=True):
-        each = [1.0] * (int(top.inliers.sum()) + len(pillar.holes))
+        each = [noise.touch] * int(top.inliers.sum()) + [noise.of("hole")] * len(pillar.holes)
         if pillar.front is not None:
-            each += [count**-0.5 for count in pillar.flat_counts]
-        sigmas.append(noise.touch * np.repeat(each, 3))
-    sigmas.append(np.full(0 if heading is None else 3 * int(heading.inliers.sum()), noise.touch))
+            each += [noise.touch * count**-0.5 for count in pillar.flat_counts]
+        sigmas.append(np.repeat(each, 3))
+    side_touches = 0 if heading is None else int(heading.inliers.sum())
+    sigmas.append(np.full(3 * side_touches, noise.of("side")))
     x, y = measured.ground_points[:, 0], measured.ground_points[:, 1]
     sigma = np.concatenate(sigmas)
     ground = np.zeros((GROUND, len(sigma)))

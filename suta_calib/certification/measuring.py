@@ -1,4 +1,4 @@
-"""Raw points in the ground's frame, checked: every pillar's numbers, and what a touch is worth.
+"""Raw points in the ground's frame, checked: every pillar's numbers.
 
 What the touches of one pillar say is a differentiable function of the touches. All points are in
 the ground's frame: its middle, its principal axes, z up. The functions take the ground's own small
@@ -15,9 +15,8 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.plane import FINEST, Plane, Top, fit_plane, judge_tops, on_a_line
+from suta_calib.certification.plane import Plane, Top, fit_plane, judge_tops, on_a_line
 from suta_calib.certification.points import Pillar, RawPoints
-from suta_calib.distributions import chi2, f
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.records import dataclass
@@ -32,10 +31,6 @@ GROUND: Final = 3
 _MM: Final = 1e-3
 # Share of a diagonal on either side of the crossing below which holes cannot be in order.
 LEAST_SHARE: Final = 0.2
-# Freedom from which on the touches' own scatter says what a touch is worth.
-ENOUGH_FREEDOM: Final = 4
-# Chance that a stated noise, or a ground as smooth as the tops, is doubted wrongly.
-DOUBT: Final = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,52 +203,3 @@ def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatA
             where=where,
             hint="do both belong to this landmark?",
         )
-
-
-@dataclass(frozen=True)
-class ProbingNoise:
-    """What a touch is worth.
-
-    Attributes:
-        touch: standard deviation of a coordinate on tops, holes, flats and side, m.
-        ground: of one on the ground, which may be rougher, m.
-        freedom: degrees of freedom of these; inf where they are stated.
-    """
-
-    touch: float
-    ground: float
-    freedom: float
-
-
-def noise_of(measured: MeasuredArtefact, stated: float | None, raw: RawPoints) -> ProbingNoise:
-    """The stated noise where the residuals bear it out; else theirs.
-
-    Raises:
-        SamplesError: nothing is stated, and there are too few touches to learn it from.
-    """
-    even = [top for top in measured.tops if top.even]
-    squared, freedom = sum(t.squared for t in even), sum(t.freedom for t in even)
-    ground, own = measured.ground, max(measured.ground.freedom, 0)
-    if stated is not None:
-        scatter = max(float(np.sqrt(squared / freedom)) if freedom else 0.0, FINEST)
-        doubted = freedom > 0 and squared > stated**2 * chi2.isf(DOUBT, freedom)
-        touch, known = (scatter, float(freedom)) if doubted else (stated, np.inf)
-        rough = own > 0 and own * ground.rms**2 > touch**2 * chi2.isf(DOUBT, own)
-        return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, known)
-    if freedom + own < ENOUGH_FREEDOM:
-        raise SamplesError(
-            f"{freedom + own} touches more than planes need, too few to learn their noise from",
-            "five touches on each top, or the noise of a touch",
-            file=raw.path,
-            hint="state it with --sigma-um",
-        )
-    # A ground rougher than the tops is no worse an instrument.
-    alike = (
-        freedom == 0
-        or own == 0
-        or (ground.rms**2 * freedom <= squared * f.isf(DOUBT, own, freedom))
-    )
-    if alike:
-        squared, freedom = squared + own * ground.rms**2, freedom + own
-    touch = max(float(np.sqrt(squared / freedom)), FINEST)
-    return ProbingNoise(touch, touch if alike else ground.rms, float(freedom))

@@ -31,8 +31,8 @@ from suta_calib.certification.measuring import (
     WIDTH,
     MeasuredArtefact,
     measure,
-    noise_of,
 )
+from suta_calib.certification.noise import noise_of
 from suta_calib.certification.plane import Plane
 from suta_calib.certification.points import PLAIN, CertificationOptions, ProbedPoints, RawPoints
 from suta_calib.certification.result import (
@@ -49,7 +49,8 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     """Landmarks with their uncertainty from raw points.
 
     First-order propagation from every touch in use through planes, crossings and the frame; the
-    noise is the one stated, or pooled from the residuals of the tops' and the ground's planes.
+    noise is the one stated, or pooled from the residuals of the tops' and the ground's planes;
+    holes and side have one of their own where their touches scatter more.
 
     Raises:
         SamplesError: touches that define no plane or centre, and which; too few to learn their
@@ -61,6 +62,8 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     measured = measure(raw, options.sigma)
     noise = noise_of(measured, options.sigma, raw)
     heading = heading_of(raw, measured, noise.touch)
+    if heading is not None:
+        noise = noise.beside("side", heading.scatter)
     by = sources_of(measured, heading, noise)
     jacobians = by.jacobians(measured.geometry)
     where = placed_in_frame(measured, jacobians, heading, by, origin, options.drawing)
@@ -85,13 +88,12 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
         heading_std=by.std(where.heading_by),
         ground=_quality(raw.ground, measured.ground, ground_tilt),
         side=side,
-        noise=noise.touch,
+        probing=noise,
         stated_noise=options.sigma,
-        freedom=noise.freedom,
         spacers=_spacers(raw, options, noise.touch),
         faults=(
             *uneven_tops(measured, noise.touch, options.tolerance),
-            *faults(names, found, noise.freedom, options.tolerance),
+            *faults(names, found, noise.freedom_of("hole"), options.tolerance),
         ),
         comparison=comparison,
         tolerance=options.tolerance,

@@ -15,6 +15,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Source
+from suta_calib.certification.noise import ProbingNoise
 from suta_calib.distributions import norm, t
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
@@ -145,9 +146,8 @@ class Certification:
         turned: quarter turns from the side to x, where a drawing says so.
         heading_std: standard deviation of that direction against the origin, rad.
         ground, side: quality of these planes; no side where none was touched.
-        noise: standard deviation of one touched coordinate, m.
-        stated_noise: the one that was given, m.
-        freedom: degrees of freedom of ``noise``; inf where it is the one that was given.
+        probing: what a touch is worth on each kind of feature.
+        stated_noise: the standard deviation of a touched coordinate that was given, m.
         spacers: their lengths.
         faults: why landmarks are called damaged.
         comparison: with a drawing, if there is one.
@@ -165,9 +165,8 @@ class Certification:
     heading_std: float
     ground: PlaneQuality
     side: PlaneQuality | None
-    noise: float
+    probing: ProbingNoise
     stated_noise: float | None
-    freedom: float
     spacers: tuple[SpacerLength, ...]
     faults: tuple[Fault, ...]
     comparison: DrawingComparison | None
@@ -179,9 +178,20 @@ class Certification:
         return tuple(dict.fromkeys(fault.landmark for fault in self.faults))
 
     @property
+    def noise(self) -> float:
+        """Standard deviation of one coordinate touched on a plane, m."""
+        return self.probing.touch
+
+    @property
+    def freedom(self) -> float:
+        """Degrees of freedom of `noise`; inf where it is the one that was given."""
+        return self.probing.freedom
+
+    @property
     def coverage_factor(self) -> float:
         """Standard deviations on either side that cover 95 %."""
-        return float(norm.isf(0.025) if np.isinf(self.freedom) else t.isf(0.025, self.freedom))
+        freedom = self.probing.freedom_of("hole", "side")
+        return float(norm.isf(0.025) if np.isinf(freedom) else t.isf(0.025, freedom))
 
     @cached_property
     def wrong_touches(self) -> tuple[int, ...]:
@@ -255,6 +265,17 @@ def _touches(found: Certification) -> Iterator[str]:
         yield (
             f"The ground is rougher than the tops ({mm(found.ground.rms):.4f} mm RMS): heights "
             "count from its mean plane, and their uncertainty allows for it."
+        )
+    if (side := found.probing.of("side")) > ROUGH * found.noise:
+        yield (
+            f"The side is rougher than the tops ({mm(side):.4f} mm RMS): x follows its "
+            "mean, and the uncertainty of its direction allows for it."
+        )
+    if (holes := found.probing.of("hole")) > ROUGH * found.noise:
+        yield (
+            f"The middles of the diagonals of the holes lie apart as if touches of holes scattered "
+            f"by {um(holes):.1f} µm, where those of planes do by {um(found.noise):.1f} µm: were "
+            "they touched worse, or drilled unevenly? The uncertainty of the centres allows for it."
         )
 
 

@@ -205,6 +205,8 @@ NOISE: Final = Listing[Certification](
     Column("stated", value=lambda found: found.stated_noise, unit="m"),
     Column("degrees_of_freedom", value=lambda found: found.freedom),
     Column("coverage_factor"),
+    Column("holes", value=lambda found: found.probing.of("hole"), unit="m"),
+    Column("side", value=lambda found: found.side and found.probing.of("side"), unit="m"),
 )
 COMPARISON: Final = Listing[DrawingComparison](
     "",
@@ -260,6 +262,11 @@ def _facts(found: Certification) -> list[str]:
         f"Ground: {ground.count} touches, {um(ground.rms):.1f} µm RMS, flat to "
         f"{um(ground.flatness):.1f} µm.",
     ]
+    if (holes := found.probing.own.get("hole")) is not None:
+        facts[1] += (
+            f" Touches of holes scatter by {um(holes.sigma):.2f} µm, from how far the middles of "
+            f"their diagonals lie apart ({holes.freedom} degrees of freedom)."
+        )
     if found.side is not None:
         facts[-1] += (
             f" Side: {found.side.count} touches, {um(found.side.rms):.1f} µm RMS; the direction "

@@ -1,0 +1,145 @@
+"""What a touch is worth: on the planes, and on features that its own touches show to be worse.
+
+The tops' and the ground's planes tell the noise of a touch. On holes and on the side a touch may be
+worth less: another nest, a worn edge, a probe that slides. How far the middles of a pillar's
+diagonals lie apart tells it, and how far the side's touches lie from their plane. Holes that are
+drilled unevenly look the same; the data do not tell one from the other, and the larger is believed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import field, replace
+from typing import Final, Literal
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.certification.measuring import UNEVEN, MeasuredArtefact
+from suta_calib.certification.plane import FINEST
+from suta_calib.certification.points import RawPoints
+from suta_calib.distributions import chi2, f
+from suta_calib.errors import SamplesError
+from suta_calib.records import dataclass
+
+Kind = Literal["hole", "side"]
+# Freedom from which on the touches' own scatter says what a touch is worth.
+ENOUGH_FREEDOM: Final = 4
+# Chance that a stated noise, or a ground as smooth as the tops, is doubted wrongly.
+DOUBT: Final = 0.001
+# Chance that holes or side as good as the tops get a noise of their own: no word is said of it, and
+# were it smaller, touches half as bad again would not be told.
+OWN: Final = 0.05
+# Pillars from which on their holes say what a touch of a hole is worth, though one may be damaged.
+ENOUGH_PILLARS: Final = 5
+# Chance that any pillar is kept out of that wrongly.
+KEPT_OUT: Final = 0.001
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """What touches of one kind of feature scatter: sum of squares, m², and degrees of freedom."""
+
+    squared: float
+    freedom: int
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation of one coordinate, m."""
+        return float(np.sqrt(self.squared / self.freedom)) if self.freedom > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class ProbingNoise:
+    """What a touch is worth.
+
+    Attributes:
+        touch: standard deviation of a coordinate on tops and flats, m; on holes and side too,
+            unless these have one of their `own`.
+        ground: of one on the ground, which may be rougher, m.
+        freedom: degrees of freedom of these; inf where they are stated.
+        own: of features whose touches scatter more than those of the planes, beyond chance.
+    """
+
+    touch: float
+    ground: float
+    freedom: float
+    own: Mapping[Kind, Scatter] = field(default_factory=dict)
+
+    def of(self, kind: Kind) -> float:
+        """Standard deviation of a coordinate touched on such a feature, m."""
+        return self.own[kind].sigma if kind in self.own else self.touch
+
+    def freedom_of(self, *kinds: Kind) -> float:
+        """The fewest degrees of freedom of what planes and these features tell."""
+        return min([self.freedom, *(float(self.own[k].freedom) for k in kinds if k in self.own)])
+
+    def beside(self, kind: Kind, seen: Scatter) -> ProbingNoise:
+        """The same, with what such a feature's touches scatter where that is more beyond chance."""
+        if seen.freedom < ENOUGH_FREEDOM:
+            return self
+        chance, known = (OWN, seen.freedom), np.isinf(self.freedom)
+        most = chi2.isf(*chance) / seen.freedom if known else f.isf(*chance, self.freedom)
+        if seen.sigma**2 <= most * self.touch**2:
+            return self
+        return replace(self, own={**self.own, kind: seen})
+
+
+def scatter_of_holes(uneven: FloatArray) -> Scatter:
+    """What touches of holes scatter, from the middles of each pillar's two diagonals.
+
+    ``uneven`` are these apart, (n, 2), m: half of the sum of two touches less that of the two
+    others, which scatters as one touch does. The median pillar says what is usual; it is worth
+    half of the pillars. One that lies far beyond is damaged, or its probe slipped, and does not
+    count. Fewer than `ENOUGH_PILLARS` tell nothing.
+    """
+    count = len(uneven)
+    if count < ENOUGH_PILLARS:
+        return Scatter(0.0, 0)
+    squared = np.sum(uneven**2, axis=1)
+    usual = float(np.median(squared)) / chi2.median(2)
+    kept = squared <= 2.0 * max(usual, FINEST**2) * f.isf(KEPT_OUT / count, 2, count)
+    return Scatter(float(squared[kept].sum()), 2 * int(kept.sum()))
+
+
+def noise_of(measured: MeasuredArtefact, stated: float | None, raw: RawPoints) -> ProbingNoise:
+    """The stated noise where the residuals bear it out, else theirs; on holes no less than theirs.
+
+    Raises:
+        SamplesError: nothing is stated, and there are too few touches to learn it from.
+    """
+    planes = _noise_of_planes(measured, stated, raw)
+    return planes.beside(
+        "hole", scatter_of_holes(np.array([g.values[UNEVEN] for g in measured.geometry]))
+    )
+
+
+def _noise_of_planes(
+    measured: MeasuredArtefact, stated: float | None, raw: RawPoints
+) -> ProbingNoise:
+    even = [top for top in measured.tops if top.even]
+    squared, freedom = sum(t.squared for t in even), sum(t.freedom for t in even)
+    ground, own = measured.ground, max(measured.ground.freedom, 0)
+    if stated is not None:
+        scatter = max(float(np.sqrt(squared / freedom)) if freedom else 0.0, FINEST)
+        doubted = freedom > 0 and squared > stated**2 * chi2.isf(DOUBT, freedom)
+        touch, known = (scatter, float(freedom)) if doubted else (stated, np.inf)
+        rough = own > 0 and own * ground.rms**2 > touch**2 * chi2.isf(DOUBT, own)
+        return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, known)
+    if freedom + own < ENOUGH_FREEDOM:
+        raise SamplesError(
+            f"{freedom + own} touches more than planes need, too few to learn their noise from",
+            "five touches on each top, or the noise of a touch",
+            file=raw.path,
+            hint="state it with --sigma-um",
+        )
+    # A ground rougher than the tops is no worse an instrument.
+    alike = (
+        freedom == 0
+        or own == 0
+        or (ground.rms**2 * freedom <= squared * f.isf(DOUBT, own, freedom))
+    )
+    if alike:
+        squared, freedom = squared + own * ground.rms**2, freedom + own
+    touch = max(float(np.sqrt(squared / freedom)), FINEST)
+    return ProbingNoise(touch, touch if alike else ground.rms, float(freedom))
