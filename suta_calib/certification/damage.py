@@ -19,20 +19,14 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Sources
+from suta_calib.certification.limits import FALSE_ALARM, RISK, STANDS_OUT, deviates
 from suta_calib.certification.measuring import DIAGONALS, SLOPES, UNEVEN, WIDTH, MeasuredArtefact
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
-from suta_calib.distributions import norm, t
 from suta_calib.records import dataclass
 
-# Chance that a pillar is named of an artefact with nothing wrong.
-FALSE_ALARM: Final = 0.001
-# Chance of wrongly proving nonconformity, for each quantity.
-RISK: Final = 0.025
 # Pillars from which on the others say what is usual.
 ENOUGH: Final = 5
-# Scatter among the pillars, beyond the touches', that one must exceed so many times.
-STANDS_OUT: Final = 6.0
 # An uneven top is one whose touches no plane explains; what a reader is given to compare with.
 SIGMAS = 3.0
 
@@ -67,7 +61,7 @@ def faults(
     """
     tests = max(sum(int(np.isfinite(q.value).sum()) for q in quantities), 1)
     chance = FALSE_ALARM / tests / 2 if tolerance is None else RISK
-    factor = float(norm.isf(chance) if np.isinf(freedom) else t.isf(chance, freedom))
+    factor = deviates(chance, freedom)
     found = [fault for q in quantities for fault in _faults_of(names, q, factor, tolerance)]
     return tuple(sorted(found, key=lambda fault: list(names).index(fault.landmark)))
 

@@ -148,6 +148,11 @@ class Sources:
     pillars: tuple[slice, ...]
     side: slice
 
+    @property
+    def touched_ground(self) -> slice:
+        """Columns of the ground's touches."""
+        return slice(0, self.pillars[0].start)
+
     def jacobians(self, pillars: Sequence[PillarGeometry]) -> list[FloatArray]:
         """(rows, c) derivative of each pillar's numbers by everything touched."""
         found = [geometry.by_ground @ self.ground for geometry in pillars]

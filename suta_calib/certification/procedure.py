@@ -33,6 +33,7 @@ from suta_calib.certification.measuring import (
     measure,
 )
 from suta_calib.certification.noise import noise_of
+from suta_calib.certification.over_ground import over_ground
 from suta_calib.certification.plane import Plane
 from suta_calib.certification.points import PLAIN, CertificationOptions, ProbedPoints, RawPoints
 from suta_calib.certification.result import (
@@ -75,6 +76,17 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     if raw.side is not None and heading is not None:
         side = _quality(raw.side, heading, by.std(by.heading_jacobian(heading)))
     ground_tilt = max(by.std(row) for row in by.ground[:2])
+    standing = None
+    if comparison is not None:
+        standing = over_ground(
+            names,
+            where.position,
+            where.by[:, 2] * by.sigma,
+            by.touched_ground,
+            comparison,
+            noise.freedom,
+            options.tolerance,
+        )
     found = judged(measured, jacobians, by, landmarks, comparison)
     return Certification(
         path=raw.path,
@@ -96,6 +108,7 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
             *faults(names, found, noise.freedom_of("hole"), options.tolerance),
         ),
         comparison=comparison,
+        over_ground=standing,
         tolerance=options.tolerance,
     )
 

@@ -16,6 +16,7 @@ from suta_calib.assessment import Assessment
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Source
 from suta_calib.certification.noise import ProbingNoise
+from suta_calib.certification.over_ground import OverGround
 from suta_calib.distributions import norm, t
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
@@ -151,6 +152,7 @@ class Certification:
         spacers: their lengths.
         faults: why landmarks are called damaged.
         comparison: with a drawing, if there is one.
+        over_ground: how all landmarks stand over the ground against that drawing.
         tolerance: largest acceptable departure, m, if one was given.
     """
 
@@ -170,6 +172,7 @@ class Certification:
     spacers: tuple[SpacerLength, ...]
     faults: tuple[Fault, ...]
     comparison: DrawingComparison | None
+    over_ground: OverGround | None
     tolerance: float | None
 
     @property
@@ -219,6 +222,8 @@ class Certification:
         ]
         if self.comparison is not None:
             bad += self.comparison.registration.deformed("bad")
+        if self.over_ground is not None:
+            bad += self.over_ground.notes("bad")
         care = [*_touches(self), *_drawing(self)]
         if self.heading == "farthest landmark":
             care.append("No side plane was touched: the direction of x is a convention.")
@@ -301,6 +306,8 @@ def _drawing(found: Certification) -> Iterator[str]:
         )
     # What else a registration has to say is about too few points to use it for.
     yield from comparison.registration.deformed("care")
+    if found.over_ground is not None:
+        yield from found.over_ground.notes("care")
 
 
 def write_certified(path: Path, found: Certification) -> None:

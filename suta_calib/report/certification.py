@@ -13,6 +13,7 @@ from matplotlib.patheffects import withStroke
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import DrawingComparison
+from suta_calib.certification.over_ground import OverGround
 from suta_calib.certification.result import (
     Certification,
     CertifiedLandmark,
@@ -216,6 +217,13 @@ COMPARISON: Final = Listing[DrawingComparison](
     Column("max", value=lambda each: each.largest, unit="m"),
     *written("not_drawn", "not_touched"),
 )
+OVER_GROUND: Final = Listing[OverGround](
+    "",
+    Column("height", unit="m"),
+    Column("height_std", value=lambda each: each.std[0], unit="m"),
+    Column("tilt", unit="rad"),
+    Column("tilt_std", value=lambda each: each.std[1:], unit="rad"),
+)
 CERTIFICATION: Final = Listing[Certification](
     "",
     *written("name", "points"),
@@ -224,6 +232,7 @@ CERTIFICATION: Final = Listing[Certification](
     Column("side", value=lambda found: found.side and PLANE.record(found.side)),
     Column("noise", value=NOISE.record),
     Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
+    Column("over_ground", value=lambda f: f.over_ground and OVER_GROUND.record(f.over_ground)),
     Column("tolerance", unit="m"),
     *written("damaged", "wrong_touches"),
 )

@@ -1,0 +1,175 @@
+"""How the certified landmarks stand over the ground, all of them, against the drawing.
+
+A drawing and a certificate both count height from the ground, so the motion that superposes them
+best may turn and shift along the ground, but neither rise nor tilt. Where it does,
+the tops and the ground were not touched alike: the ball's radius was taken off on one of them, or
+the instrument or the artefact was moved between them. No landmark stands out; no residual shows it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.assessment import Level
+from suta_calib.certification.comparison import DrawingComparison
+from suta_calib.certification.limits import FALSE_ALARM, RISK, STANDS_OUT, deviates
+from suta_calib.certification.noise import ENOUGH_FREEDOM, Scatter
+from suta_calib.certification.plane import FINEST
+from suta_calib.records import dataclass
+from suta_calib.units import deg, mm
+
+# Rise, and tilt about x and y.
+UNKNOWNS: Final = 3
+# Chance of either sign, that one of them is seen where there is none.
+CHANCE: Final = FALSE_ALARM / UNKNOWNS / 2
+# What a rigid superposition takes of three coordinates of each landmark.
+MOTION: Final = 6
+# Where all coordinates refute a chance, the heights by themselves, which are fewer and may be made
+# worse than the places, must refute this one.
+BY_THEMSELVES: Final = 0.01
+
+
+@dataclass(frozen=True, eq=False)
+class OverGround:
+    """Rise and tilt of all landmarks together, certified less drawn.
+
+    Attributes:
+        height: of the landmarks' middle, m.
+        tilt: (2,) about the artefact's x and y, rad.
+        std: (3,) standard deviations of height and tilt, from the ground's touches and from how
+            well single landmarks are made.
+        by_touch: (3,) those from all touches, however the landmarks are made.
+        beyond: (3,) whether they are no chance.
+        touch_freedom: degrees of freedom of a touch's noise; inf where that is stated.
+        spread: what one landmark's height departs from the drawing's by itself, m.
+        reach: of the landmarks from their middle, m: over it a tilt becomes a length.
+        tolerance: largest acceptable departure, m, if one was given.
+    """
+
+    height: float
+    tilt: FloatArray
+    std: FloatArray
+    by_touch: FloatArray
+    beyond: BoolArray
+    touch_freedom: float
+    spread: float
+    reach: float
+    tolerance: float | None
+
+    @property
+    def level(self) -> Level:
+        """The worse of the two."""
+        levels: tuple[Level, ...] = ("bad", "care")
+        return next((level for level in levels if level in (self.risen, self.tilted)), "good")
+
+    @property
+    def risen(self) -> Level:
+        """Whether all landmarks stand higher or lower than drawn.
+
+        ``care`` where it is no chance; ``bad`` where it is as much as makes a single landmark a
+        damaged one, and where it is out of the tolerance for certain.
+        """
+        return self._judged(0)
+
+    @property
+    def tilted(self) -> Level:
+        """Likewise whether they lean."""
+        about_x, about_y = self._judged(1), self._judged(2)
+        return about_x if about_y == "good" or about_x == "bad" else about_y
+
+    def notes(self, level: Level) -> list[str]:
+        """What is said of it at this level."""
+        found = list[str]()
+        if self.risen == level:
+            higher = "higher" if self.height > 0 else "lower"
+            found.append(
+                f"All landmarks stand {mm(abs(self.height)):.4f} ± {mm(float(self.std[0])):.4f} mm "
+                f"{higher} over the ground than drawn: was the ball's radius taken off on the "
+                "ground and not on the tops, or the reverse, was anything moved between the two, "
+                "or does the drawing not count z from the ground?"
+            )
+        if self.tilted == level:
+            size, sure = float(np.hypot(*self.tilt)), float(self.std[1:].max())
+            found.append(
+                f"All landmarks lean by {deg(size):.4f} ± {deg(sure):.4f}° from the ground, "
+                f"{mm(size * self.reach):.4f} mm at the outermost: was anything moved between "
+                "touching the ground and the pillars, or is z not upright in the drawing?"
+            )
+        return found
+
+    def _judged(self, row: int) -> Level:
+        lever = self.reach if row else 1.0
+        off = lever * abs(float([self.height, *self.tilt][row]))
+        factor = deviates(CHANCE if self.tolerance is None else RISK, self.touch_freedom)
+        own = STANDS_OUT * self.spread if self.tolerance is None else self.tolerance
+        # A height out of tolerance is so whether or not the landmarks scatter as much.
+        certain = bool(self.beyond[row]) or (self.tolerance is not None and row == 0)
+        if certain and off > factor * lever * float(self.by_touch[row]) + own:
+            return "bad"
+        return "care" if self.beyond[row] else "good"
+
+
+def over_ground(
+    names: Sequence[str],
+    position: FloatArray,
+    height_by: FloatArray,
+    ground: slice,
+    comparison: DrawingComparison,
+    freedom: float,
+    tolerance: float | None,
+) -> OverGround:
+    """Rise and tilt of landmarks, by the plane that fits their heights less the drawn ones best.
+
+    Args:
+        names: of the landmarks.
+        position: (n, 3), m.
+        height_by: (n, c) derivative of the heights by everything touched, times the standard
+            deviation of that, m.
+        ground: columns of the ground's touches: what all landmarks have in common.
+        comparison: of the landmarks with the drawing.
+        freedom: degrees of freedom of that standard deviation; inf where it is stated.
+        tolerance: largest acceptable departure, m, if there is one.
+    """
+    drawing = comparison.drawing
+    rows = np.array([k for k, name in enumerate(names) if name in drawing.landmarks])
+    marks = [drawing.landmark(names[k]) for k in rows]
+    off = position[rows, 2] - np.array([mark.position[2] for mark in marks])
+    across = position[rows, :2] - position[rows, :2].mean(axis=0)
+    # A turn about x lifts what is at y, one about y lowers what is at x.
+    design = np.column_stack([np.ones(len(rows)), across[:, 1], -across[:, 0]])
+    solved = np.linalg.pinv(design)
+    found = solved @ off
+    by_touch = solved @ height_by[rows]
+    by_ground = np.linalg.norm(by_touch[:, ground], axis=1)
+    # What has standard deviations was measured itself, over a ground touched as well as this one.
+    times = 2.0 if any(mark.sigma for mark in marks) else 1.0
+    by_ground = np.sqrt(times) * by_ground
+    size, scatter = np.linalg.norm(solved, axis=1), off - design @ found
+    alone = Scatter(float(scatter @ scatter), len(rows) - UNKNOWNS)
+    places = float(np.sum(comparison.deviation[rows, :2] ** 2))
+    every = Scatter(alone.squared + places, 3 * len(rows) - MOTION)
+
+    def beyond(chance: float, seen: Scatter) -> BoolArray:
+        if seen.freedom < 1:
+            return np.ones(UNKNOWNS, dtype=np.bool_)
+        std = np.hypot(by_ground, max(seen.sigma, FINEST) * size)
+        return np.asarray(np.abs(found) > std * deviates(chance, seen.freedom))
+
+    strict, loose = beyond(CHANCE, alone), beyond(BY_THEMSELVES / UNKNOWNS / 2, alone)
+    told = loose & beyond(CHANCE, every) | strict & (alone.freedom > 0)
+    spread = max((alone if alone.freedom >= ENOUGH_FREEDOM else every).sigma, FINEST)
+    return OverGround(
+        height=float(found[0]),
+        tilt=found[1:],
+        std=np.hypot(by_ground, spread * size),
+        by_touch=np.sqrt(times) * np.linalg.norm(by_touch, axis=1),
+        beyond=told,
+        touch_freedom=freedom,
+        spread=spread,
+        reach=float(np.linalg.norm(across, axis=1).max()),
+        tolerance=tolerance,
+    )
