@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -294,3 +295,25 @@ def test_too_few_visits_are_refused() -> None:
     labels = ["a"] * 10 + ["b"] * 2
     with pytest.raises(SamplesError, match="2 visits with protocol 'b'"):
         run(visits(12, 1e-4, protocol=labels))
+
+
+def test_no_scatter_that_no_point_makes_is_an_answer() -> None:
+    """Whatever the cause: few visits tell none of them."""
+    several = visits(30, 25e-3)
+    found = run(several)
+    assert found.misread is None
+    assert not found.assessment.usable
+    assert "which no arm does that comes back to one point" in found.assessment.notes[0]
+    assert run(visits(30, 8e-3)).assessment.level == "good"
+    q = several.q[:4] * [1, 1, math.degrees(1.0), 1, 1, 1]
+    assert not repeatability(
+        arm_named("suta"), replace(several.take(range(4)), q=q)
+    ).assessment.usable
+
+
+@pytest.mark.parametrize("n", [8, 15, 30, 120])
+def test_sound_visits_are_left_alone(n: int) -> None:
+    for seed in range(40):
+        found = run(visits(n, 3e-4, seed, tilt=5e-3))
+        assert found.misread is None
+        assert found.assessment.level == ("good" if n >= 30 else "care")

@@ -1,10 +1,10 @@
 """Visits of which one joint's column was misread: the tip scatters as if the joints were strangers.
 
 An arm that comes back to a point from several sides moves every joint, and what one does to the tip
-the others undo. Where a joint counts the other way, or two columns are exchanged, they do not, and
-the scatter is that of joints which have nothing to do with each other. So it is of an arm that
-comes back in one and the same posture, where only noise moves the joints: there no reading of the
-columns makes them undo each other, and none is named.
+the others undo. Where a joint counts the other way or in another unit than the others, or two
+columns are exchanged, they do not, and the scatter is that of joints which have nothing to do with
+each other. So it is of an arm that comes back in one and the same posture, where only noise moves
+the joints: there no reading of the columns makes them undo each other, and none is named.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.units import mm
+from suta_calib.units import Unit, from_deg, from_mm, mm
 
 # Scatter of the tip, in units of that of unrelated joints, below which they undo each other.
 UNDONE: Final = 0.25
@@ -33,6 +33,11 @@ ENOUGH: Final = 8
 WAYS: Final = 2
 # Scatter, m, below which the joints did not move.
 STILL: Final = 1e-9
+# Units in which a single column may be, beside those it should be in, and how much one of them is.
+UNITS: Final[dict[Unit, dict[str, float]]] = {
+    "rad": {"degrees": from_deg(1.0), "turns": 2 * np.pi},
+    "m": {"mm": from_mm(1.0)},
+}
 
 
 def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None:
@@ -76,9 +81,18 @@ def _readings(arm: ArmModel) -> Iterator[tuple[str, Callable[[Samples], Samples]
     from suta_calib.diagnostics.other_readings import readings_of_joints
 
     yield from readings_of_joints(arm)
-    for k, name in enumerate(arm.joints):
+    for k, (name, unit) in enumerate(arm.units.items()):
+        for other, factor in UNITS.get(unit, {}).items():
+            yield f"the readings of {name} are in {other}, not {unit}", partial(_times, k, factor)
         yield f"the readings of {name} are one row late", partial(_slid, k, -1)
         yield f"the readings of {name} are one row early", partial(_slid, k, 1)
+
+
+def _times(column: int, factor: float, samples: Samples) -> Samples:
+    """The samples with one joint's readings in another unit."""
+    q = samples.q.copy()
+    q[:, column] *= factor
+    return replace(samples, q=q)
 
 
 def _slid(column: int, rows: int, samples: Samples) -> Samples:

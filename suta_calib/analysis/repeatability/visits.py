@@ -52,7 +52,8 @@ _FEW: Final = 10
 # Of all visits, and in numbers, the least that make a group and no outliers.
 _GROUP: Final = 0.1
 _LEAST_OF_GROUP: Final = 3
-# m between two places that no play and no bending of an arm explains: they are two points.
+# m between two places, or that visits scatter by, RMS, which no play and no bending of an arm
+# explains: they are no visits to one point.
 SEVERAL_POINTS: Final = 20e-3
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
@@ -123,6 +124,8 @@ class Repeatability:
         other_posture: rows in which a joint is far from where it is in the others.
         misread: what would have to be so of the joints' columns for one point; None where they are
             right.
+        within: scatter of the tip about its mean at the visits of each protocol and direction, RMS,
+            m.
         correlation: integrated autocorrelation of successive visits; 1 where they are independent.
         confidence: of every interval.
     """
@@ -140,6 +143,7 @@ class Repeatability:
     places: tuple[IntArray, ...]
     other_posture: tuple[int, ...]
     misread: str | None
+    within: float
     correlation: float
     confidence: float
 
@@ -157,7 +161,14 @@ class Repeatability:
             return Assessment.of(sentence, bad=[self.misread], care=[*visits, *effects])
         if self._apart > SEVERAL_POINTS:
             return Assessment.of(sentence, bad=visits, care=effects)
-        return Assessment.of(sentence, care=[*visits, *effects])
+        bad = []
+        if self.within > SEVERAL_POINTS:
+            bad.append(
+                f"The visits scatter by {mm(self.within):.1f} mm (RMS), which no arm does that "
+                "comes back to one point: were these several points, are all columns in rad (m) "
+                "and under the right names, and is the URDF this arm's?"
+            )
+        return Assessment.of(sentence, bad=bad, care=[*visits, *effects])
 
     @property
     def _apart(self) -> float:
@@ -168,8 +179,8 @@ class Repeatability:
     def _of_visits(self) -> list[str]:
         """Visits that are copies, few, or of something else."""
         notes = []
-        # Encoders hardly ever all read the same twice in a row.
         q = self.samples.q
+        # Encoders hardly ever all read the same twice in a row.
         same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
         if same >= MANY_COPIES * len(q):
             notes.append(
@@ -248,9 +259,9 @@ def repeatability(
     Raises:
         SamplesError: fewer than three visits, or fewer with one protocol or direction.
     """
+    units = tuple(arm.units.values())
     _check(samples)
     rotation, position = arm.forward(samples.q)
-    units = arm.units.values()
     levers = tip_levers(arm, samples.q).tolist()
     protocol, direction = _several(samples, PROTOCOL), _several(samples, DIRECTION)
     columns = list(zip(arm.joints, units, samples.q.T, levers, strict=True))
@@ -270,8 +281,9 @@ def repeatability(
     first, *others = protocols or [""]
     # Of the principal axis along which successive visits resemble each other most.
     away = within if pushed is None else pushed.within[:, -3:]
+    away = away - away.mean(axis=0)
     several = places(away)
-    axes, sizes, _ = np.linalg.svd(away - away.mean(axis=0), full_matrices=False)
+    axes, sizes, _ = np.linalg.svd(away, full_matrices=False)
     axes = axes[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)]
     correlation = max((correlation_length(axis[:, None]) for axis in axes.T), default=1.0)
     return Repeatability(
@@ -299,6 +311,7 @@ def repeatability(
         other_posture(columns),
         # From one point to another the joints need not undo each other.
         None if several else misread(arm, samples, position),
+        rms_length(away),
         correlation,
         confidence,
     )
