@@ -185,6 +185,7 @@ DIRECTIONS: Final = Listing[DirectionalForce](
 REPEATABILITY: Final = Listing[Repeatability](
     "",
     Column("visits", value=lambda found: found.position.count),
+    Column("copies"),
     Column("confidence_pct", value=lambda found: 100 * found.confidence),
     Column("rp", value=lambda found: found.position.rp.value, unit="m"),
     Column("rms", value=lambda found: found.position.rms.value, unit="m"),

@@ -282,13 +282,6 @@ def test_an_interval_holds_the_value_it_is_about(seed: int) -> None:
     assert found.rms.value in found.rms.interval()
 
 
-def test_one_reading_written_down_again_is_told() -> None:
-    q = visits(1, 0.0).q
-    notes = run(Samples.from_arrays(arm_named("suta").joints, np.repeat(q, 30, axis=0))).assessment
-    assert any("29 of 30 visits repeat" in note for note in notes.notes)
-    assert not any("repeat the readings" in note for note in run(visits(30, 1e-4)).assessment.notes)
-
-
 def test_too_few_visits_are_refused() -> None:
     with pytest.raises(SamplesError, match="2 visits"):
         run(visits(2, 1e-4))
@@ -316,4 +309,5 @@ def test_sound_visits_are_left_alone(n: int) -> None:
     for seed in range(40):
         found = run(visits(n, 3e-4, seed, tilt=5e-3))
         assert found.misread is None
+        assert not found.copies
         assert found.assessment.level == ("good" if n >= 30 else "care")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 
+from suta_calib.analysis.repeatability.copies import first_written
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
 from suta_calib.analysis.repeatability.misread import misread
 from suta_calib.analysis.repeatability.scatter import (
@@ -111,7 +112,8 @@ class Repeatability:
     """Visits to one point.
 
     Attributes:
-        samples: the visits.
+        samples: the visits, each once.
+        copies: rows that were written down again, and are no visits.
         position_of: (n, 3) of the tip at each visit, in the base, m.
         position, orientation: scatter of the tip over all visits.
         joints: scatter of every joint over all visits, in the order of the chain.
@@ -131,6 +133,7 @@ class Repeatability:
     """
 
     samples: Samples
+    copies: int
     position_of: FloatArray
     position: PositionScatter
     orientation: OrientationScatter
@@ -180,7 +183,12 @@ class Repeatability:
         """Visits that are copies, few, or of something else."""
         notes = []
         q = self.samples.q
-        # Encoders hardly ever all read the same twice in a row.
+        if self.copies:
+            notes.append(
+                f"{self.copies} of {self.copies + len(q)} rows read what another does, but for "
+                "digits that no encoder has: they are copies, and each visit counts once."
+            )
+        # Coarse encoders may all read the same again, but hardly ever twice in a row.
         same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
         if same >= MANY_COPIES * len(q):
             notes.append(
@@ -257,10 +265,13 @@ def repeatability(
         seed: of the permutations that tell directions from noise.
 
     Raises:
-        SamplesError: fewer than three visits, or fewer with one protocol or direction.
+        SamplesError: fewer than three visits, or fewer with one protocol or direction; copies of a
+            row are none.
     """
     units = tuple(arm.units.values())
-    _check(samples)
+    once = first_written(samples.q, units)
+    samples, copies = samples.take(np.flatnonzero(once)), int(np.sum(~once))
+    _check(samples, copies)
     rotation, position = arm.forward(samples.q)
     levers = tip_levers(arm, samples.q).tolist()
     protocol, direction = _several(samples, PROTOCOL), _several(samples, DIRECTION)
@@ -288,6 +299,7 @@ def repeatability(
     correlation = max((correlation_length(axis[:, None]) for axis in axes.T), default=1.0)
     return Repeatability(
         samples,
+        copies,
         position,
         PositionScatter.of(position),
         OrientationScatter.of(rotation),
@@ -317,10 +329,11 @@ def repeatability(
     )
 
 
-def _check(samples: Samples) -> None:
+def _check(samples: Samples, copies: int) -> None:
+    only = f" ({copies} rows read what another does, and are copies)" if copies else ""
     if len(samples) < LEAST_VISITS:
         raise SamplesError(
-            f"{len(samples)} visits", f"at least {LEAST_VISITS} ({CYCLES} by ISO 9283)",
+            f"{len(samples)} visits{only}", f"at least {LEAST_VISITS} ({CYCLES} by ISO 9283)",
             where=samples.origin[-1],
         )  # fmt: skip
     for key in (PROTOCOL, DIRECTION):
@@ -329,7 +342,7 @@ def _check(samples: Samples) -> None:
             rows = np.flatnonzero(labels == name)
             if len(rows) < LEAST_VISITS:
                 raise SamplesError(
-                    f"{len(rows)} visits with {key} {name!r}",
+                    f"{len(rows)} visits with {key} {name!r}{only}",
                     f"at least {LEAST_VISITS} of each {key}",
                     where=samples.origin[rows[0]],
                     hint="visit more often, or correct the label",
