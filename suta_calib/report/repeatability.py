@@ -195,6 +195,7 @@ REPEATABILITY: Final = Listing[Repeatability](
     Column(
         "other_posture", value=lambda found: [found.samples.origin[k] for k in found.other_posture]
     ),
+    Column("stuck", value=lambda found: [each.joint for each in found.stuck]),
     Column("correlation"),
 )
 

@@ -309,5 +309,6 @@ def test_sound_visits_are_left_alone(n: int) -> None:
     for seed in range(40):
         found = run(visits(n, 3e-4, seed, tilt=5e-3))
         assert found.misread is None
+        assert not found.stuck
         assert not found.copies
         assert found.assessment.level == ("good" if n >= 30 else "care")

@@ -28,6 +28,7 @@ from suta_calib.analysis.repeatability.scatter import (
     median_angle,
     tip_levers,
 )
+from suta_calib.analysis.repeatability.stuck import Stuck, stuck
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import SamplesError
@@ -126,6 +127,7 @@ class Repeatability:
         other_posture: rows in which a joint is far from where it is in the others.
         misread: what would have to be so of the joints' columns for one point; None where they are
             right.
+        stuck: joints that must have moved, and read the same.
         within: scatter of the tip about its mean at the visits of each protocol and direction, RMS,
             m.
         correlation: integrated autocorrelation of successive visits; 1 where they are independent.
@@ -146,6 +148,7 @@ class Repeatability:
     places: tuple[IntArray, ...]
     other_posture: tuple[int, ...]
     misread: str | None
+    stuck: tuple[Stuck, ...]
     within: float
     correlation: float
     confidence: float
@@ -230,7 +233,7 @@ class Repeatability:
 
     def _of_effects(self) -> list[str]:
         """What makes successive visits, or those pushed another way, differ."""
-        notes = []
+        notes = [each.sentence for each in self.stuck]
         if self.correlation > 1.0:
             notes.append(
                 f"Successive visits resemble each other (they are worth {1 / self.correlation:.0%} "
@@ -281,6 +284,7 @@ def repeatability(
         named = list(zip(arm.joints, units, levers, strict=True))
         off = np.stack([deviations(q, unit)[1] for _, unit, q, _ in columns], axis=1)
         pushed = directional_force(named, off, position, direction, protocol, seed)
+    groups = np.zeros(len(samples), np.intp) if protocol is None else grouped(protocol)[1]
     protocols, by_joint = {}, {}
     within: FloatArray = position - position.mean(axis=0)
     if protocol is not None:
@@ -323,6 +327,7 @@ def repeatability(
         other_posture(columns),
         # From one point to another the joints need not undo each other.
         None if several else misread(arm, samples, position),
+        () if several else stuck(arm, samples.q, groups),
         rms_length(away),
         correlation,
         confidence,
