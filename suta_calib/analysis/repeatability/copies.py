@@ -12,9 +12,9 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.terms.poses import resolutions, together
 from suta_calib.units import Unit
 
-# Rows are copies that differ in no joint by more than this share of its standard deviation: two
-# visits of a million do by chance. At least what no encoder tells, at most less than the most exact
-# arm comes back by where several postures make the deviations large; rad or m.
+# Rows are copies that differ in no joint by more than this share of its standard deviation, which
+# two visits hardly do in all joints at once. At least what no encoder tells, at most less than the
+# most exact arm comes back by, where several postures make the deviations large; rad or m.
 SHARE: Final = 0.05
 LEAST, MOST = 5e-7, 3e-6
 # Share of the rows that must be copies for more than the least to be what parts them: of many exact
