@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final, Self
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points
@@ -44,6 +45,11 @@ class BodyPoses:
         """How many markers were left out."""
         return 0 if self.used is None else int(np.sum(~self.used))
 
+    def of(self, frames: IntArray) -> BodyPoses:
+        """Of some frames."""
+        used = None if self.used is None else self.used[frames]
+        return BodyPoses(self.rotation[frames], self.position[frames], used)
+
     def to_body(self, points: FloatArray) -> FloatArray:
         """Points of each frame from the tracker to the body: (N_frames, n, 3), m."""
         return np.asarray((points - self.position[:, None]) @ self.rotation)
@@ -77,12 +83,6 @@ class MarkerCloud:
         lever, arm = along @ along - along**2, (spread @ spread - spread**2) / len(centred)
         return float(np.sqrt(1.0 + np.sum(lever / arm) / 3.0))
 
-    def misfit(self, frames: FloatArray, poses: BodyPoses) -> FloatArray:
-        """RMS distance (N_frames,) of the markers used from where the poses have them, m."""
-        apart = np.linalg.norm(poses.to_tracker(self.markers) - frames, axis=-1)
-        used = np.ones(frames.shape[:2], dtype=bool) if poses.used is None else poses.used
-        return np.asarray(np.sqrt(np.sum(used * apart**2, axis=1) / used.sum(axis=1)))
-
     def poses(self, frames: FloatArray, *, robust: bool = False) -> BodyPoses:
         """Pose of the body in every frame, by least squares over the markers.
 
@@ -112,6 +112,44 @@ class MarkerCloud:
                 "all markers on one line", "markers as on the body", where=f"frame {frame + 1}"
             )
         return BodyPoses(*_register(self.markers, frames, used), used)
+
+
+@dataclass(frozen=True, eq=False)
+class SeenBody:
+    """A body as it was seen.
+
+    Attributes:
+        cloud: its markers, in it.
+        frames: (N_frames, n, 3) the markers in the tracker, m.
+        poses: of every frame.
+    """
+
+    cloud: MarkerCloud
+    frames: FloatArray
+    poses: BodyPoses
+
+    @property
+    def used(self) -> BoolArray:
+        """(N_frames, n) markers that were not held for outliers."""
+        used = self.poses.used
+        return np.ones(self.frames.shape[:2], dtype=bool) if used is None else used
+
+    @property
+    def residuals(self) -> FloatArray:
+        """(N_frames, n, 3) markers as seen less as given, in the body, m; NaN where left out."""
+        apart = self.poses.to_body(self.frames) - self.cloud.markers
+        return np.asarray(np.where(self.used[..., None], apart, np.nan))
+
+    @property
+    def misfit(self) -> FloatArray:
+        """RMS distance (N_frames,) of the markers used from where the poses have them, m."""
+        return np.asarray(np.sqrt(np.nanmean(np.sum(self.residuals**2, axis=-1), axis=1)))
+
+    def against(self, cloud: MarkerCloud, used: BoolArray | None = None) -> Self:
+        """The same frames, laid over another shape by the same markers, or by others."""
+        used = self.used if used is None else used
+        poses = BodyPoses(*_register(cloud.markers, self.frames, used), used)
+        return replace(self, cloud=cloud, poses=poses)
 
 
 def _register(

@@ -39,18 +39,20 @@ from suta_calib.stereotactic.distortion import (
     is_distorted,
     smooth_distortion,
 )
-from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud
+from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud, SeenBody
 from suta_calib.stereotactic.navigation import Navigation
+from suta_calib.stereotactic.shapes import (
+    GivenShape,
+    SeenProbe,
+    on_given_shapes,
+    on_late_base,
+    on_probe,
+)
 from suta_calib.units import mm
 from suta_calib.words import listed
 
-# Misfit of rigid markers that no noise makes, and of EM readings that asks for a reason, as part
-# of the markers' extent.
-MISSHAPEN: Final = 0.02
+# Misfit of EM readings that asks for a reason, as part of the markers' extent.
 ELSEWHERE: Final = 0.05
-# What a frame's markers miss a probe's shape by, in units of what they usually do while it pivots,
-# that is no noise and no distortion.
-UNLIKE: Final = 5.0
 # A field bends by less than half; what is turned or stretched by more is in other axes or units.
 BENT: Final = 0.5
 # Part of an error that its explanation leaves at most in frames that were left out.
@@ -59,6 +61,8 @@ EXPLAINED: Final = 0.5
 MOST_FRAMES: Final = 3
 # Files with frames of the EM probe; the first tells its shape.
 EM_PROBE: Final = ("empivot", EM_FIDUCIALS[0], "EM-nav")
+# The EM tracker's base and the calibration object, as the optical tracker sees them.
+BASE, PLACED, PIVOT_BASE = "calreadings: D", "calreadings: A", "optpivot: D"
 USES: Final = {
     "em_pivot": "the EM pivot",
     "em_fiducials": "the fiducials",
@@ -82,8 +86,8 @@ class StereotacticResult:
             ``em_pivot``, ``em_fiducials``, ``em_nav``; empty without correction. The covariance of
             `em_pivot` allows for it.
         outliers: how many markers were left out, by file; empty where all were believed.
-        misfit: (N_frames,) RMS distance of the EM probe's markers, corrected, from their shape in
-            the first frame of its pivot, by file, m.
+        bodies: rigid bodies as they were seen, those of the EM probe corrected: by file, and by
+            file and letter of the markers.
     """
 
     data: StereotacticData
@@ -94,7 +98,7 @@ class StereotacticResult:
     navigation: Navigation | None
     extrapolated: Mapping[str, int]
     outliers: Mapping[str, int]
-    misfit: Mapping[str, FloatArray]
+    bodies: Mapping[str, SeenBody]
 
     @property
     def em_error(self) -> FloatArray:
@@ -110,7 +114,9 @@ class StereotacticResult:
         }
         if self.navigation is not None:
             parts["registration to CT"] = self.navigation.registration
-        bad, care = [*_on_shapes(self), *_on_probe(self), *_on_em_markers(self)], list[str]()
+        misread = _on_em_markers(self)
+        bad, care = _on_bodies(self, misread=bool(misread))
+        bad += misread
         # What does not fit together is not for dewarping to mend.
         distortion = [] if bad else _on_distortion(self)
         for name, part in parts.items():
@@ -154,7 +160,7 @@ def solve_stereotactic(
         covariance = em_pivot.covariance + np.diag([0.0, 0.0, 0.0, common, common, common])
         em_pivot = replace(em_pivot, covariance=covariance)
     # The base may move between frames: the optical pivot is solved in the EM tracker's frame.
-    base = bodies.poses("optpivot", MarkerCloud(data.body.base), data.optical_pivot.base)
+    base = bodies.poses(PIVOT_BASE, MarkerCloud(data.body.base), data.optical_pivot.base)
     frames = base.to_body(data.optical_pivot.probe)
     optical_pivot = bodies.pivot("optpivot", MarkerCloud.from_frame(frames[0]), frames)
     navigation = _navigate(bodies, correction, probe, em_pivot.tip)
@@ -162,7 +168,7 @@ def solve_stereotactic(
     outside = {use: int(np.sum(~inside)) for use, inside in seen.items()}
     return StereotacticResult(
         *(data, expected, em_pivot, optical_pivot, correction, navigation, outside),
-        *(bodies.outliers, bodies.misfit),
+        *(bodies.outliers, bodies.seen),
     )
 
 
@@ -172,16 +178,16 @@ class _Bodies:
     def __init__(self, data: StereotacticData, robust: bool) -> None:
         self.data, self.robust = data, robust
         self.outliers: dict[str, int] = {}
-        self.misfit: dict[str, FloatArray] = {}
+        self.seen: dict[str, SeenBody] = {}
 
-    def poses(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> BodyPoses:
-        """Poses of one body; an error names the file."""
+    def poses(self, name: str, cloud: MarkerCloud, frames: FloatArray) -> BodyPoses:
+        """Poses of one body, named by its file and the letter of its markers; so is an error."""
+        kind = name.partition(":")[0]
         with error_context(path_of(self.data.prefix, kind)):
             poses = cloud.poses(frames, robust=self.robust)
         if self.robust:
             self.outliers[kind] = self.outliers.get(kind, 0) + poses.outliers
-        if kind in EM_PROBE:
-            self.misfit[kind] = cloud.misfit(frames, poses)
+        self.seen[name] = SeenBody(cloud, frames, poses)
         return poses
 
     def pivot(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> PivotCalibration:
@@ -197,8 +203,8 @@ def _expected_markers(bodies: _Bodies) -> FloatArray:
     F_D is the pose of the EM tracker's base and F_A that of the object, in the optical tracker.
     """
     body, seen = bodies.data.body, bodies.data.readings
-    base = bodies.poses("calreadings", MarkerCloud(body.base), seen.base)
-    placed = bodies.poses("calreadings", MarkerCloud(body.optical), seen.optical)
+    base = bodies.poses(BASE, MarkerCloud(body.base), seen.base)
+    placed = bodies.poses(PLACED, MarkerCloud(body.optical), seen.optical)
     return base.to_body(placed.to_tracker(body.em))
 
 
@@ -235,45 +241,12 @@ def _navigate(
             return probe.amplified(tip) * correction.body_error(frames)
         # What the markers miss the probe's shape by, which is of a frame as well: both are read
         # wrongly. Six numbers of a frame are its pose's.
-        scatter = rms_length(_misfit(probe.markers, frames)[:, None])
+        scatter = rms_length(SeenBody(probe, frames, probe.poses(frames)).misfit[:, None])
         free = 2 * max(len(probe.markers) - 2, 1)
         return np.full(len(frames), probe.amplified(tip) * scatter / np.sqrt(free))
 
     errors = tip_error(given.em_nav), tip_error(given.em_fiducials)
     return Navigation(registration, fiducials, em, *errors)
-
-
-def _on_shapes(result: StereotacticResult) -> list[str]:
-    """Markers that do not have the shape that calbody gives them: a unit, an order, a marker."""
-    body, readings = result.data.body, result.data.readings
-    seen = {
-        "calreadings: D": (body.base, readings.base),
-        "calreadings: A": (body.optical, readings.optical),
-        "optpivot: D": (body.base, result.data.optical_pivot.base),
-    }
-    return [
-        f"{where} markers of frame {int(np.argmax(rms)) + 1} stay {mm(rms.max()):.2f} mm RMS "
-        "from calbody's: look for another unit or order, or for a wrong marker."
-        for where, (given, frames) in seen.items()
-        if (rms := _misfit(given, frames)).max() > MISSHAPEN * extent(given)
-    ]
-
-
-def _on_probe(result: StereotacticResult) -> list[str]:
-    """Frames in which the EM probe has not the shape that it pivots with: an order, a marker.
-
-    A pivot, and a registration, notice a frame that does not fit the others; a tip that is only
-    looked for has none.
-    """
-    usual, probe = np.median(result.misfit[EM_PROBE[0]]), result.data.em_pivot[0]
-    least = max(MISSHAPEN * extent(probe), UNLIKE * float(usual))
-    return [
-        f"{kind}: the probe's markers of frame {int(np.argmax(rms)) + 1} stay "
-        f"{mm(rms.max()):.2f} mm RMS from their shape in {EM_PROBE[0]}: look for another unit or "
-        "order, or for a wrong marker."
-        for kind, rms in result.misfit.items()
-        if rms.max() > least
-    ]
 
 
 def _on_em_markers(result: StereotacticResult) -> list[str]:
@@ -305,12 +278,53 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
     return [f"{found}: not as distortion does; look for another unit or order of the C markers."]
 
 
-def _misfit(given: FloatArray, frames: FloatArray) -> FloatArray:
-    """RMS distance (N_frames,) of each frame's markers from the given ones laid over them, m."""
-    same = np.broadcast_to(given, frames.shape)
-    R, p = register_points(same, frames)
-    apart = np.einsum("fij,fmj->fmi", R, same) + p[:, None] - frames
-    return np.asarray(np.sqrt(np.mean(np.sum(apart**2, axis=2), axis=1)))
+def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str], list[str]]:
+    """What the rigid bodies' own markers say against the answer: bad, care.
+
+    Args:
+        result: the answer.
+        misread: it is known already that the EM markers of calreadings are not where they should.
+    """
+    bodies, body, correction = result.bodies, result.data.body, result.correction
+    base, placed, measured = bodies[BASE], bodies[PLACED], result.data.readings.em
+    robust, expected = bool(result.outliers), "the expected EM markers"
+    # What the correction is fitted to errs as the object's pose does, and the EM post with it.
+    em_std = None if correction is None else float(np.linalg.norm(result.em_pivot.post_std()))
+    em = (expected, "the EM post", em_std)
+    post, std = result.optical_pivot.post[None], np.linalg.norm(result.optical_pivot.post_std())
+    optical = ("the optical post", "it", float(std))
+    bad, care = on_given_shapes(
+        [
+            GivenShape("calreadings", "D", base, result.expected.reshape(-1, 3), *em),
+            GivenShape("optpivot", "D", bodies[PIVOT_BASE], post, *optical),
+            GivenShape("calreadings", "A", placed, body.em, *em),
+        ],
+        robust=robust,
+    )
+    late, maybe_late = on_late_base(base.poses, placed.poses, body.em, measured)
+    bad, care = [*bad, *late], [*care, *maybe_late]
+    bent = correction is None and is_distorted(measured, result.expected)
+    # An uncorrected field bends the object too, alike in many frames; so do wrong poses of it.
+    if not (bent or misread or bad or care):
+        object_ = GivenShape("calreadings", "C", _em_object(result), body.em, *em, bent=True)
+        bad, care = on_given_shapes([object_], robust=robust)
+    of_probe = {kind: bodies[kind] for kind in EM_PROBE if kind in bodies}
+    outside = dict[str, FloatArray]()
+    if correction is not None:
+        outside = {
+            kind: np.array([correction.extrapolation_error(frame) for frame in frames])
+            for kind, frames in zip(EM_PROBE, result.data.em_uses.values(), strict=False)
+        }
+    stated = {} if result.navigation is None else {EM_PROBE[2]: result.navigation.tip_error}
+    probe = on_probe(SeenProbe(of_probe, bent, outside, result.em_pivot.tip, stated))
+    return [*bad, *probe[0]], [*care, *probe[1]]
+
+
+def _em_object(result: StereotacticResult) -> SeenBody:
+    """The calibration object's EM markers, corrected."""
+    cloud, frames = MarkerCloud(result.data.body.em), result.data.readings.em
+    frames = frames if result.correction is None else result.correction.correct(frames)
+    return SeenBody(cloud, frames, BodyPoses(*register_points(cloud.markers, frames)))
 
 
 def _on_distortion(result: StereotacticResult) -> list[str]:

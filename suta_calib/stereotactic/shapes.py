@@ -1,0 +1,402 @@
+"""Judges shapes: whether rigid bodies look in every frame as they should, by their own scatter.
+
+What the markers of a body miss its shape by in the same way in all frames is no noise: noise has no
+memory. Nor is what a few of them miss it by, far beyond what the others scatter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.distributions import chi2, f
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import extent, register_points, rms_length
+from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
+from suta_calib.pose_calibration.rigid_fit import ENOUGH_TO_JUDGE
+from suta_calib.records import dataclass
+from suta_calib.stereotactic.distortion import smooth_distortion
+from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud, SeenBody
+from suta_calib.units import mm
+from suta_calib.words import listed
+
+# Misfit of rigid markers that no noise makes, as part of their extent: another unit or order.
+MISSHAPEN: Final = 0.02
+# m, standard deviation of a coordinate that is written with two decimals of a millimetre, and a
+# misfit that is worth a word.
+ROUNDED: Final = 0.01e-3 / np.sqrt(12.0)
+WORTH_A_WORD: Final = 0.03e-3
+# Chance of what is said, where nothing is wrong.
+CHANCE: Final = 1e-6
+# Standard deviations that are not exceeded by chance, of what an answer states too.
+SEVERAL: Final = 4.0
+# What markers of normal errors are not off by, times this: instruments have longer tails.
+LONG_TAILS: Final = 2.0
+# Part of an error that its explanation leaves at most.
+EXPLAINED: Final = 0.5
+# What a frame's markers miss a probe's shape by, in units of what they usually do, that is no
+# noise; and no distortion, where it is not corrected.
+UNLIKE, UNLIKE_BENT = 3.0, 5.0
+# Frames that tell a scatter, and that tell which frames belong together.
+ENOUGH_TO_SCATTER, ENOUGH_TO_PAIR = 3, 8
+SETTLED: Final = 5
+# Frames that are named.
+MOST_FRAMES: Final = 3
+_OF_A_POSE: Final = 6
+
+
+@dataclass(frozen=True, eq=False)
+class GivenShape:
+    """A body whose shape calbody gives, as one file shows it.
+
+    Attributes:
+        file: with the frames.
+        letter: of the markers in it.
+        body: as it was seen.
+        where: (m, 3) places in the body that are told by its poses, m.
+        what: those are.
+        answer: what is answered there with a standard deviation.
+        stated: that (3-D), m; None where none is stated.
+        bent: whether a field bends single frames, so that only what all have in common is judged.
+    """
+
+    file: str
+    letter: str
+    body: SeenBody
+    where: FloatArray
+    what: str
+    answer: str
+    stated: float | None
+    bent: bool = False
+
+    @property
+    def markers(self) -> str:
+        """What its markers are called."""
+        return f"{self.file}: the {self.letter} markers"
+
+
+@dataclass(frozen=True, eq=False)
+class _Deviation:
+    """What all frames have in common of what they miss a given shape by.
+
+    Attributes:
+        common: (n, 3) mean over frames, in the body, m.
+        scatter: of one coordinate about it, m.
+        known: whether it is more than the scatter makes, and worth a word.
+        factor: the markers lie so many times as far apart as they should, and its standard
+            deviation; None where that does not explain it.
+        marker: the one that explains it, and how far that is off, m; None where none does.
+        effect: what the places that it tells are off by for it, RMS, about, m.
+    """
+
+    common: FloatArray
+    scatter: float
+    known: bool
+    factor: tuple[float, float] | None
+    marker: tuple[int, float] | None
+    effect: float
+
+
+def on_given_shapes(seen: Sequence[GivenShape], *, robust: bool) -> tuple[list[str], list[str]]:
+    """Bodies that do not look as calbody says, and markers that do so in a few frames.
+
+    Args:
+        seen: in the files.
+        robust: markers that do not fit the others were left out already.
+
+    Returns:
+        reasons not to use the answer; reasons to take care.
+    """
+    bad, care = list[str](), list[str]()
+    found = list[tuple[GivenShape, _Deviation]]()
+    for each in seen:
+        if not each.bent and (misshapen := _misshapen(each)):
+            bad.append(misshapen)
+            continue
+        deviation = _deviation(each)
+        found.append((each, deviation))
+        care += [] if each.bent else _standing_out(each, deviation, robust)
+    for each, deviation in found:
+        if not deviation.known:
+            continue
+        told = f"{each.markers} {_told(each, deviation)} {_beside(each, deviation, found)} "
+        told += f"It moves {each.what} by about {mm(deviation.effect):.2f} mm"
+        if each.stated is not None and deviation.effect > SEVERAL * each.stated:
+            bad.append(f"{told}; {each.answer} states ± {mm(each.stated):.3f} mm.")
+        else:
+            care.append(f"{told}, which no ± includes.")
+    return bad, care
+
+
+def _misshapen(seen: GivenShape) -> str:
+    """What is said of markers in another unit or order; empty where they are not."""
+    body = seen.body
+    # Where half of the markers are left out, it is they that may be right.
+    everything = body.used.mean() < EXPLAINED
+    rms = (body.against(body.cloud, np.ones_like(body.used)) if everything else body).misfit
+    if rms.max() <= MISSHAPEN * extent(body.cloud.markers):
+        return ""
+    return (
+        f"{seen.file}: {seen.letter} markers of frame {int(np.argmax(rms)) + 1} stay "
+        f"{mm(rms.max()):.2f} mm RMS from calbody's: look for another unit or order, or for a "
+        "wrong marker."
+    )
+
+
+def _deviation(seen: GivenShape) -> _Deviation:
+    residuals, used = seen.body.residuals, seen.body.used
+    frames, n = used.shape
+    counts = used.sum(axis=0)
+    common = np.nansum(residuals, axis=0) / np.maximum(counts, 1)[:, None]
+    within = np.where(used[..., None], residuals - common, 0.0)
+    # A frame's pose takes six numbers of its markers'.
+    lost = (DIMENSION * n - _OF_A_POSE) / (DIMENSION * n)
+    fixed = DIMENSION * int(np.sum(counts > 0)) - _OF_A_POSE
+    freedom = max(DIMENSION * float(counts.sum()) * lost - fixed, 1.0)
+    scatter = max(float(np.sqrt(np.sum(within**2) / freedom)), ROUNDED)
+    told = float(np.sum(counts[:, None] * common**2)) / scatter**2 / max(fixed, 1)
+    known = (
+        frames >= ENOUGH_TO_SCATTER
+        and fixed > 0
+        and rms_length(common[counts > 0]) > WORTH_A_WORD
+        and float(f.sf(told, fixed, freedom)) < CHANCE
+    )
+    if not known:
+        return _Deviation(common, scatter, False, None, None, 0.0)
+    factor, left = _scale(seen.body)
+    by_scale = rms_length((common - left)[counts > 0])
+    marker, by_marker, moved = _one_marker(seen, common, counts > 0)
+    size = rms_length(common[counts > 0])
+    if min(by_scale, by_marker) > EXPLAINED * size:
+        lever = _lever(seen.body.cloud, seen.where)
+        effect = lever * size / np.sqrt(max(n - 2, 1))
+        return _Deviation(common, scatter, True, None, None, effect)
+    if by_marker < by_scale:
+        return _Deviation(common, scatter, True, None, marker, moved)
+    # Of a body that was written in another scale the origin moves too.
+    effect = abs(factor[0] - 1.0) * float(np.linalg.norm(seen.body.cloud.markers.mean(axis=0)))
+    return _Deviation(common, scatter, True, factor, None, effect)
+
+
+def _lever(cloud: MarkerCloud, places: FloatArray) -> float:
+    """How many times an error of the body's middle places (m, 3) of the body err, RMS."""
+    return float(np.sqrt(np.mean([cloud.amplified(place) ** 2 for place in places])))
+
+
+def _scale(body: SeenBody) -> tuple[tuple[float, float], FloatArray]:
+    """How many times as far apart markers lie as they should, its std; what that makes (n, 3)."""
+    used = body.used[..., None]
+    centre = np.sum(used * body.cloud.markers, axis=1, keepdims=True) / used.sum(axis=1)[:, None]
+    arms = used * (body.cloud.markers - centre)
+    squares = np.sum(arms**2, axis=(1, 2))
+    by_frame = np.nansum(body.residuals * arms, axis=(1, 2)) / squares
+    scale, std = float(by_frame.mean()), float(by_frame.std(ddof=1)) / np.sqrt(len(by_frame))
+    # Frames that are the same are rounded alike.
+    std = max(std, float(ROUNDED / np.sqrt(squares.mean())))
+    return (1.0 + scale, std), scale * (body.cloud.markers - body.cloud.markers.mean(axis=0))
+
+
+def _one_marker(
+    seen: GivenShape, common: FloatArray, known: BoolArray
+) -> tuple[tuple[int, float] | None, float, float]:
+    """The marker without which the others have their shape best, and how far it is off, m.
+
+    Returns:
+        those; RMS that stays of the others, m; what the places are moved by for it, RMS, m.
+    """
+    given = seen.body.cloud.markers
+    shown, found = given + common, list[tuple[float, int, float, float]]()
+    if known.sum() < ENOUGH_TO_JUDGE:
+        return None, float("inf"), 0.0
+    for marker in map(int, np.flatnonzero(known)):
+        others = known & (np.arange(len(given)) != marker)
+        R, p = register_points(given[others], shown[others])
+        apart = given @ R.T + p - shown
+        moved = rms_length(seen.where @ R.T + p - seen.where)
+        off = float(np.linalg.norm(apart[marker]))
+        found.append((rms_length(apart[others]), marker, off, moved))
+    left, marker, off, moved = min(found)
+    return (marker, off), left, moved
+
+
+def _told(seen: GivenShape, deviation: _Deviation) -> str:
+    if deviation.factor is not None:
+        factor, std = deviation.factor
+        if seen.bent:  # A correction that was fitted to them follows a part of it.
+            return f"lie {factor:.4f} times as far apart as in calbody, corrected."
+        return f"lie {factor:.6f} ± {std:.6f} times as far apart as in calbody."
+    scatter = f"they scatter by {mm(deviation.scatter * np.sqrt(DIMENSION)):.3f} mm RMS"
+    if deviation.marker is not None:
+        marker, off = deviation.marker
+        return (
+            f"have not calbody's shape, in all frames alike: marker {marker + 1} is {mm(off):.2f} "
+            f"mm off where the others put it, and {scatter}."
+        )
+    rms = mm(rms_length(deviation.common))
+    return f"stay {rms:.2f} mm RMS from calbody's, in all frames alike, and {scatter}."
+
+
+def _beside(
+    seen: GivenShape, deviation: _Deviation, found: Iterable[tuple[GivenShape, _Deviation]]
+) -> str:
+    """What another file says of the same body: which of the two is to be doubted."""
+    for other, its in found:
+        if other is seen or other.letter != seen.letter:
+            continue
+        if rms_length(deviation.common - its.common) < EXPLAINED * rms_length(deviation.common):
+            return f"So they do in {other.file}: look for a mistake in calbody."
+        how = "lie otherwise" if its.known else "have it"
+        return f"In {other.file} they {how}: a marker was moved, or is read wrongly."
+    if seen.bent and deviation.factor is None and deviation.marker is None:
+        return "Look for a mistake in calbody, or for frames in which something else was moved."
+    return "Look for a mistake in calbody, or for a marker that was moved."
+
+
+def _standing_out(seen: GivenShape, deviation: _Deviation, robust: bool) -> list[str]:
+    """Markers of a few frames far off where they usually are in the body."""
+    used = seen.body.used
+    apart = np.nan_to_num(seen.body.residuals - deviation.common)
+    sizes = np.linalg.norm(apart, axis=-1)
+    sigma = float(np.median(sizes[used])) / np.sqrt(chi2.ppf(0.5, DIMENSION))
+    limit = LONG_TAILS * np.sqrt(outlier_limit(sizes.size, 1)) * max(sigma, ROUNDED)
+    far = sizes > limit + WORTH_A_WORD
+    if not far.any():
+        return []
+    frames = [str(frame + 1) for frame in np.flatnonzero(far.any(axis=1))]
+    leave = "" if robust or sizes.shape[1] < ENOUGH_TO_JUDGE else " --robust leaves them out."
+    return [
+        f"{seen.file}: {seen.letter} markers stay up to {mm(sizes.max()):.2f} mm off where they "
+        f"are in the body in other frames (frame {listed(frames, MOST_FRAMES)}), and scatter by "
+        f"{mm(sigma * np.sqrt(DIMENSION)):.3f} mm RMS: they pull at the poses there.{leave}"
+    ]
+
+
+@dataclass(frozen=True, eq=False)
+class SeenProbe:
+    """The EM probe, corrected, in every file that has frames of it.
+
+    Attributes:
+        bodies: by file; the first is its pivot.
+        bent: whether a distortion is not corrected.
+        outside: (N_frames,) what the correction errs for frames outside where it was fitted, by
+            file, m.
+        tip: (3,) in the probe, m.
+        stated: (N_frames,) standard deviations (3-D) of tips that stand each for itself, by file.
+    """
+
+    bodies: Mapping[str, SeenBody]
+    bent: bool
+    outside: Mapping[str, FloatArray]
+    tip: FloatArray
+    stated: Mapping[str, FloatArray]
+
+
+def on_probe(probe: SeenProbe) -> tuple[list[str], list[str]]:
+    """Frames in which the EM probe has not the shape that it pivots with: an order, a marker.
+
+    A pivot, and a registration, notice a frame that does not fit the others; a tip that is only
+    looked for has none. What is usual the same files tell, of the pivot and of all others.
+
+    Returns:
+        reasons not to use the answer; reasons to take care.
+    """
+    pivot, bad, care = next(iter(probe.bodies)), list[str](), list[str]()
+    shape = _usual_shape(probe.bodies[pivot])
+    misfit = {kind: body.against(shape).misfit for kind, body in probe.bodies.items()}
+    rest = [rms for kind, rms in misfit.items() if kind != pivot] or [misfit[pivot]]
+    usual = max(float(np.median(misfit[pivot])), float(np.median(np.concatenate(rest))))
+    size, n = extent(shape.markers), len(shape.markers)
+    lever = shape.amplified(probe.tip) / np.sqrt(max(n - 2, 1))
+    freedom = max(DIMENSION * n - _OF_A_POSE, 1)
+    frames = sum(map(len, misfit.values()))
+    unlike = np.sqrt(chi2.isf(CHANCE / frames, freedom) / chi2.ppf(0.5, freedom))
+    unlike = max(unlike, UNLIKE_BENT if probe.bent else UNLIKE)
+    for kind, rms in misfit.items():
+        limit = unlike * np.hypot(usual, probe.outside.get(kind, 0.0)) + WORTH_A_WORD
+        if not (rms > limit).any():
+            continue
+        frame = int(np.argmax(np.where(rms > limit, rms, 0.0)))
+        told = (
+            f"{kind}: the probe's markers of frame {frame + 1} stay {mm(rms[frame]):.2f} mm RMS "
+            f"from their shape in {pivot}, where {mm(usual):.3f} mm are usual: look for another "
+            "unit or order, or for a wrong marker."
+        )
+        effect, stated = lever * rms, probe.stated.get(kind)
+        beyond = stated is not None and bool(np.any((rms > limit) & (effect > SEVERAL * stated)))
+        (bad if beyond or rms[frame] > MISSHAPEN * size else care).append(told)
+    return bad, care
+
+
+def _usual_shape(pivot: SeenBody) -> MarkerCloud:
+    """The shape that a body has in most of its frames, in its own axes."""
+    for _ in range(SETTLED):
+        # A marker that is left out in every frame stays where it is.
+        known = np.asarray(pivot.used.any(axis=0))
+        seen = np.where(known[:, None], pivot.residuals, 0.0)
+        usual = np.nanmedian(seen, axis=0)
+        pivot = pivot.against(MarkerCloud(pivot.cloud.markers + usual))
+    return pivot.cloud
+
+
+def on_late_base(
+    base: BodyPoses, placed: BodyPoses, body: FloatArray, measured: FloatArray
+) -> tuple[list[str], list[str]]:
+    """Whether the EM tracker's base was read a frame later, or earlier, than the object.
+
+    Then the EM readings of a frame err together, as its neighbours in place do not, and by just
+    what the base moved by from frame to frame.
+
+    Args:
+        base: ``T_optical_em``.
+        placed: ``T_optical_object``, of the same frames.
+        body: (n, 3) EM markers of the object, m.
+        measured: (N_frames, n, 3) the same as the EM tracker saw them, m.
+
+    Returns:
+        reasons not to use the answer; reasons to take care.
+    """
+    rows = np.arange(1, len(measured) - 1)
+    if len(rows) < ENOUGH_TO_PAIR:
+        return [], []
+    seen = placed.to_tracker(body)[rows]
+
+    def expected(lag: int) -> FloatArray:
+        return base.of(rows + lag).to_body(seen)
+
+    def left(places: FloatArray) -> FloatArray:
+        """Mean square residual of a smooth distortion, by frame."""
+        fit = smooth_distortion(measured[rows], places)
+        return np.asarray(np.mean(np.sum(fit.residuals**2, axis=-1), axis=-1))
+
+    now = expected(0)
+    moved = {lag: rms_length(expected(lag) - now) for lag in (1, -1)}
+    if max(moved.values()) < WORTH_A_WORD:
+        return [], []
+    try:
+        before = left(now)
+        # Of a base that is read late the readings err by as much as it moves.
+        after = {
+            lag: left(expected(lag))
+            for lag, by in moved.items()
+            if EXPLAINED * by < np.sqrt(before.mean())
+        }
+    except SamplesError:
+        return [], []
+    if not after:
+        return [], []
+    lag = min(after, key=lambda lag: float(after[lag].mean()))
+    gain, best, off = before - after[lag], float(after[lag].mean()), moved[lag]
+    std = float(gain.std(ddof=1)) / np.sqrt(len(gain))
+    if gain.mean() < SEVERAL * std or best > EXPLAINED * before.mean():
+        return [], []
+    told = (
+        f"The EM markers are where the optical tracker says to {mm(np.sqrt(best)):.2f} mm RMS, not "
+        f"{mm(np.sqrt(before.mean())):.2f} mm, if each frame of calreadings has the D markers of "
+        f"the one {'after' if lag > 0 else 'before'} it: they seem one frame "
+        f"{'late' if lag > 0 else 'early'}. The expected EM markers are off by "
+        f"{mm(off):.2f} mm RMS for it."
+    )
+    return ([told], []) if off > SEVERAL * np.sqrt(best) else ([], [told])
