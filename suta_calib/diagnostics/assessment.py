@@ -23,7 +23,12 @@ from suta_calib.diagnostics.odd_readings import (
     rounded,
 )
 from suta_calib.diagnostics.repeats import lack_of_fit
-from suta_calib.diagnostics.score_tests import LOOKS_LIKE, effective_unknowns, score_tests
+from suta_calib.diagnostics.score_tests import (
+    LOOKS_LIKE,
+    effective_unknowns,
+    geometry_is_held,
+    score_tests,
+)
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
 from suta_calib.units import Unit, stored, text, unit_name
@@ -75,15 +80,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *(each.sentence for each in contradicted_beliefs(thinned(solution))),
             *_on_parameters(solution),
             *_on_redundancy(solution),
-            *(
-                f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are "
-                f"{fit.ratio:.1f} times what repeats of the same touch scatter "
-                f"({text(fit.repeat, fit.unit, with_unit=True)}): the model lacks something. "
-                "Values and ± hold only within it; free more of the geometry (select: geometric)."
-                for fit in lack_of_fit(solution)
-                if fit.ratio > LACKING
-            ),
-            *_beside_geometry(thinned(solution), suspect=not cause),
+            *(lacking := _on_lack_of_fit(solution)),
+            *_beside_geometry(thinned(solution), suspect=not cause, lacking=bool(lacking)),
             *_on_priors(solution),
         ],
         known=[*_as_drawn(solution), *_on_scale(solution)],
@@ -189,8 +187,25 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
-def _beside_geometry(solution: Solution, *, suspect: bool) -> list[str]:
-    """What a URDF cannot hold, and what the residuals look like beside geometry."""
+def _on_lack_of_fit(solution: Solution) -> list[str]:
+    return [
+        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are "
+        f"{fit.ratio:.1f} times what repeats of the same touch scatter "
+        f"({text(fit.repeat, fit.unit, with_unit=True)}): the model lacks something. "
+        "Values and ± hold only within it; free more of the geometry (select: geometric)."
+        for fit in lack_of_fit(solution)
+        if fit.ratio > LACKING
+    ]
+
+
+def _beside_geometry(solution: Solution, *, suspect: bool, lacking: bool) -> list[str]:
+    """What a URDF cannot hold, and what the residuals look like, held geometry last.
+
+    Args:
+        solution: converged.
+        suspect: whether the residuals tell of the arm, and of no other reading of the data.
+        lacking: whether it was said that the model lacks something, and what to do.
+    """
     notes = []
     arm = solution.problem.arm
     beside = () if arm is None else arm.nongeometric
@@ -208,6 +223,12 @@ def _beside_geometry(solution: Solution, *, suspect: bool) -> list[str]:
         notes.append(
             f"The residuals of {worst.joint} look like {LOOKS_LIKE[worst.family]}: "
             "run suta-calib extend, which says whether such a term predicts left-out data better."
+        )
+    elif suspect and not lacking and geometry_is_held(solution):
+        notes.append(
+            "The residuals look like errors of the geometry that the job holds as drawn: what is "
+            "estimated makes up for them in these postures, and ± does not include that. Free it "
+            "(select: geometric, with prior_mm and prior_deg)."
         )
     return notes
 

@@ -13,6 +13,7 @@ the job frees, and once all of the geometry: a bent link must not be taken for a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from functools import cached_property, lru_cache
 from typing import Final
@@ -33,6 +34,13 @@ from suta_calib.threads import single_threaded
 
 # Chance that one of all tests calls clean residuals suspicious.
 LEVEL: Final = 0.01
+# Numbers that a pose is.
+POSE: Final = 6
+# Of a number of unknowns, that is none.
+ROUNDING: Final = 1e-6
+# What geometry that is held explains beyond Schwarz's penalty that is very strong evidence for it
+# (Kass, Raftery 1995, doi:10.1080/01621459.1995.10476572).
+VERY_STRONG: Final = 10.0
 # Chance by touches that what the variance alone says must have.
 SUPPORTED: Final = 0.05
 
@@ -132,6 +140,20 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     return Residuals.of(solution).tests()
 
 
+@lru_cache(maxsize=4)
+@single_threaded
+def geometry_is_held(solution: Solution) -> bool:
+    """Whether geometry that the job does not free explains the residuals, beyond any doubt.
+
+    What is estimated makes up for it, and no ± knows. `False` for a problem without an arm, or with
+    too few touches to judge.
+    """
+    if solution.problem.arm is None:
+        return False
+    residuals = Residuals.of(solution)
+    return residuals.enough and residuals.told_by_geometry(by_touch=True) > VERY_STRONG
+
+
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """Residuals of a fit, to be tested for what the fit left out.
@@ -140,7 +162,7 @@ class Residuals:
         problem: the fit's unknowns, the rest of the geometry, and every candidate.
         rows: at the fit, with a column for each of these.
         fitted: names of what the fit had for its unknowns.
-        free: how many of them it estimated.
+        free: how many of them the data have told (`effective_unknowns`).
         level: mean of (noise / assumed noise)² over the blocks.
     """
 
@@ -156,12 +178,12 @@ class Residuals:
         known = solution.problem.parameters
         problem, x = problem_beside(solution)
         rows = whitened_rows(problem, x, solution.sigmas)
-        fitted, free = frozenset(known), len(solution.free)
+        fitted, free = frozenset(known), math.ceil(effective_unknowns(solution) - ROUNDING)
         return cls(problem, rows, fitted, free, noise_ratio(solution))
 
     def tests(self) -> tuple[ScoreTest, ...]:
         """Of every joint and family, most suspicious first; nothing with too few touches."""
-        if self._freedom < 1:
+        if not self.enough:
             return ()
         groups = self._groups
         alone, beside = self._alone, self._beside_geometry
@@ -185,7 +207,7 @@ class Residuals:
                     min(1.0, len(kept) * p),
                     min(1.0, len(kept) * beside.p_by_touch(index, self._freedom)),
                     min(1.0, len(kept) * p_variance),
-                    gain > self._by_geometry,
+                    gain > self.by_geometry,
                     gain,
                 )
             )
@@ -194,7 +216,7 @@ class Residuals:
     def chance(self, names: Iterable[str]) -> float:
         """Chance of so suspicious residuals as for these candidates together, without cause."""
         index = np.array([self._order[n] for n in names if n in self._order], dtype=np.intp)
-        return self._alone.p_by_touch(index, self._freedom) if self._freedom > 0 else 1.0
+        return self._alone.p_by_touch(index, self._freedom) if self.enough else 1.0
 
     def told(self, names: Iterable[str]) -> tuple[str, ...]:
         """Those of the candidates that the data could tell."""
@@ -243,6 +265,11 @@ class Residuals:
         return curvature_of(self.problem, self.rows)
 
     @property
+    def enough(self) -> bool:
+        """Whether there are touches beyond what the unknowns take."""
+        return self._freedom > 0
+
+    @property
     def _freedom(self) -> int:
         return self._alone.touches - self.free
 
@@ -260,8 +287,15 @@ class Residuals:
         return lowered * self._equations / rows
 
     @cached_property
-    def _by_geometry(self) -> float:
+    def by_geometry(self) -> float:
         """What the geometry that is not freed would explain, less Schwarz's penalty."""
+        return self.told_by_geometry()
+
+    def told_by_geometry(self, *, by_touch: bool = False) -> float:
+        """Likewise; ``by_touch`` where a touch counts as the pose that it is, at the most.
+
+        Hundreds of corners of a picture share where the arm really was.
+        """
         more = self._geometry
         if not len(more):
             return 0.0
@@ -270,6 +304,8 @@ class Residuals:
         values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
         estimated = int(np.sum(values > WEAK**-2))
         gain = self._gain(scores, np.arange(len(more)))
+        if by_touch:
+            gain *= min(1.0, POSE * scores.touches / max(self._equations, 1))
         return max(0.0, gain - estimated * float(np.log(scores.touches)))
 
 
