@@ -212,8 +212,19 @@ def _held_out(
     errors: Sequence[HeldOutErrors], options: ContradictionOptions
 ) -> Iterator[Contradiction]:
     for each in errors:
-        sure = math.log(max(each.ratio, 1e-9)) > options.significance * each.ratio_std
-        if not sure or each.ratio < options.held_out_care:
+        larger = math.log(max(each.ratio, 1e-9))
+        if abs(larger) < options.significance * each.ratio_std:
+            continue
+        if each.ratio * options.held_out < 1.0:
+            yield Contradiction(
+                False,
+                f"Held-out {each.name} errors of {each.term.kind.replace('_', ' ')} are "
+                f"{text(each.level, each.unit, with_unit=True)} per axis, {1.0 / each.ratio:.1f} "
+                f"times smaller than those of the fitted rows explain "
+                f"({text(each.fitted, each.unit, with_unit=True)}): something is wrong in the "
+                "fitted rows that is not in these, such as labels, and the answer follows it.",
+            )
+        if each.ratio < options.held_out_care:
             continue
         moved = each.placed_anew < each.level / options.held_out
         cause = (

@@ -12,6 +12,7 @@ from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
 from simulated import arm_named, tracked_scene
 
 from suta_calib import Problem, assess, solve
+from suta_calib.diagnostics.contradictions import contradictions
 from suta_calib.diagnostics.held_out import (
     PROBABILITIES,
     held_out_errors,
@@ -64,3 +65,20 @@ def test_a_robust_level_is_the_standard_deviation_of_normal_noise() -> None:
         assert np.median(squared) == pytest.approx(4e-6 * normal_squared(size), rel=0.05)
         assert 2e-3 < robust_level(residual) < 4e-3
     assert np.isnan(robust_level(np.zeros((0, 3))))
+
+
+def test_rows_that_are_wrong_in_the_fitted_files_alone_are_told() -> None:
+    """Fitted positions are centimetres off; what was held out is not, and errs by less."""
+    scenes = fitted_and_held_out()
+    fitted, validation = (s.samples(NOISE, seed=7 + k)[0] for k, s in enumerate(scenes))
+    assert fitted.position is not None
+    parameters, random = unknowns(scenes[0].arm, priors=False), np.random.default_rng(0)
+    told = []
+    for off in (0.0, 0.03):
+        wrong = off * random.standard_normal(fitted.position.shape)
+        spoilt = replace(fitted, position=fitted.position + wrong)
+        solution = solve(Problem([scenes[0].term(spoilt)], parameters), ONCE)
+        accuracy = assess(solution, [scenes[1].term(validation)])
+        found = contradictions(solution, accuracy)
+        told.append(any("smaller than those of the fitted rows" in f.sentence for f in found))
+    assert told == [False, True]
