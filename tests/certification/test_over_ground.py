@@ -19,7 +19,7 @@ from suta_calib.measurements import Artefact, Landmark, read_artefact
 
 DRAWN = CertificationOptions(drawing=truth())
 MADE = 2e-5
-SOUND = 100
+SOUND = 40
 
 
 def of_pillars(by: FloatArray | list[float]) -> Change:
@@ -59,7 +59,7 @@ def told(found: Certification) -> list[str]:
     return [note for note in found.assessment.notes if note.startswith("All landmarks")]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize(("size", "word"), [(3e-3, "higher"), (-3e-3, "lower")])
 def test_a_ball_s_radius_that_is_taken_off_on_one_plane_alone(
     tmp_path: Path, size: float, word: str, seed: int
@@ -142,7 +142,7 @@ def test_height_and_tilt_are_as_sure_as_they_are_said_to_be(
 def test_an_artefact_against_its_own_certificate(tmp_path: Path) -> None:
     """Its drawing was measured over a ground that was touched as badly."""
     said = 0
-    for seed in range(40):
+    for seed in range(15):
         earlier = certified(tmp_path, seed=seed).artefact()
         options = CertificationOptions(drawing=earlier)
         said += len(told(certified(tmp_path, options=options, seed=1000 + seed)))
