@@ -137,7 +137,13 @@ def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
     """
     if solution.problem.arm is None:
         return ()
-    return Residuals.of(solution).tests()
+    return _residuals(solution).tests()
+
+
+# One: who judges a solution asks of its encoders, and then of the geometry.
+@lru_cache(maxsize=1)
+def _residuals(solution: Solution) -> Residuals:
+    return Residuals.of(solution)
 
 
 @lru_cache(maxsize=4)
@@ -150,7 +156,7 @@ def geometry_is_held(solution: Solution) -> bool:
     """
     if solution.problem.arm is None:
         return False
-    residuals = Residuals.of(solution)
+    residuals = _residuals(solution)
     return residuals.enough and residuals.told_by_geometry(by_touch=True) > VERY_STRONG
 
 

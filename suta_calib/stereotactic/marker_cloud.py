@@ -21,6 +21,8 @@ from suta_calib.pose_calibration.rigid_fit import (
 )
 from suta_calib.records import dataclass
 
+# Numbers that a pose takes of its markers'.
+OF_A_POSE: Final = 6
 MAX_ROUNDS: Final = 10
 # Residual relative to the size of the body that is rounding.
 ROUNDING: Final = 1e-9

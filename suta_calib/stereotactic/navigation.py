@@ -12,11 +12,11 @@ from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.records import dataclass
+from suta_calib.stereotactic.marker_cloud import OF_A_POSE
 from suta_calib.units import mm
 
 # Chance of fiducials as far off by the readings alone below which something else is wrong.
 UNEXPLAINED: Final = 1e-5
-_OF_A_POSE: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class Navigation:
         So few of them hardly tell which is wrong; empty where the readings explain it.
         """
         fitted, found = self.registration.inliers, self.registration
-        freedom = DIMENSION * int(fitted.sum()) - _OF_A_POSE
+        freedom = DIMENSION * int(fitted.sum()) - OF_A_POSE
         # A registration takes as much of the errors as it has unknowns.
         explained = rms_length(self.fiducial_error[fitted][:, None])
         explained *= np.sqrt(freedom / (DIMENSION * int(fitted.sum())))

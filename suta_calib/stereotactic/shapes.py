@@ -19,7 +19,7 @@ from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.rigid_fit import ENOUGH_TO_JUDGE
 from suta_calib.records import dataclass
 from suta_calib.stereotactic.distortion import smooth_distortion
-from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud, SeenBody
+from suta_calib.stereotactic.marker_cloud import OF_A_POSE, BodyPoses, MarkerCloud, SeenBody
 from suta_calib.units import mm
 from suta_calib.words import listed
 
@@ -45,7 +45,6 @@ ENOUGH_TO_SCATTER, ENOUGH_TO_PAIR = 3, 8
 SETTLED: Final = 5
 # Frames that are named.
 MOST_FRAMES: Final = 3
-_OF_A_POSE: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,8 +152,8 @@ def _deviation(seen: GivenShape) -> _Deviation:
     common = np.nansum(residuals, axis=0) / np.maximum(counts, 1)[:, None]
     within = np.where(used[..., None], residuals - common, 0.0)
     # A frame's pose takes six numbers of its markers'.
-    lost = (DIMENSION * n - _OF_A_POSE) / (DIMENSION * n)
-    fixed = DIMENSION * int(np.sum(counts > 0)) - _OF_A_POSE
+    lost = (DIMENSION * n - OF_A_POSE) / (DIMENSION * n)
+    fixed = DIMENSION * int(np.sum(counts > 0)) - OF_A_POSE
     freedom = max(DIMENSION * float(counts.sum()) * lost - fixed, 1.0)
     scatter = max(float(np.sqrt(np.sum(within**2) / freedom)), ROUNDED)
     told = float(np.sum(counts[:, None] * common**2)) / scatter**2 / max(fixed, 1)
@@ -310,7 +309,7 @@ def on_probe(probe: SeenProbe) -> tuple[list[str], list[str]]:
     usual = max(float(np.median(misfit[pivot])), float(np.median(np.concatenate(rest))))
     size, n = extent(shape.markers), len(shape.markers)
     lever = shape.amplified(probe.tip) / np.sqrt(max(n - 2, 1))
-    freedom = max(DIMENSION * n - _OF_A_POSE, 1)
+    freedom = max(DIMENSION * n - OF_A_POSE, 1)
     frames = sum(map(len, misfit.values()))
     unlike = np.sqrt(chi2.isf(CHANCE / frames, freedom) / chi2.ppf(0.5, freedom))
     unlike = max(unlike, UNLIKE_BENT if probe.bent else UNLIKE)

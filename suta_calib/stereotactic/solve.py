@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -42,6 +43,8 @@ from suta_calib.stereotactic.distortion import (
 from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud, SeenBody
 from suta_calib.stereotactic.navigation import Navigation
 from suta_calib.stereotactic.shapes import (
+    EXPLAINED,
+    MOST_FRAMES,
     GivenShape,
     SeenProbe,
     on_given_shapes,
@@ -55,10 +58,6 @@ from suta_calib.words import listed
 ELSEWHERE: Final = 0.05
 # A field bends by less than half; what is turned or stretched by more is in other axes or units.
 BENT: Final = 0.5
-# Part of an error that its explanation leaves at most in frames that were left out.
-EXPLAINED: Final = 0.5
-# Frames that are named.
-MOST_FRAMES: Final = 3
 # Files with frames of the EM probe; the first tells its shape.
 EM_PROBE: Final = ("empivot", EM_FIDUCIALS[0], "EM-nav")
 # The EM tracker's base and the calibration object, as the optical tracker sees them.
@@ -104,6 +103,11 @@ class StereotacticResult:
     def em_error(self) -> FloatArray:
         """(N_frames, N_C, 3) EM markers as measured minus where they were, m."""
         return self.data.readings.em - self.expected
+
+    @cached_property
+    def bent(self) -> bool:
+        """Whether the EM readings are distorted, and not corrected."""
+        return self.correction is None and is_distorted(self.data.readings.em, self.expected)
 
     @property
     def assessment(self) -> Assessment:
@@ -303,7 +307,7 @@ def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str],
     )
     late, maybe_late = on_late_base(base.poses, placed.poses, body.em, measured)
     bad, care = [*bad, *late], [*care, *maybe_late]
-    bent = correction is None and is_distorted(measured, result.expected)
+    bent = result.bent
     # An uncorrected field bends the object too, alike in many frames; so do wrong poses of it.
     if not (bent or misread or bad or care):
         object_ = GivenShape("calreadings", "C", _em_object(result), body.em, *em, bent=True)
@@ -328,9 +332,9 @@ def _em_object(result: StereotacticResult) -> SeenBody:
 
 
 def _on_distortion(result: StereotacticResult) -> list[str]:
-    correction, measured = result.correction, result.data.readings.em
+    correction = result.correction
     if correction is None:
-        if not is_distorted(measured, result.expected):
+        if not result.bent:
             return []
         return [
             f"The EM tracker's readings are {mm(rms_length(result.em_error)):.2f} mm off where "
