@@ -44,7 +44,7 @@ class DeviceSpec:
 
     Attributes:
         path: the file it was read from; error messages name it.
-        port: any pyserial URL: ``/dev/ttyACM0``, ``COM3``, ``socket://host:port``, ``loop://``.
+        port: ``/dev/ttyACM0``, ``COM3``, or one of `port_name.URLS`: ``socket://host:port``, …
         baudrate: bits per second; of no effect where there is no wire.
         format: ``frames`` (binary, with CRC), ``lines`` (ASCII), or the servos that are asked.
         unit: of the values in lines: ``counts``, ``rad`` or ``deg``; all else is in counts.

@@ -13,6 +13,7 @@ from suta_calib.device.description import (
     DeviceSpec,
     JointSpec,
 )
+from suta_calib.device.port_name import expected_name
 from suta_calib.errors import DeviceFileError
 from suta_calib.measurements.keys import Key, Keys
 
@@ -38,8 +39,10 @@ DEVICE_KEYS: Final = Keys(
     Key(
         "port",
         "text",
-        "Any pyserial URL: /dev/ttyACM0, COM3, socket://host:port, loop://; a relative name is "
-        "looked for beside the file first.",
+        "Name of a port (/dev/ttyACM0, COM3, a pseudo-terminal or a link to one), or a URL: "
+        "socket://host:port, rfc2217://host:port, hwgrep://2341:0043 (the port whose USB number, "
+        "serial number or name has this text), loop://. A relative name is looked for beside the "
+        "file first.",
         required=True,
     ),
     Key(
@@ -66,7 +69,6 @@ DEVICE_KEYS: Final = Keys(
 # Longer than the name of any port; a message has to show it.
 _LONGEST_PORT: Final = 1000
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
-_SOCKET: Final = re.compile(r"socket://[^/?]+:\d+([/?].*)?", re.IGNORECASE)
 
 
 def read_device(path: Path) -> DeviceSpec:
@@ -103,8 +105,8 @@ def read_device(path: Path) -> DeviceSpec:
     port = top.text("port")
     if len(port) > _LONGEST_PORT:
         raise top.refuse(shown(port), f"at most {_LONGEST_PORT} characters", at=("port",))
-    if port.lower().startswith("socket://") and not _SOCKET.fullmatch(port):
-        raise top.refuse(repr(port), "socket://host:port", at=("port",))
+    if (wanted := expected_name(port)) is not None:
+        raise top.refuse(repr(port), wanted, at=("port",))
     return DeviceSpec(
         path=path,
         port=_beside(top.document.path, port),

@@ -13,6 +13,7 @@ from typing import Final
 import serial
 
 from suta_calib.device.description import DeviceSpec
+from suta_calib.device.port_name import expected_name, other_device
 from suta_calib.errors import (
     DeviceFileError,
     DisconnectedError,
@@ -26,6 +27,7 @@ _AT_ONCE: Final = 1 << 16
 # pyserial's classes whose file descriptor can be read directly, by module and name.
 _PLAIN: Final = (
     ("serial.serialposix", "Serial"),
+    ("serial.urlhandler.protocol_hwgrep", "Serial"),
     ("serial.urlhandler.protocol_socket", "Serial"),
 )
 
@@ -34,18 +36,25 @@ class Port:
     """An open port.
 
     Args:
-        spec: gives the port, any pyserial URL, and the baud rate.
+        spec: gives the port, a name or one of `port_name.URLS`, and the baud rate.
 
     Attributes:
         arrived: when `read` gave what it gave last, `time.perf_counter`, s.
 
     Raises:
         PortNotFoundError, PortBusyError, PortPermissionError: it cannot be opened.
-        DeviceFileError: port or baud rate mean nothing to pyserial.
+        DeviceFileError: a port's name that is not accepted, or a baud rate that means nothing.
     """
 
     def __init__(self, spec: DeviceSpec) -> None:
         self._name = spec.port
+        if (expected := expected_name(spec.port)) is not None:
+            raise DeviceFileError(repr(spec.port), expected, file=spec.path, where="port")
+        if (subsystem := other_device(spec.port)) is not None:
+            raise PortNotFoundError(
+                f"{spec.port}: found something that is no serial port (a device of {subsystem!r}); "
+                f"expected one; check 'port' in {spec.path}"
+            )
         self.arrived = time.perf_counter()
         self._failures: tuple[type[Exception], ...] = (OSError, serial.SerialException)
         with suppress(ImportError):

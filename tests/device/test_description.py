@@ -52,6 +52,7 @@ def test_a_port_beside_the_file_is_found_from_anywhere(tmp_path: Path) -> None:
         ("port: /dev/ttyACM0\n", "", None, ["port", "no such key"]),
         ("port: /dev/ttyACM0", "port: 3", 1, ["port", "3", "text"]),
         ("port: /dev/ttyACM0", "port: socket://arm", 1, ["socket://arm", "socket://host:port"]),
+        ("port: /dev/ttyACM0", "port: spy://COM3?file=a", 1, ["spy://COM3?file=a", "/dev/ttyACM0"]),
         ("baudrate: 115200", "baudrate: fast", 2, ["baudrate", "fast", "whole number"]),
         ("baudrate: 115200", "baudrate: 0", 2, ["baudrate", "0"]),
         ("baudrate", "baud_rate", 2, ["baud_rate", "did you mean 'baudrate'"]),

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 import serial
 from device_streams import PtyDevice, device
+from serial.tools import list_ports
 
 from suta_calib import extras
-from suta_calib.device import Bus, port
+from suta_calib.device import Bus, port, port_name
 from suta_calib.device.port import opening_error
 from suta_calib.errors import (
     DeviceError,
@@ -131,3 +132,68 @@ def test_bus_of_a_spec_keeps_nothing_open_after_an_error(arm: PtyDevice) -> None
         raise ZeroDivisionError
     with Bus(replace(spec_of(arm), baudrate=115200)):
         pass
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "spy:///dev/ttyACM0?file={file}",
+        "SPY:///dev/ttyACM0?file={file}",
+        "spy://{arm}?file={file}",
+        "alt://{arm}?class=PosixPollSerial",
+        "socket://127.0.0.1:{port}?logging=debug",
+        "socket://127.0.0.1:{port}/?logging=debug",
+        "rfc2217://127.0.0.1:{port}?logging=debug",
+        "rfc2217://127.0.0.1:{port}?timeout=1&logging=debug",
+        "loop://?logging=debug",
+        "socket://127.0.0.1:70000",
+        "cp2110:///dev/hidraw0",
+        "hwgrep://(a+)+$",
+        "hwgrep://ttyACM&skip_busy",
+    ],
+)
+def test_a_url_that_does_more_than_open_a_port_is_refused(
+    name: str, arm: PtyDevice, tmp_path: Path
+) -> None:
+    precious = tmp_path / "precious.txt"
+    precious.write_text("mine", encoding="utf-8")
+    name = name.format(file=precious, arm=arm.link, port=5000)
+    message = refused(device(port=name), DeviceFileError)
+    assert name in message
+    assert "device.yaml: port: found" in message
+    assert "socket://" in message or name.partition("://")[0] in message.partition("expected")[2]
+    assert precious.read_text(encoding="utf-8") == "mine"
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "/dev/serial/by-id/usb-Arduino_0043_7573-if00",
+        "COM12",
+        r"\\.\COM12",
+        "/dev/cu.usbmodem14201",
+        "socket://arm.local:5000",
+        "socket://[::1]:5000/",
+        "rfc2217://192.168.0.7:2217",
+        "rfc2217://arm:2217?ign_set_control&timeout=3",
+        "loop://",
+        "hwgrep://VID:PID=2341:0043",
+        "hwgrep://ttyACM&n=2",
+    ],
+)
+def test_names_of_ports_are_accepted(name: str) -> None:
+    assert port_name.expected_name(name) is None
+
+
+@pytest.mark.skipif(not Path("/sys/dev/char/1:3").exists(), reason="needs Linux's /sys")
+def test_a_device_that_is_no_port_is_not_opened(monkeypatch: pytest.MonkeyPatch) -> None:
+    # To open some devices does something: /dev/watchdog restarts the computer.
+    monkeypatch.setattr(port.serial, "serial_for_url", lambda *_, **__: pytest.fail("opened"))
+    assert "'mem'" in refused(device(port="/dev/null"), PortNotFoundError)
+
+
+def test_a_port_is_found_by_its_usb_number(arm: PtyDevice, monkeypatch: pytest.MonkeyPatch) -> None:
+    listed = [(str(arm.link), "an arm", "USB VID:PID=2341:0043")]
+    monkeypatch.setattr(list_ports, "comports", lambda *_: listed)
+    opened = port.Port(device(port="hwgrep://2341:0043"))
+    opened.close()
