@@ -148,7 +148,8 @@ def _moved_among_fitted(
     freedom = white.size / length - len(x) - best.rank
     if freedom < 1.0:
         return None
-    noise = float(np.sum(white**2)) / freedom
+    # Data that fit to the last digit leave nothing: then any gain at all is one.
+    noise = max(float(np.sum(white**2)) / freedom, float(np.finfo(float).tiny))
     tests = len(parts) * len(ways)
     if f.sf(best.gain / best.rank / noise, best.rank, freedom) * tests > FALSE_ALARM:
         return None
