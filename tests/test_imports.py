@@ -120,22 +120,22 @@ NO_ARM = ("jinja2", "scipy", "pinocchio", "lxml", "yaml", "ruamel.yaml")
 ARM = ("jinja2", "scipy", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB,), 158, ARM[1:]),
-    "observe": ((JOB,), 119, ARM),
-    "validate": (("urdf/suta.urdf", JOB), 86, ARM),
-    "outliers --out": ((JOB,), 132, ()),
-    "pivot": (("data/poses/pivot.csv",), 71, ("json", *NO_ARM)),
-    "hand-eye": (("data/poses/hand_eye.csv",), 77, ("json", *NO_ARM)),
+    "calibrate": ((JOB,), 159, ARM[1:]),
+    "observe": ((JOB,), 120, ARM),
+    "validate": (("urdf/suta.urdf", JOB), 87, ARM),
+    "outliers --out": ((JOB,), 133, ()),
+    "pivot": (("data/poses/pivot.csv",), 72, ("json", *NO_ARM)),
+    "hand-eye": (("data/poses/hand_eye.csv",), 78, ("json", *NO_ARM)),
     "register": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        75,
+        76,
         ("json", *NO_ARM),
     ),
-    "pivot --out": (("data/poses/pivot.csv",), 82, NO_ARM[1:]),
-    "hand-eye --out": (("data/poses/hand_eye.csv",), 88, NO_ARM[1:]),
+    "pivot --out": (("data/poses/pivot.csv",), 83, NO_ARM[1:]),
+    "hand-eye --out": (("data/poses/hand_eye.csv",), 89, NO_ARM[1:]),
     "register --out": (
         ("data/poses/register_a.csv", "data/poses/register_b.csv"),
-        86,
+        87,
         NO_ARM[1:],
     ),
 }

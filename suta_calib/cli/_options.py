@@ -15,6 +15,7 @@ import numpy as np
 from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError
 from suta_calib.lazy import UNUSED_OF_NUMPY, spare
+from suta_calib.measurements.scale import INSTRUMENT_PPM
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
@@ -160,6 +161,17 @@ place_option = click.option(
 def seed_option(of: str) -> Callable[[Command], Command]:
     """``--seed``, whose help says what is drawn with it."""
     return click.option("--seed", type=click.IntRange(min=0), default=0, help=of)
+
+
+# Without it an instrument is taken for a good one.
+scale_option = click.option(
+    "--scale-ppm",
+    type=FiniteRange(min=0, max=1e5),
+    default=INSTRUMENT_PPM,
+    metavar="PPM",
+    help="Standard deviation of one factor on all measured lengths, which no residual shows; "
+    f"{INSTRUMENT_PPM:g} without it. It enters every ±.",
+)
 
 
 def pose_options(command: Command) -> Command:

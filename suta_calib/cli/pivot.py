@@ -6,15 +6,16 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, pose_options
+from suta_calib.cli._options import PATH, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
 
 
 @answer_command
 @click.argument("poses", type=PATH, metavar="POSES.csv")
+@scale_option
 @pose_options
-def pivot(poses: Path, plain: bool, seed: int) -> Document:
+def pivot(poses: Path, scale_ppm: float, plain: bool, seed: int) -> Document:
     """Find the tip of a tool from poses while it rests on one point and is turned about it.
 
     POSES.csv has the columns x,y,z,qx,qy,qz,qw: the pose T_tracker_tool, m (x_mm,y_mm,z_mm: mm).
@@ -29,5 +30,5 @@ def pivot(poses: Path, plain: bool, seed: int) -> Document:
 
     data = read_tool_poses(poses)
     with LateProgress("calibrating"):
-        found = pivot_from_poses(data, robust=not plain, seed=seed)
-    return pivot_document(found, data).with_data(robust=not plain, seed=seed)
+        found = pivot_from_poses(data, robust=not plain, seed=seed, scale_ppm=scale_ppm)
+    return pivot_document(found, data).with_data(robust=not plain, seed=seed, scale_ppm=scale_ppm)

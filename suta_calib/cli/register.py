@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, pose_options
+from suta_calib.cli._options import PATH, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
 
@@ -20,11 +20,13 @@ from suta_calib.report.document import Document
     metavar="T.csv",
     help="Points in A's frame at which the error to expect is wanted.",
 )
+@scale_option
 @pose_options
 def register(
     a: Path,
     b: Path,
     target: Path | None,
+    scale_ppm: float,
     plain: bool,
     seed: int,
 ) -> Document:
@@ -42,5 +44,9 @@ def register(
     points = read_corresponding_points(a, b)
     targets = None if target is None else read_points(target)
     with LateProgress("registering"):
-        found = registration_from_points(*points, targets, robust=not plain, seed=seed)
-    return register_document(found, *points, targets).with_data(robust=not plain, seed=seed)
+        found = registration_from_points(
+            *points, targets, robust=not plain, seed=seed, scale_ppm=scale_ppm
+        )
+    return register_document(found, *points, targets).with_data(
+        robust=not plain, seed=seed, scale_ppm=scale_ppm
+    )

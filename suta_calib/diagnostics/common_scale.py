@@ -19,7 +19,6 @@ from numpy.typing import ArrayLike
 
 from suta_calib import distributions
 from suta_calib.arrays import FloatArray
-from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import POSITION
 from suta_calib.records import dataclass
 from suta_calib.solver.information import robust_jacobian, whitened_rows
@@ -176,7 +175,7 @@ def _longer(term: Term, factors: FloatArray) -> Term:
         name: replace(mark, position=mark.position * (1.0 + STEP))
         for name, mark in term.touched.landmarks.items()
     }
-    changed: dict[str, Any] = {"artefact": Artefact(term.touched.name, marks)}
+    changed: dict[str, Any] = {"artefact": replace(term.touched, landmarks=marks)}
     return replace(term, **changed)
 
 

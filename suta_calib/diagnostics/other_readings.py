@@ -23,7 +23,7 @@ from suta_calib.geometry.numbers import (
     quaternion_from_rotation,
     rotation_from_quaternion,
 )
-from suta_calib.measurements import Artefact, Samples
+from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.lengths import other_lengths
@@ -324,7 +324,7 @@ def _mirrored(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
                 name: replace(mark, position=mark.position * [-1.0, 1.0, 1.0])
                 for name, mark in term.touched.landmarks.items()
             }
-            read[k] = replace(read[k], artefact=Artefact(term.touched.name, marks))
+            read[k] = replace(read[k], artefact=replace(term.touched, landmarks=marks))
     if any(term.touched for term in terms):
         yield "the artefact is mirrored: its certificate's frame is left-handed", tuple(read)
 

@@ -344,6 +344,7 @@ def read_term(
             samples = row.exclude.kept(samples)
         term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
         term = replace(term, given=row.given) if row.given else term
+        term = replace(term, scale=row.scale) if row.scale else term
         term.check_given()
         if fitted:
             term.check_enough()

@@ -8,7 +8,7 @@ from typing import Final
 
 from suta_calib.job.tip_offset import TIP_OFFSET_KEYS
 from suta_calib.measurements.exclusion import exclusion_keys
-from suta_calib.measurements.keys import BASE, TIP, URDF, Key, Keys
+from suta_calib.measurements.keys import BASE, SCALE_KEYS, TIP, URDF, Key, Keys
 from suta_calib.terms import KINDS, every_grouping
 from suta_calib.terms.given import POSE_KEYS
 from suta_calib.units import SHOWN, Unit, key
@@ -108,6 +108,14 @@ COMMON_KEYS: Final = Keys(
         "What is known of where something stands: the only place there is, or places by label; "
         "for a kind in which something sees, the pose of what sees in what carries it.",
         inside=POSE_KEYS,
+    ),
+    *(
+        replace(
+            key,
+            about=f"Of an instrument that measures lengths; a camera's target counts as printed, "
+            f"any other instrument as 20 ppm. {key.about}",
+        )
+        for key in SCALE_KEYS
     ),
 )
 

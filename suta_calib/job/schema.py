@@ -26,6 +26,8 @@ from suta_calib.job.keys import (
 )
 from suta_calib.job.tip_offset import TipOffset
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
+from suta_calib.measurements.keys import SCALE_KEYS
+from suta_calib.measurements.scale import LengthScale, read_scale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
@@ -110,6 +112,8 @@ class ObservationSpec:
             it fits.
         settings: what the kind's own keys say, as it has read them.
         given: what is known beforehand of where things stand, as `Term.given`.
+        scale: how well the scale of the lengths is known that an instrument measures; None where
+            the row says nothing of it.
     """
 
     kind: str
@@ -128,6 +132,7 @@ class ObservationSpec:
     clearance_rad: float = 0.0
     settings: Mapping[str, Any] = field(default_factory=dict)
     given: Mapping[str, GivenPose] = field(default_factory=dict)
+    scale: LengthScale | None = None
 
     @property
     def seated(self) -> bool:
@@ -292,6 +297,7 @@ def _observation(row: YamlSection) -> ObservationSpec:
         clearance_rad=clearance_rad,
         settings=kind.read_settings(row),
         given=_given(row, kind),
+        scale=read_scale(row),
     )
 
 
@@ -346,6 +352,7 @@ def _useful(kind: type[Term]) -> set[str]:
     useful -= set() if kind.needs_artefact else {"artefact", "seating"}
     useful -= set() if kind.has_angles else {*_ANGLE_KEYS}
     useful -= set() if kind.unit == "mm" else {*_LENGTH_KEYS}
+    useful -= set() if kind.measures_lengths() else {*SCALE_KEYS.names}
     return useful | {key.name for key in kind.keys} | {frame.key for frame in kind.frames}
 
 
@@ -356,10 +363,12 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
             raise row.refuse("no such key", f"{file}: {kind.kind} needs it", at=(key,))
     for key in OBSERVATION_KEYS.names:
         if key in row and key not in _useful(kind):
+            in_file = key in SCALE_KEYS.names and (kind.needs_artefact or "board" in kind.files)
+            file = "artefact" if kind.needs_artefact else "board"
             raise row.refuse(
                 f"a key that {kind.kind} has no use for",
                 at=(key,),
-                hint="remove it, or check the kind",
+                hint=f"say it in {file}.yaml" if in_file else "remove it, or check the kind",
             )
 
 

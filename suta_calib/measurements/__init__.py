@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from suta_calib.measurements.sample_files import read_samples as read_samples
     from suta_calib.measurements.sample_files import write_samples as write_samples
     from suta_calib.measurements.samples import Samples as Samples
+    from suta_calib.measurements.scale import GRADES as GRADES
+    from suta_calib.measurements.scale import LengthScale as LengthScale
     from suta_calib.measurements.yaml_file import YamlDocument as YamlDocument
     from suta_calib.measurements.yaml_file import YamlSection as YamlSection
     from suta_calib.measurements.yaml_file import read_yaml as read_yaml

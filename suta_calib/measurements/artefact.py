@@ -14,7 +14,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, did_you_mean
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.keys import Key, Keys
+from suta_calib.measurements.keys import SCALE_KEYS, Key, Keys
+from suta_calib.measurements.scale import LengthScale, read_scale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.records import dataclass
 from suta_calib.units import deg, mm
@@ -36,6 +37,7 @@ LANDMARK_KEYS: Final = Keys(
 )
 ARTEFACT_KEYS: Final = Keys(
     Key("name", "text", "What it is called; the file's name without it."),
+    *SCALE_KEYS,
     Key(
         "landmarks",
         "by name",
@@ -71,12 +73,18 @@ class Landmark:
 class Artefact:
     """A named set of landmarks.
 
+    Attributes:
+        name: of the artefact.
+        landmarks: by name.
+        scale: how well its common scale is known, where its file says so; see `length_scale`.
+
     Raises:
         ArtefactError: no landmarks, or two of them in the same place.
     """
 
     name: str
     landmarks: Mapping[str, Landmark]
+    scale: LengthScale | None = None
 
     def __post_init__(self) -> None:
         if not self.landmarks:
@@ -86,6 +94,18 @@ class Artefact:
 
     def __repr__(self) -> str:
         return f"<Artefact: {self.name}, {len(self.landmarks)} landmarks>"
+
+    @property
+    def length_scale(self) -> LengthScale:
+        """How well its common scale is known.
+
+        Where nobody says so: certified if any landmark has a standard deviation, for then somebody
+        measured it; else machined, for then its numbers are those of a drawing.
+        """
+        if self.scale is not None:
+            return self.scale
+        certified = any(mark.sigma for mark in self.landmarks.values())
+        return LengthScale.of_grade("certified" if certified else "machined")
 
     def landmark(self, name: str) -> Landmark:
         """The landmark of this name.
@@ -150,7 +170,7 @@ def read_artefact(path: Path) -> Artefact:
             f"landmarks that lie within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",
         )
-    return Artefact(name, landmarks)
+    return Artefact(name, landmarks, read_scale(top))
 
 
 def _landmark(name: str, section: YamlSection) -> Landmark:
@@ -190,7 +210,8 @@ def artefact_text(artefact: Artefact) -> str:
         landmarks[_quotable(name)] = row
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
-    yaml.dump({"name": _quotable(artefact.name), "landmarks": landmarks}, text)
+    scale = {} if artefact.scale is None else artefact.scale.row()
+    yaml.dump({"name": _quotable(artefact.name), **scale, "landmarks": landmarks}, text)
     return text.getvalue()
 
 

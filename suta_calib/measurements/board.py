@@ -21,7 +21,8 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import BoardError
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.keys import POSITION, ROTATION, Key, Keys
+from suta_calib.measurements.keys import POSITION, ROTATION, SCALE_KEYS, Key, Keys
+from suta_calib.measurements.scale import LengthScale, read_scale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.units import deg, mm
 
@@ -39,7 +40,10 @@ _DICTIONARY: Final = Key(
     required=True,
 )
 CHESSBOARD_KEYS: Final = Keys(
-    _TYPE, Key("corners", "columns, rows", "Numbers of inner corners.", required=True), _SQUARE
+    _TYPE,
+    Key("corners", "columns, rows", "Numbers of inner corners.", required=True),
+    _SQUARE,
+    *SCALE_KEYS,
 )
 CHARUCO_KEYS: Final = Keys(
     _TYPE,
@@ -47,6 +51,7 @@ CHARUCO_KEYS: Final = Keys(
     _SQUARE,
     Key("marker_mm", "mm", "Edge of a marker, smaller than a square's.", required=True),
     _DICTIONARY,
+    *SCALE_KEYS,
 )
 MARKER_KEYS: Final = Keys(
     POSITION, ROTATION, Key("size_mm", "mm", "Edge of the black square.", required=True)
@@ -61,6 +66,7 @@ MARKERS_KEYS: Final = Keys(
         required=True,
         inside=MARKER_KEYS,
     ),
+    *SCALE_KEYS,
 )
 # Corners of one marker, in the order of their numbers: top left, top right, bottom right, bottom
 # left, in halves of its size.
@@ -73,9 +79,17 @@ class Board(ABC):
 
     Attributes:
         type: its name in files.
+        scale: how well its common scale is known, where its file says so; see `length_scale`.
     """
 
     type: ClassVar[str]
+
+    scale: LengthScale | None = field(default=None, kw_only=True)
+
+    @property
+    def length_scale(self) -> LengthScale:
+        """How well its common scale is known: as of a print, where nobody says so."""
+        return LengthScale.of_grade("printed") if self.scale is None else self.scale
 
     @cached_property
     @abstractmethod
@@ -333,7 +347,7 @@ def read_board(path: str | Path) -> Board:
         Charuco.type: _read_charuco,
         Markers.type: _read_markers,
     }
-    board = readers[top.choice("type", readers)](top)
+    board = replace(readers[top.choice("type", readers)](top), scale=read_scale(top))
     places = np.array(list(board.points.values()))
     size = float(np.ptp(places, axis=0).max())
     if not _SMALLEST <= size <= _LARGEST:
@@ -409,7 +423,8 @@ def board_text(board: Board) -> str:
 
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
-    yaml.dump(_flow(board.row()), text)
+    scale = {} if board.scale is None else board.scale.row()
+    yaml.dump(_flow(board.row() | scale), text)
     return text.getvalue()
 
 

@@ -81,3 +81,18 @@ ROTATION: Final = Key(
     "How it is turned, as in a URDF; not at all without it.",
 )
 POSE: Final = Keys(POSITION, ROTATION)
+# Numbers by grade: `measurements.scale`.
+SCALE_KEYS: Final = Keys(
+    Key(
+        "grade",
+        "certified, machined or printed",
+        "How it was made, which says how far all its lengths may be off by one factor: 20, 200 or "
+        "5,000 ppm (one standard deviation).",
+    ),
+    Key(
+        "scale_ppm",
+        "ppm",
+        "Standard deviation of one factor on all its lengths, in place of that of the grade; 0 for "
+        "lengths that are exact by definition.",
+    ),
+)

@@ -14,6 +14,7 @@ from suta_calib.assessment import Assessment, Level
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
+from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.moved import Moved, moved
@@ -65,6 +66,8 @@ class PivotCalibration(Shown, RobustAnswer):
             tilt and goes into the tip, and its standard deviation, m, and that tilt, rad; None
             where it is not.
         length: m per unit of `solution`.
+        scale_ppm: standard deviation of one factor on all the tracker's positions, 1e-6; the
+            covariance holds it.
     """
 
     tip: FloatArray
@@ -74,6 +77,7 @@ class PivotCalibration(Shown, RobustAnswer):
     moved: Moved | None
     bent: tuple[float, float, float] | None
     length: float
+    scale_ppm: float = 0.0
 
     @property
     def in_a_line(self) -> str:
@@ -158,6 +162,7 @@ def calibrate_pivot(
     *,
     robust: bool = True,
     seed: int = 0,
+    scale_ppm: float = INSTRUMENT_PPM,
 ) -> PivotCalibration:
     """Tip and posts from poses ``T_tracker_tool`` of a tool that pivots on them.
 
@@ -170,6 +175,8 @@ def calibrate_pivot(
         point: (n,) label of the post each pose touched; one post by default.
         robust: False for plain least squares over all poses.
         seed: of the minimal samples.
+        scale_ppm: standard deviation of one factor on all positions, 1e-6. With p tip and posts are
+            longer by it, and no residual changes.
 
     Raises:
         SamplesError: too few poses, or turns so small or about so few axes that the tip is not
@@ -229,12 +236,14 @@ def calibrate_pivot(
         f"the post {name}" if len(names) > 1 else "the post": order[3 + 3 * k : 6 + 3 * k]
         for k, name in enumerate(names)
     }
+    posts_in_tracker = x[3:].reshape(-1, 3) + centre
+    by_scale = scale_ppm * PPM * np.concatenate([x[:3], posts_in_tracker.reshape(-1)])
     trend, tilt = tilt_trend(fit, R, x[:3])
     fallen = length * (1.0 - np.cos(tilt))
     return PivotCalibration(
         tip=x[:3],
-        posts={n: x[3 + 3 * k : 6 + 3 * k] + centre for k, n in enumerate(names)},
-        covariance=fit.covariance[np.ix_(order, order)] * length**2,
+        posts=dict(zip(names, posts_in_tracker, strict=True)),
+        covariance=fit.covariance[np.ix_(order, order)] * length**2 + np.outer(by_scale, by_scale),
         residuals=fit.residuals[0] * length,
         inliers=fit.inliers,
         suspects=fit.suspects,
@@ -249,14 +258,26 @@ def calibrate_pivot(
         bent=(abs(trend.share) * fallen, trend.std * fallen, tilt) if trend.significant else None,
         solution=fit.solution,
         length=length,
+        scale_ppm=scale_ppm,
     )
 
 
-def pivot_from_poses(poses: ToolPoses, *, robust: bool = True, seed: int = 0) -> PivotCalibration:
+def pivot_from_poses(
+    poses: ToolPoses,
+    *,
+    robust: bool = True,
+    seed: int = 0,
+    scale_ppm: float = INSTRUMENT_PPM,
+) -> PivotCalibration:
     """`calibrate_pivot` of a file: its errors name the file, its assessment knows what it found."""
     with error_context(poses.path):
         found = calibrate_pivot(
-            poses.rotation, poses.position, poses.point, robust=robust, seed=seed
+            poses.rotation,
+            poses.position,
+            poses.point,
+            robust=robust,
+            seed=seed,
+            scale_ppm=scale_ppm,
         )
     return replace(found, notes=poses.unit_notes)
 

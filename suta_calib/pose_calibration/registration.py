@@ -17,6 +17,7 @@ from suta_calib.geometry.numbers import (
     skew,
 )
 from suta_calib.measurements.pose_files import Points
+from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.consensus import (
     DIMENSION,
 )
@@ -85,6 +86,8 @@ class Registration(Shown, RobustAnswer):
         stated: standard deviation of one component of a typical residual as instruments state it,
             m; None where they state nothing. Then `sigma` is of such a residual too.
         agreement: of the residuals with what is stated; None likewise.
+        scale_ppm: standard deviation of the factor between the lengths of the two sets, 1e-6, as
+            stated: it moves targets in proportion to their distance from `centre`.
     """
 
     rotation: FloatArray
@@ -101,6 +104,7 @@ class Registration(Shown, RobustAnswer):
     moved: Moved | None = None
     stated: float | None = None
     agreement: Agreement | None = None
+    scale_ppm: float = 0.0
 
     @property
     def in_a_line(self) -> str:
@@ -120,11 +124,13 @@ class Registration(Shown, RobustAnswer):
         """Covariance (n, 3, 3), m², of where points (n, 3) of frame a come to lie in frame b.
 
         The target registration error of Fitzpatrick, West, Maurer (1998, doi:10.1109/42.736021),
-        with the scatter that the residuals show instead of one that is given.
+        with the scatter that the residuals show instead of one that is given, and `scale_ppm`.
         """
         lever = self.act(np.atleast_2d(np.asarray(points, dtype=float))) - self.centre
         by_motion = np.concatenate([np.tile(np.eye(3), (len(lever), 1, 1)), -skew(lever)], axis=2)
-        return np.asarray(by_motion @ self.covariance @ np.swapaxes(by_motion, 1, 2))
+        by_scale = self.scale_ppm * PPM * lever
+        common = by_scale[:, :, None] * by_scale[:, None, :]
+        return np.asarray(by_motion @ self.covariance @ np.swapaxes(by_motion, 1, 2) + common)
 
     def target_error(self, points: ArrayLike) -> FloatArray:
         """Expected root mean square target registration error (n,), m, at points of frame a."""
@@ -229,6 +235,7 @@ def register(
     target_sigma: ArrayLike | None = None,
     robust: bool = True,
     seed: int = 0,
+    scale_ppm: float = INSTRUMENT_PPM,
 ) -> Registration:
     """Least-squares rigid transform between corresponding points, robustly.
 
@@ -250,6 +257,7 @@ def register(
         target_sigma: (n, 3) of the target along the axes of b, m; None likewise.
         robust: False for plain least squares over all points.
         seed: of the minimal samples.
+        scale_ppm: standard deviation of the factor between the lengths of the two sets, 1e-6.
 
     Raises:
         SamplesError: numbers of points that differ, fewer than three, points on a line, points
@@ -306,6 +314,7 @@ def register(
         stated=None if spread is None else spread.typical,
         agreement=fit.agreement,
         solution=fit.solution,
+        scale_ppm=scale_ppm,
     )
 
 
@@ -331,7 +340,13 @@ def _repeats(a: FloatArray, b: FloatArray, found: RigidFit) -> Repeats | None:
 
 
 def registration_from_points(
-    a: Points, b: Points, targets: Points | None = None, *, robust: bool = True, seed: int = 0
+    a: Points,
+    b: Points,
+    targets: Points | None = None,
+    *,
+    robust: bool = True,
+    seed: int = 0,
+    scale_ppm: float = INSTRUMENT_PPM,
 ) -> Registration:
     """`register` of two files: errors name them, the assessment knows what was found in them.
 
@@ -345,6 +360,7 @@ def registration_from_points(
             target_sigma=b.sigma,
             robust=robust,
             seed=seed,
+            scale_ppm=scale_ppm,
         )
     files = (a, b) if targets is None else (a, b, targets)
     return replace(found, notes=tuple(note for file in files for note in file.unit_notes))

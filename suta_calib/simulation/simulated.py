@@ -231,7 +231,7 @@ def _true_artefact(plan: SetSpec, certified: Artefact, seed: int) -> Artefact:
         for name, mark in certified.landmarks.items()
         for rng in [stream(seed, "artefact", plan.artefact.name, name)]
     }
-    return Artefact(certified.name, landmarks)
+    return replace(certified, landmarks=landmarks)
 
 
 def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:

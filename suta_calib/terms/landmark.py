@@ -353,4 +353,4 @@ def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:
 def positions_only(artefact: Artefact) -> Artefact:
     """The artefact without the orientations of its seats."""
     marks = {name: replace(mark, rotation=None) for name, mark in artefact.landmarks.items()}
-    return Artefact(artefact.name, marks)
+    return replace(artefact, landmarks=marks)

@@ -33,6 +33,7 @@ from suta_calib.terms.poses import PoseSource
 if TYPE_CHECKING:
     from suta_calib.measurements import Artefact, SampleColumns, YamlSection
     from suta_calib.measurements.keys import Key
+    from suta_calib.measurements.scale import LengthScale
     from suta_calib.terms.given import GivenPose, Known
     from suta_calib.terms.setup import Setup
 
@@ -80,6 +81,8 @@ class Term(ABC):
         poses: where the tool poses come from.
         given: what is known beforehand of where things stand, by the label of a place or a mark or
             the key of a frame; an empty one for the only place there is, or for what sees.
+        scale: how well the scale of measured lengths is known, where a job says so; see
+            `length_scale`.
     """
 
     kind: ClassVar[str]
@@ -109,6 +112,7 @@ class Term(ABC):
 
     poses: PoseSource
     given: Mapping[str, GivenPose] = field(default_factory=dict, kw_only=True)
+    scale: LengthScale | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         # What cannot be used is refused where the term is made, not where it is first looked at.
@@ -202,6 +206,11 @@ class Term(ABC):
     def places(self) -> tuple[list[str], IntArray]:
         """Labels of the places that are touched, and which of them each sample has, (n,)."""
         return grouped(self.poses.samples.labels[self.place])
+
+    @classmethod
+    def measures_lengths(cls) -> bool:
+        """Whether an instrument of this kind measures positions or lengths."""
+        return cls.columns.position or bool(cls.columns.common_lengths)
 
     @classmethod
     @abstractmethod

@@ -1,0 +1,86 @@
+"""How well the unit of a body's, or of an instrument's, lengths is known.
+
+Whatever makes all of them longer by one factor makes the arm longer by it, and leaves no residual.
+So the factor is stated, not estimated: its relative standard deviation, by hand or by a grade.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+from suta_calib.records import dataclass
+
+if TYPE_CHECKING:
+    from suta_calib.measurements.yaml_file import YamlSection
+
+# One standard deviation of a common scale error. Certified: a coordinate measuring machine or a
+# laser tracker of about 5 + L/200 µm, and a few kelvin of steel (12 ppm/K). Machined: ISO 2768-f
+# over some 300 mm (0.15 mm as a limit). Printed: printers feed paper, or shrink plastic, by 0.2 to
+# 1 %.
+GRADES: Final = {"certified": 20e-6, "machined": 200e-6, "printed": 5000e-6}
+PPM: Final = 1e-6
+# Of an instrument of which nobody says it: laser trackers have 10, good camera systems 100 ppm.
+INSTRUMENT_PPM: Final = 20.0
+# Largest standard deviation of a scale that a file may state: 10 %, beyond which it is a unit.
+_LARGEST_PPM: Final = 1e5
+
+
+@dataclass(frozen=True)
+class LengthScale:
+    """Relative standard deviation of one factor on all lengths of a body or of an instrument.
+
+    Attributes:
+        std: of the factor, as a ratio (20 ppm are 2e-5).
+        grade: of `GRADES` by which it is known; empty where a number was stated.
+    """
+
+    std: float
+    grade: str = ""
+
+    @classmethod
+    def of_grade(cls, grade: str) -> LengthScale:
+        """The scale of something of one of the `GRADES`."""
+        return cls(GRADES[grade], grade)
+
+    @property
+    def ppm(self) -> float:
+        """`std` in parts per million."""
+        return self.std / PPM
+
+    @property
+    def in_ppm(self) -> str:
+        """`std` for a reader: ``20 ppm``, ``5,000 ppm``."""
+        return f"{self.ppm:,.0f} ppm" if self.ppm >= 100 else f"{self.ppm:.3g} ppm"
+
+    @property
+    def sentence(self) -> str:
+        """How it is known: ``certified, 20 ppm``."""
+        return f"{self.grade}, {self.in_ppm}" if self.grade else self.in_ppm
+
+    def row(self) -> dict[str, Any]:
+        """Keys and values of a file."""
+        graded = {"grade": self.grade} if self.grade else {}
+        by_grade = graded and self.std == GRADES[self.grade]
+        return graded if by_grade else {**graded, "scale_ppm": round(self.ppm, 9)}
+
+
+def read_scale(section: YamlSection) -> LengthScale | None:
+    """``grade`` and ``scale_ppm`` of a file or a row; None where it has neither.
+
+    Raises:
+        InputError: another grade, or a number that is no scale; names the line and the key.
+    """
+    if "grade" not in section and "scale_ppm" not in section:
+        return None
+    grade = section.choice("grade", GRADES) if "grade" in section else ""
+    if "scale_ppm" not in section:
+        return LengthScale.of_grade(grade)
+    ppm = section.number("scale_ppm", "non-negative")
+    if ppm > _LARGEST_PPM:
+        raise section.refuse(
+            f"{ppm:g} ppm",
+            f"at most {_LARGEST_PPM:g} ppm, which are {_LARGEST_PPM * PPM:.0%}",
+            at=("scale_ppm",),
+            hint="the lengths may be in another unit than mm",
+        )
+    return LengthScale(ppm * PPM, grade)
