@@ -27,7 +27,14 @@ from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey
 
 # Larger pictures are searched in smaller copies first: it is faster, and blur and noise are less.
+# The last resort is a copy of half of the smallest size: of a blurred or noisy board OpenCV finds
+# no corner, or a part of them, in anything larger.
 _SEARCHED: Final = (1000, 1600)
+_LAST_RESORT: Final = 0.5
+# Way from corner to corner, px, in the copy in which corners are told from what is none: the disc
+# around a corner (`RADII`) reaches 0.3 of the way. Of squares ten times as wide it sees nothing
+# but blur, and the rim of a board passes for another row.
+_JUDGED: Final = 26.0
 # Smallest board that a search for any board begins from.
 _SEED: Final = 3
 # Share of the corners of a board that must be seen; others may lie in a glare or under a cable.
@@ -100,6 +107,14 @@ class _Copy:
     grey: Grey
     scale: float
 
+    def inside(self, pixel: FloatArray) -> FloatArray:
+        """Places (…, 2) of the picture in the copy. Pixels are counted by their centres in both."""
+        return (pixel + 0.5) / self.scale - 0.5
+
+    def outside(self, pixel: FloatArray) -> FloatArray:
+        """Places (…, 2) of the copy in the picture."""
+        return (pixel + 0.5) * self.scale - 0.5
+
     @cached_property
     def squares(self) -> int:
         """How many dark patches the search from square to square may take for some, about.
@@ -162,6 +177,9 @@ class ChessboardFinder(Finder):
                 found = search(grey, copy, size)
                 if found is not None:
                     yield found
+        found = _by_corners(grey, _last_resort(grey), size)
+        if found is not None:
+            yield found
 
     def _other(self, grey: Grey, copy: _Copy) -> _Grid | None:
         """Any board that is there instead."""
@@ -175,16 +193,18 @@ class ChessboardFinder(Finder):
     def _numbered(self, grey: Grey, grid: _Grid) -> Found:
         """Numbers as the board's file has them, whichever way the search went."""
         best = max(self._ways(grid), key=lambda way: self._fitness(grey, way))
-        saddles, seen = refined(grey, best.pixel.reshape(-1, 2), best.spacing)
-        seen &= best.seen.ravel()
-        if seen.mean() < _LEAST_SEEN:
-            raise nothing_seen(grey, "chessboard")
-        return Found(
-            np.flatnonzero(seen),
-            saddles.pixel[seen],
-            saddles.std[seen],
-            float(np.median(saddles.blur[seen])),
-        )
+        for copy in (_Copy(grey, 1.0), _judging_copy(grey, best.spacing)):
+            start = copy.inside(best.pixel.reshape(-1, 2))
+            saddles, seen = refined(copy.grey, start, best.spacing / copy.scale)
+            seen &= best.seen.ravel()
+            if seen.mean() >= _LEAST_SEEN:
+                return Found(
+                    np.flatnonzero(seen),
+                    copy.outside(saddles.pixel[seen]),
+                    copy.scale * saddles.std[seen],
+                    copy.scale * float(np.median(saddles.blur[seen])),
+                )
+        raise nothing_seen(grey, "chessboard")
 
     def _ways(self, grid: _Grid) -> Iterator[_Grid]:
         """All ways to number the grid that are seen from the board's face."""
@@ -255,24 +275,38 @@ def _patches(binary: Grey) -> int:
 
 def _copies(grey: Grey) -> Iterator[_Copy]:
     """Copies of a picture to search in, small ones first."""
-    cv2 = opencv()
-    for largest in _SEARCHED:
-        scale = max(grey.shape) / largest
-        if scale > 1:
-            size = tuple(round(n / scale) for n in grey.shape[::-1])
-            yield _Copy(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), scale)
+    largest = max(grey.shape)
+    yield from (_smaller(grey, largest / size) for size in _SEARCHED if largest > size)
     yield _Copy(grey, 1.0)
+
+
+def _last_resort(grey: Grey) -> _Copy:
+    """The copy to search in where all others show no board of the size that is asked for."""
+    return _smaller(grey, max(max(grey.shape) / _SEARCHED[0], 1.0) / _LAST_RESORT)
+
+
+def _smaller(grey: Grey, scale: float) -> _Copy:
+    """A copy so many times smaller."""
+    size = tuple(round(n / scale) for n in grey.shape[::-1])
+    return _Copy(opencv().resize(grey, size, interpolation=opencv().INTER_AREA), scale)
+
+
+def _judging_copy(grey: Grey, spacing: float) -> _Copy:
+    """The copy in which corners so many px apart are told from what is none."""
+    scale = spacing / _JUDGED
+    return _smaller(grey, scale) if scale > 1.0 else _Copy(grey, 1.0)
 
 
 def _whole(grey: Grey, corners: FloatArray, size: tuple[int, int], scale: float) -> _Grid | None:
     """The board that corners of a copy are of, in the picture itself; None where of none."""
     columns, rows = size
-    # Pixels are counted by their centres, in the copy too.
-    start = (corners.astype(float).reshape(-1, 2) + 0.5) * scale - 0.5
+    start = _Copy(grey, scale).outside(corners.astype(float).reshape(-1, 2))
     rough = _Grid(start.reshape(rows, columns, 2), np.ones((rows, columns), dtype=np.bool_))
     if rough.spacing < 2.0 or not rough.regular:
         return None
-    saddles, seen = refined(grey, start, rough.spacing)
+    copy = _judging_copy(grey, rough.spacing)
+    start = copy.inside(start)
+    saddles, seen = refined(copy.grey, start, rough.spacing / copy.scale)
     if seen.mean() < _LEAST_SEEN:
         return None
     pixel = np.where(seen[:, None], saddles.pixel, start).reshape(rows, columns, 2)
@@ -281,10 +315,10 @@ def _whole(grey: Grey, corners: FloatArray, size: tuple[int, int], scale: float)
     for _ in range(4):
         while len(seen) > 2 and seen[-1].mean() < _GOES_ON:
             pixel, seen = pixel[:-1], seen[:-1]
-        pixel, seen = _grown(grey, pixel, seen, clear)
+        pixel, seen = _grown(copy.grey, pixel, seen, clear)
         # After four quarter turns it is as it was.
         pixel, seen = np.rot90(pixel), np.rot90(seen)
-    return _Grid(pixel, seen)
+    return _Grid(copy.outside(pixel), seen)
 
 
 def _grown(

@@ -10,6 +10,7 @@ import pytest
 cv2 = pytest.importorskip("cv2")
 
 from vision_scenes import (  # noqa: E402
+    CAMERA,
     CHARUCO,
     CHESSBOARD,
     MARKERS,
@@ -20,7 +21,10 @@ from vision_scenes import (  # noqa: E402
 )
 
 from suta_calib.errors import BoardError  # noqa: E402
+from suta_calib.geometry import projected  # noqa: E402
 from suta_calib.measurements import Charuco, Chessboard, Marker, Markers  # noqa: E402
+from suta_calib.vision import RenderOptions, rendered  # noqa: E402
+from suta_calib.vision.chessboard import ChessboardFinder  # noqa: E402
 from suta_calib.vision.detection import finder_of  # noqa: E402
 from suta_calib.vision.finder import NotSeenError  # noqa: E402
 from suta_calib.vision.markers import marker_cells  # noqa: E402
@@ -60,6 +64,29 @@ def test_a_blurred_board_is_found_as_well():
     grey = taken(CHESSBOARD, options=replace(OPTIONS, blur=2.5))
     found = finder_of(CHESSBOARD).find(grey)
     assert np.abs(found.pixel - truth(CHESSBOARD, found.point)).max() < 0.3
+
+
+@pytest.mark.parametrize(
+    ("width", "options", "rms"),
+    [
+        (640, RenderOptions(samples=2, black=60, white=180, noise=40.0), 0.2),
+        (1600, RenderOptions(samples=1, blur=3.5), 0.05),
+    ],
+    ids=["noise", "blur"],
+)
+def test_a_board_that_is_clear_only_in_smaller_copies_is_found(width: int, options, rms: float):
+    """Noise hides every corner in the whole picture; wide blur makes a further row of its rim."""
+    board, scale = Chessboard(11, 8, 0.03), width / 320
+    camera = CAMERA.resized(scale)
+    T = facing(board, depth=0.55)
+    scene = 90 + 40 * np.sin(np.indices((camera.height, camera.width)).sum(axis=0) / (30 * scale))
+    grey = rendered(board, camera, T, np.random.default_rng(1), options, scene=scene)
+    found = ChessboardFinder(board).find(grey)
+    assert len(found.point) > 80
+    place = board.positions(found.point) @ T[:3, :3].T + T[:3, 3]
+    assert np.std(found.pixel - projected(place, camera.intrinsics)) < rms
+    with pytest.raises(NotSeenError, match="11x8 inner corners instead of 10x8"):
+        ChessboardFinder(Chessboard(10, 8, 0.03)).find(grey)
 
 
 def test_a_covered_corner_is_left_out_and_the_others_keep_their_numbers():
