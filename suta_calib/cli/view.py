@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     "--host",
     default="127.0.0.1",
     metavar="ADDRESS",
-    help="Who may look: this computer only; 0.0.0.0 lets anybody on the network.",
+    help="Who may look: this computer only; 0.0.0.0 lets whoever on the network has the address.",
 )
 @click.option("--device", type=PATH, help="device.yaml: the arm moves as this device reads.")
 @click.option("--seconds", type=POSITIVE, help="Stop after so long.")

@@ -279,7 +279,8 @@ class CalibrationResult(Shown):
 
         Args:
             port: to listen on; 0 for any that is free.
-            host: who may look: this computer only; ``0.0.0.0`` lets anybody on the network.
+            host: who may look: this computer only; ``0.0.0.0`` lets whoever on the network has the
+                address.
 
         Raises:
             MissingExtraError: the extra ``view`` is not installed.

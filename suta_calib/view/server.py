@@ -18,6 +18,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.extras import load
 from suta_calib.units import from_deg, from_mm
+from suta_calib.view.access import Access
 from suta_calib.view.drawing import (
     ShownArm,
     camera_view,
@@ -52,7 +53,8 @@ class Viewer:
     Args:
         scene: what is shown.
         port: to listen on; 0 for any that is free.
-        host: who may look: this computer only; ``0.0.0.0`` lets anybody on the network.
+        host: who may look: this computer only; ``0.0.0.0`` lets whoever on the network has the
+            address.
 
     Attributes:
         shown: number of the sample that the arms are at.
@@ -69,7 +71,8 @@ class Viewer:
 
     def __init__(self, scene: Scene, port: int = 8080, host: str = "127.0.0.1") -> None:
         self.scene, self.shown, self.inflation = scene, 0, scene.inflation
-        self.server: viser.ViserServer = _server(port, host)
+        self._access = Access(host)
+        self.server: viser.ViserServer = _server(port, host, self._access)
         api = self.server.scene
         api.set_up_direction("+z")
         view = self.server.initial_camera
@@ -109,8 +112,10 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where to look."""
-        return f"http://{self.server.get_host()}:{self.server.get_port()}"
+        """Where to look: the address, with the key that the server asks for (`Access`)."""
+        host = self.server.get_host()
+        host = f"[{host}]" if ":" in host else host
+        return f"http://{host}:{self.server.get_port()}/{self._access.token}/"
 
     def close(self) -> None:
         """Let go of the port."""
@@ -331,7 +336,7 @@ def _silent() -> Iterator[None]:
         console.quiet = before
 
 
-def _server(port: int, host: str) -> viser.ViserServer:
+def _server(port: int, host: str, access: Access) -> viser.ViserServer:
     library = load("viser", "view")
     # Viser would go on to the next ports, and wait for ever for a host that is none.
     try:
@@ -343,6 +348,15 @@ def _server(port: int, host: str) -> viser.ViserServer:
             f"{host}:{port}: found {found}; expected a free port of this computer; "
             "choose another with --port, or --host"
         ) from None
-    with _silent():
+    with _silent(), access.guarding():
         server: viser.ViserServer = library.ViserServer(host=host, port=port, verbose=False)
+    if not access.guards:
+        with _silent():
+            server.stop()
+        raise OutputError(
+            f"{host}:{port}: found a version of viser that answers whoever asks; expected viser 1.1"
+        )
+    # What a broken message raises in a task of the server's is no news either.
+    loop = server.get_event_loop()
+    loop.call_soon_threadsafe(loop.set_exception_handler, lambda *_: None)
     return server

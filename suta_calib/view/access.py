@@ -1,0 +1,127 @@
+"""Who may look at a scene: whoever has the address that was printed, and no other web page.
+
+Any page that a browser shows can send requests to this computer's ports, and a name that its
+owner points at 127.0.0.1 (DNS rebinding) makes them look like requests of the same site. So the
+address has a random part, and what a request says of where it comes from (``Host``, ``Origin``) is
+checked. viser itself asks for neither: it is served through `Access.guarding`.
+"""
+
+from __future__ import annotations
+
+import http
+import ipaddress
+import logging
+import secrets
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlsplit
+
+from suta_calib.extras import load
+
+if TYPE_CHECKING:
+    from websockets.asyncio.server import ServerConnection
+    from websockets.http11 import Request, Response
+
+    Answer = Callable[[ServerConnection, Request], Response | None]
+
+# What the server's library says of requests that fail goes here, and is heard only by a program
+# that sets up logging: broken requests are no news, and their tracebacks help no user.
+_LOGGER: Final = logging.getLogger(__name__)
+_LOGGER.addHandler(logging.NullHandler())
+_THIS_COMPUTER: Final = frozenset({"localhost", "127.0.0.1", "::1"})
+_EVERY_ADDRESS: Final = frozenset({"", "0.0.0.0", "::"})
+_TOKEN_BYTES: Final = 16
+# `serve` of the library is exchanged for a moment: by one at a time.
+_EXCHANGING: Final = threading.Lock()
+
+
+class Access:
+    """The rule for one server.
+
+    Args:
+        host: what the server listens on.
+
+    Attributes:
+        token: what the path of every request begins with.
+        guards: whether a server answers by this rule.
+    """
+
+    def __init__(self, host: str) -> None:
+        self.token = secrets.token_hex(_TOKEN_BYTES)
+        self._host = host.lower()
+        self.guards = False
+
+    def refusal(self, request: Request) -> str | None:
+        """Why a request is not answered, in words; None for one that is."""
+        hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
+        if len(hosts) != 1 or not self._is_ours(hosts[0]):
+            return "the address names another computer than this one"
+        if len(origins) > 1 or (origins and urlsplit(origins[0]).netloc != hosts[0]):
+            return "another page asks"
+        first = request.path.partition("?")[0].split("/")[1:2]
+        if not first or not secrets.compare_digest(first[0].encode(), self.token.encode()):
+            return "the address lacks its key; open the one that suta-calib view printed"
+        return None
+
+    def _is_ours(self, host: str) -> bool:
+        """Whether a header ``Host`` names this computer, through whatever port it was reached."""
+        try:
+            name = urlsplit(f"//{host}").hostname or ""
+        except ValueError:
+            return False
+        if name in _THIS_COMPUTER or name == self._host:
+            return True
+        if self._host not in _EVERY_ADDRESS:
+            return False
+        try:
+            ipaddress.ip_address(name)
+        except ValueError:
+            return name.partition(".")[0] == socket.gethostname().partition(".")[0].lower()
+        return True
+
+    def checked(self, answer: Answer) -> Answer:
+        """``answer`` for requests that may be answered, with the path that it expects."""
+        version = load("viser", "view").__version__
+
+        def checked(connection: ServerConnection, request: Request) -> Response | None:
+            try:
+                refused = self.refusal(request)
+            except ValueError:
+                refused = "its headers cannot be read"
+            if refused is not None:
+                return connection.respond(http.HTTPStatus.FORBIDDEN, f"Refused: {refused}.\n")
+            if request.headers.get_all("Upgrade"):
+                offered = ",".join(request.headers.get_all("Sec-WebSocket-Protocol"))
+                if f"viser-v{version}" not in offered.replace(" ", "").split(","):
+                    text = f"Refused: this is viser {version}; reload the page.\n"
+                    return connection.respond(http.HTTPStatus.BAD_REQUEST, text)
+            path = request.path.removeprefix(f"/{self.token}")
+            response = answer(connection, replace(request, path=path if path[:1] == "/" else "/"))
+            if response is not None:
+                # The address is a key: it goes to nobody else.
+                response.headers["Referrer-Policy"] = "no-referrer"
+            return response
+
+        return checked
+
+    @contextmanager
+    def guarding(self) -> Iterator[None]:
+        """Within it, a server of viser's that starts answers by this rule; `guards` says so."""
+        library: Any = load("websockets.asyncio.server", "view")
+        plain = library.serve
+
+        def serve(*args: Any, process_request: Answer, **options: Any) -> Any:
+            self.guards = True
+            check = self.checked(process_request)
+            return plain(*args, process_request=check, logger=_LOGGER, **options)
+
+        with _EXCHANGING:
+            library.serve = serve
+            try:
+                yield
+            finally:
+                library.serve = plain
