@@ -20,7 +20,7 @@ ROWS = (
     {"terms", "robots"},
     {"solver"},
     {"simulation"},
-    {"diagnostics"},
+    {"trust", "diagnostics"},
     {"view"},
     {"job"},
     {"pose_calibration"},
@@ -120,7 +120,7 @@ NO_ARM = ("jinja2", "scipy", "pinocchio", "lxml", "yaml", "ruamel.yaml")
 ARM = ("jinja2", "scipy", "ruamel.yaml")
 STARTUP: dict[str, tuple[tuple[str, ...], int, tuple[str, ...]]] = {
     "--help": ((), 6, ("numpy",)),
-    "calibrate": ((JOB,), 159, ARM[1:]),
+    "calibrate": ((JOB,), 175, ARM[1:]),
     "observe": ((JOB,), 120, ARM),
     "validate": (("urdf/suta.urdf", JOB), 87, ARM),
     "outliers --out": ((JOB,), 133, ()),

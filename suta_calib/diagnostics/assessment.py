@@ -25,12 +25,12 @@ from suta_calib.diagnostics.odd_readings import (
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import (
     LOOKS_LIKE,
-    effective_unknowns,
     geometry_is_held,
     score_tests,
 )
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.extended import effective_unknowns
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 

@@ -16,8 +16,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.held_out import robust_level
-from suta_calib.diagnostics.score_tests import offered_names, problem_beside
-from suta_calib.diagnostics.scores import known_beforehand
 from suta_calib.model.parameters import Family
 from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
@@ -25,6 +23,7 @@ from suta_calib.solver.losses import huber, huber_threshold, huber_weight
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
+from suta_calib.trust.extended import known_beforehand, offered_names, problem_beside
 
 # Of the cost, below which a round of re-weighing changes nothing, and rounds at most.
 SETTLED: Final = 1e-6

@@ -22,15 +22,19 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.scores import Scores, curvature_of, scores_of
-from suta_calib.errors import UrdfError
-from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.model.parameters import COUPLING, Family
 from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK
-from suta_calib.solver.information import Rows, robust_curvature, whitened_rows
+from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
+from suta_calib.trust.extended import (
+    effective_unknowns,
+    offered_names,
+    problem_beside,
+    rows_beside,
+)
 
 # Chance that one of all tests calls clean residuals suspicious.
 LEVEL: Final = 0.01
@@ -95,35 +99,6 @@ class ScoreTest:
         return self.p_beside_geometry < LEVEL or (by_chance and self.beats_geometry)
 
 
-def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
-    """Names by joint and family that this arm can be given; no compliance without masses.
-
-    Of all joints whose readings might move another's, those are offered that a ``<transmission>``
-    of the URDF couples: any two would explain any error.
-    """
-    found: dict[tuple[str, Family], tuple[str, ...]] = {}
-    for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
-        for family, keys in FAMILIES.items():
-            names = tuple(f"{joint}.{key}" for key in keys)
-            if not all(name in arm.nongeometric for name in names):
-                continue
-            if family == COMPLIANCE:
-                try:
-                    arm.select(*names)
-                except UrdfError:
-                    continue
-            found[joint, family] = names
-    for joint, others in arm.chain.coupled.items():
-        moved = tuple(
-            name
-            for name, other in arm.couplings.items()
-            if arm.nongeometric[name].owner == joint and other in others
-        )
-        if moved:
-            found[joint, COUPLING] = moved
-    return found
-
-
 @lru_cache(maxsize=4)
 @single_threaded
 def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
@@ -182,8 +157,8 @@ class Residuals:
     def of(cls, solution: Solution) -> Residuals:
         """Those of a solution over an arm."""
         known = solution.problem.parameters
-        problem, x = problem_beside(solution)
-        rows = whitened_rows(problem, x, solution.sigmas)
+        problem, _ = problem_beside(solution)
+        rows = rows_beside(solution)
         fitted, free = frozenset(known), math.ceil(effective_unknowns(solution) - ROUNDING)
         return cls(problem, rows, fitted, free, noise_ratio(solution))
 
@@ -319,48 +294,3 @@ def noise_ratio(solution: Solution) -> float:
     """Mean over the blocks of (noise / assumed noise)²."""
     pairs = zip(solution.noise, solution.sigmas, strict=True)
     return float(np.mean([(noise / sigma) ** 2 for noise, sigma in pairs]))
-
-
-# One: who judges a solution asks twice, and of many rows it takes much memory.
-@lru_cache(maxsize=1)
-def problem_beside(solution: Solution) -> tuple[Problem, FloatArray]:
-    """The `extended_problem` with all that the arm can be given beside geometry."""
-    arm = solution.problem.arm
-    assert arm is not None
-    return extended_problem(solution, [n for names in offered_names(arm).values() for n in names])
-
-
-def extended_problem(
-    solution: Solution, candidates: Sequence[str] = ()
-) -> tuple[Problem, FloatArray]:
-    """The problem with all of the geometry and the candidates unknown, at the same point.
-
-    Args:
-        solution: of terms over an arm.
-        candidates: names of parameters beside geometry.
-    """
-    arm, fitted, values = solution.problem.arm, solution.problem.arm_parameters, solution.values
-    assert arm is not None
-    more = [
-        p
-        for n, p in arm.offered.items()
-        if n not in fitted and (n in arm.geometric or p.key == OFFSET or n in candidates)
-    ]
-    extended = Problem(solution.problem.terms, ParameterSet([*fitted.values(), *more]))
-    if solution.weights is not None:
-        extended = extended.with_thresholds(solution.weights.thresholds)
-    start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
-    return extended, np.array(start)
-
-
-def effective_unknowns(solution: Solution) -> float:
-    """How many unknowns the data have told: the trace of the fit's hat matrix.
-
-    A prior takes no equation's place: only what the data tell of an unknown in spite of it, they
-    spend.
-    """
-    problem, free = solution.problem, solution.free
-    rows = whitened_rows(problem, solution.x, solution.sigmas)
-    told = np.asarray(sum(map(robust_curvature, rows)))[np.ix_(free, free)]
-    kept = told + np.diag(problem.prior_precision()[free])
-    return float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))

@@ -16,6 +16,7 @@ from suta_calib.records import dataclass
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import Rows, robust_curvature
 from suta_calib.solver.problem import Problem
+from suta_calib.trust.extended import known_beforehand
 
 # Predicted standard deviation over what is plausible up to which a parameter is worth a test.
 TELLING: Final = 0.25
@@ -126,21 +127,6 @@ def curvature_of(problem: Problem, rows: Sequence[Rows]) -> FloatArray:
     curvature = np.asarray(sum(map(robust_curvature, rows)))
     curvature[np.diag_indices(len(curvature))] += known_beforehand(problem)
     return curvature
-
-
-def known_beforehand(problem: Problem) -> FloatArray:
-    """(n,) precision of every parameter without the data: its prior's, or of what is plausible.
-
-    Observations that never meet a length leave an arm's size open: without an end to what is
-    plausible it would shrink to nothing, and take all residuals with it. Where things stand or were
-    touched may be anything. It counts against rows as often as these repeat one another.
-    """
-    precision, terms = problem.prior_precision(), problem.terms
-    rows = sum(len(b) * b.size for term in terms for b in term.blocks)
-    once = problem.parameters.array("plausible") ** -2.0
-    repeated = rows / sum(term.equations() for term in terms)
-    open_ended = (precision == 0) & (np.arange(len(precision)) < problem.arm_count)
-    return np.where(open_ended, repeated * once, precision)
 
 
 def _by_touch(

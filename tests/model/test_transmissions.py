@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from simulated import tracked_scene
 
-from suta_calib.diagnostics.score_tests import offered_names, score_tests
+from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import read_chain
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise
+from suta_calib.trust.extended import offered_names
 
 ROS_1 = """\
 <transmission name="elbow">

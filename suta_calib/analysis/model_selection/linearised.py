@@ -19,17 +19,13 @@ import numpy as np
 
 from suta_calib.analysis.model_selection.cross_validation import CrossValidation, Fold, FoldErrors
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.diagnostics.score_tests import (
-    Residuals,
-    extended_problem,
-    noise_ratio,
-    offered_names,
-)
+from suta_calib.diagnostics.score_tests import Residuals, noise_ratio
 from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.extended import extended_problem, offered_names
 
 # Times that rows are weighed anew by what is left of them, and a change of weight that is none.
 ROUNDS: Final = 8

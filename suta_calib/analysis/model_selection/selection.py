@@ -33,7 +33,7 @@ from suta_calib.analysis.model_selection.linearised import LinearFit, Linearised
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, offered_names, score_tests
+from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLAUSIBLE, Family, ParameterSet, Selection
@@ -44,6 +44,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
+from suta_calib.trust.extended import offered_names
 from suta_calib.units import text
 from suta_calib.words import listed
 

@@ -1,0 +1,429 @@
+"""One statistical test for everything that a fit may lack: the added-variable (score) test.
+
+Let a converged fit have whitened residuals r (m,), the Jacobian J (m, p) of its parameters, robust
+weights W and prior precisions P. An effect that the fit lacks adds columns Z (m, k) times an
+unknown size s. All parameters of the fit may follow. Then, to first order,
+
+    N = Zᵀ W Z - Zᵀ W J (Jᵀ W J + P)⁻¹ Jᵀ W Z,   s = -N⁻¹ Zᵀ W r,   gain = sᵀ N s
+
+where the gain is the drop in the squared residuals. Nothing is fitted again. Without the effect,
+
+    F = (gain / k) / (left / freedom)
+
+has Fisher's distribution F(k, freedom). Where several rows share an error (`LinearFit.clusters`),
+F is divided by the design effect: how much more the scores vary than independent rows would.
+
+References:
+    C. R. Rao, Large sample tests of statistical hypotheses concerning several parameters, Proc.
+    Camb. Phil. Soc. 44 (1948) 50-57, doi:10.1017/S0305004100023987.
+    R. D. Cook, S. Weisberg, Residuals and Influence in Regression (1982), section 2.3.2.
+    L. Kish, Survey Sampling (1965): the design effect.
+    C. Cameron, J. Gelbach, D. Miller, Robust inference with multiway clustering (2011),
+    doi:10.1198/jbes.2010.07136: rows that belong to two clusters.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+from typing import Any, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.distributions import f
+from suta_calib.records import dataclass
+from suta_calib.solver.information import scaled_inverse
+from suta_calib.terms.block import grouped_rows, summed
+
+# Predicted standard deviation of a size over its plausible size, up to which the data can tell it.
+# The score tests of joints use the same share (`diagnostics.scores.TELLING`).
+WELL_DETERMINED: Final = 0.25
+# Part of a column's squares that must remain when the parameters follow, where no plausible size is
+# stated: less is rounding.
+INDEPENDENT: Final = 1e-6
+# p-value by clusters that an effect must have in any case: the design effect is an average over all
+# effects, and a single cluster must not make a finding. (`score_tests.SUPPORTED` is the same.)
+SUPPORTED: Final = 0.05
+
+
+@dataclass(frozen=True)
+class Rule:
+    """When evidence is reported.
+
+    Attributes:
+        false_alarm: probability of any false report in one answer, all tests together.
+        share: smallest share of the squared residuals that is worth a report. Where a model lacks
+            much and rows are many, everything is significant and little of it is the cause.
+        far_better: times less misfit that data must have when they are read differently.
+        times_std: standard deviations that a size must be away from zero.
+    """
+
+    false_alarm: float = 1e-3
+    share: float = 0.1
+    far_better: float = 3.0
+    times_std: float = 4.0
+
+
+@dataclass(frozen=True, eq=False)
+class LinearFit:
+    """A converged fit, linear about its solution.
+
+    Only `jacobian` and `residual` are needed. The rest are options.
+
+    Attributes:
+        jacobian: (m, p) of the whitened residuals, per unit of each parameter.
+        residual: (m,) whitened: in units of one standard deviation of the noise. The unit of the
+            noise cancels out, only the ratios between rows matter.
+        prior_precision: (p,) 1/σ² of each parameter's prior; 0 where it has none.
+        from_prior: (p,) how far each parameter is from its prior's mean.
+        weight: (m,) robust weights between 0 and 1.
+        clusters: (m, c) numbers, from 0, of the independent touches that each row looks at; -1
+            fills unused places. Rows with a common touch share its error.
+        independent_rows: how many of the m rows are independent. Distances between all pairs of n
+            touches are n(n-1)/2 rows, and only as many independent ones as coordinates were
+            measured.
+        rows_per_independent_row: 2.0 where neighbouring rows are so correlated that every two
+            count as one.
+    """
+
+    jacobian: FloatArray
+    residual: FloatArray
+    prior_precision: FloatArray | None = None
+    from_prior: FloatArray | None = None
+    weight: FloatArray | None = None
+    clusters: IntArray | None = None
+    independent_rows: float | None = None
+    rows_per_independent_row: float = 1.0
+
+    @cached_property
+    def _prior(self) -> FloatArray:
+        none = np.zeros(self.jacobian.shape[1])
+        return none if self.prior_precision is None else self.prior_precision
+
+    @cached_property
+    def _weight(self) -> FloatArray:
+        return np.ones(len(self.residual)) if self.weight is None else self.weight
+
+    @cached_property
+    def _weighted(self) -> FloatArray:
+        """(m, p) the Jacobian, each row times its weight."""
+        return self.jacobian if self.weight is None else self.jacobian * self.weight[:, None]
+
+    @cached_property
+    def _information(self) -> FloatArray:
+        """(p, p) from the rows alone."""
+        return np.asarray(self._weighted.T @ self.jacobian)
+
+    @cached_property
+    def _inverse(self) -> FloatArray:
+        """(p, p) of the information with the priors."""
+        return scaled_inverse(self._information + np.diag(self._prior))
+
+    @cached_property
+    def settled(self) -> FloatArray:
+        """(m,) the residuals after one more step of all parameters.
+
+        Zero step for parameters that were fitted. Parameters that were held move now.
+        """
+        slope = self._weighted.T @ self.residual
+        if self.from_prior is not None:
+            slope = slope + self._prior * self.from_prior
+        return self.residual - self.jacobian @ (self._inverse @ slope)
+
+    @cached_property
+    def squares(self) -> float:
+        """Sum of the weighted squares of the settled residuals."""
+        return float(self._weight @ self.settled**2)
+
+    @cached_property
+    def spent(self) -> float:
+        """How many unknowns the rows determine: the trace of the hat matrix."""
+        return float(np.sum(self._inverse * self._information))
+
+    @cached_property
+    def rows(self) -> float:
+        """How many rows count as independent."""
+        rows = len(self.residual) if self.independent_rows is None else self.independent_rows
+        return rows / self.rows_per_independent_row
+
+    def follow(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Let all parameters follow columns (m, k).
+
+        Returns:
+            (m, k) what remains of the columns, and (p, k) how far the parameters move per unit.
+        """
+        moves = -self._inverse @ (self._weighted.T @ columns)
+        return columns + self.jacobian @ moves, moves
+
+    def scores(self, columns: FloatArray, residual: FloatArray) -> FloatArray:
+        """(m, k) products of columns with the weighted residuals (m,)."""
+        return columns * (self._weight * residual)[:, None]
+
+    def score_variance(self, columns: FloatArray, residual: FloatArray) -> FloatArray:
+        """(k, k) variance of the summed scores, rows with a common touch together.
+
+        Args:
+            columns: (m, k) that the parameters have followed.
+            residual: (m,) that are left.
+        """
+        scores = self.scores(columns, residual)
+        if self.clusters is None:
+            return np.asarray(scores.T @ scores)
+        count = int(self.clusters.max()) + 1
+        by_cluster, members = np.zeros((count, scores.shape[1])), self.clusters
+        for member in members.T:
+            some = member >= 0
+            by_cluster += summed(scores[some], member[some], count)
+        variance = by_cluster.T @ by_cluster
+        shared = np.sum(members >= 0, axis=1)
+        # A row of two touches was counted at both (Cameron, Gelbach and Miller).
+        for size in np.unique(shared[shared > 1]):
+            some = shared == size
+            pair, sizes = grouped_rows(members[some])
+            by_pair = summed(scores[some], pair, len(sizes))
+            variance -= (size - 1) * by_pair.T @ by_pair
+        return np.asarray(variance)
+
+    @cached_property
+    def cluster_count(self) -> int:
+        """How many independent touches there are."""
+        if self.clusters is None:
+            return len(self.residual)
+        return len(np.unique(self.clusters[self.clusters >= 0]))
+
+
+@dataclass(frozen=True, eq=False)
+class Effect:
+    """Something that no parameter of the fit describes, such as a base that moved.
+
+    Attributes:
+        name: what it is, unique within its hypothesis, such as a joint's name.
+        columns: (m, k) change of the whitened residuals per unit of size.
+        plausible: (k,) how large a size may be. A component that the data determine no better than
+            a quarter of that is left at zero. None: no limit.
+        windows: (m,) factors of the rows, one array for each variant that is tried: 0 before and 1
+            after a row, a drift from 0 to 1, a single row. None: the effect is in all rows alike.
+        parameters: names of the parameters of the arm that describe it, where there are any.
+        about: what the hypothesis that made it wants to remember.
+    """
+
+    name: str
+    columns: FloatArray
+    plausible: FloatArray | None = None
+    windows: Sequence[FloatArray] | None = None
+    parameters: tuple[str, ...] = ()
+    about: Any = None
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What the data say of one effect.
+
+    Attributes:
+        effect: which.
+        window: number of the window that fits best; None without windows.
+        size: (k,) estimate, in the units of the effect; 0 where the data do not determine it.
+        covariance: (k, k) of the estimate.
+        gain: drop in the squared residuals, in units of the fit's noise.
+        share: the gain over all squared residuals.
+        rank: how many components the data determine.
+        noise: variance of one whitened row when the effect is taken into account.
+        design: how much more scores vary than those of independent rows; at least 1.
+        p_single: p-value of this effect alone.
+        p_value: the same for all effects and windows that were tried (Bonferroni).
+        moves: (p,) how far the parameters of the fit move with it.
+    """
+
+    effect: Effect
+    window: int | None
+    size: FloatArray
+    covariance: FloatArray
+    gain: float
+    share: float
+    rank: int
+    noise: float
+    design: float
+    p_single: float
+    p_value: float
+    moves: FloatArray
+
+    @property
+    def std(self) -> FloatArray:
+        """(k,) standard deviation of each component."""
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
+
+    def length(self, components: slice = slice(None)) -> tuple[float, float]:
+        """Length of some components of the size as a vector, and its standard deviation."""
+        size, covariance = self.size[components], self.covariance[components, components]
+        length = float(np.linalg.norm(size))
+        along = size / max(length, 1e-300)
+        return length, math.sqrt(max(float(along @ covariance @ along), 0.0))
+
+    @property
+    def significance(self) -> float:
+        """How many standard deviations the size is away from zero, as a vector."""
+        # Of components with different units the length depends on the units, this does not.
+        return math.sqrt(max(self.gain / self.noise / self.design / max(self.rank, 1), 0.0))
+
+    @property
+    def strength(self) -> float:
+        """The gain in units of the noise: what an effect of one component has beyond chance."""
+        return self.gain / self.noise / self.design
+
+    def supported(self, rule: Rule = Rule()) -> bool:
+        """Whether it is worth a report."""
+        return (
+            self.p_value < rule.false_alarm
+            and self.share > rule.share
+            and self.significance > rule.times_std
+        )
+
+
+def weigh_effects(fit: LinearFit, effects: Iterable[Effect]) -> list[Evidence]:
+    """Test every effect, strongest first; of an effect with windows the best window.
+
+    Args:
+        fit: a converged one.
+        effects: each is tested alone beside the fit, and all parameters follow.
+
+    Returns:
+        Evidence on all effects that the data can tell from the parameters.
+    """
+    effects = list(effects)
+    if not effects:
+        return []
+    trials = _trials(fit, effects)
+    tests = [test for test in trials if test.rank]
+    design = _design_effect(fit, tests)
+    best: dict[int, Evidence] = {}
+    for test in tests:
+        found = test.evidence(fit, design, len(tests))
+        before = best.get(id(test.effect))
+        if found is not None and (before is None or found.p_single < before.p_single):
+            best[id(test.effect)] = found
+    return sorted(best.values(), key=lambda evidence: -evidence.gain)
+
+
+def supported_effects(
+    fit: LinearFit, effects: Iterable[Effect], rule: Rule = Rule()
+) -> list[Evidence]:
+    """Effects that the data support, strongest first: `weigh_effects` by a `Rule`."""
+    return [each for each in weigh_effects(fit, effects) if each.supported(rule)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """An effect in one window.
+
+    Attributes:
+        effect, window: which.
+        columns: (m, k) that all parameters have followed; moves: (p, k) how.
+        axes: (k, rank) directions of the size that the data determine, N = 1 along each.
+        score: (rank,) along them.
+    """
+
+    effect: Effect
+    window: int | None
+    columns: FloatArray
+    moves: FloatArray
+    axes: FloatArray
+    score: FloatArray
+
+    @property
+    def rank(self) -> int:
+        return int(self.axes.shape[1])
+
+    @property
+    def gain(self) -> float:
+        return float(self.score @ self.score)
+
+    def evidence(self, fit: LinearFit, design: float, tried: int) -> Evidence | None:
+        freedom = fit.rows - fit.spent - self.rank
+        if freedom < 1.0:
+            return None
+        left = max(fit.squares - self.gain, 1e-12 * fit.squares, 1e-300)
+        noise = left / freedom
+        # `left` sums over all rows, of which only some are independent.
+        ratio = self.gain / self.rank / noise / design
+        p = float(f.sf(ratio, self.rank, freedom))
+        p = max(p, self._p_by_cluster(fit)) if p * tried < SUPPORTED else p
+        size = -self.axes @ self.score
+        return Evidence(
+            self.effect,
+            self.window,
+            size,
+            noise * design * self.axes @ self.axes.T,
+            self.gain,
+            self.gain / max(fit.squares, 1e-300),
+            self.rank,
+            noise,
+            design,
+            p,
+            min(1.0, p * tried),
+            self.moves @ size,
+        )
+
+    def _p_by_cluster(self, fit: LinearFit) -> float:
+        """0 where the effect is supported by clusters, else its p-value by them."""
+        if fit.clusters is None:
+            return 0.0
+        axes = self.columns @ self.axes
+        variance = fit.score_variance(axes, fit.settled)
+        ratio = float(self.score @ np.linalg.pinv(variance, hermitian=True) @ self.score)
+        freedom = max(fit.cluster_count - fit.spent, 1.0)
+        p = float(f.sf(max(ratio, 0.0) / self.rank, self.rank, freedom))
+        return p if p > SUPPORTED else 0.0
+
+
+def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
+    """All effects in all windows, with what the parameters cannot imitate."""
+    asked: list[tuple[Effect, int | None, FloatArray]] = []
+    for effect in effects:
+        if effect.windows is None:
+            asked.append((effect, None, effect.columns))
+        else:
+            windows = enumerate(effect.windows)
+            asked += [(effect, k, effect.columns * w[:, None]) for k, w in windows]
+    if not asked:
+        return []
+    # One product for all of them.
+    columns = np.hstack([each for _, _, each in asked])
+    remaining, moves = fit.follow(columns)
+    weighted = columns if fit.weight is None else columns * fit.weight[:, None]
+    score = weighted.T @ fit.settled
+    noise = fit.squares / max(fit.rows - fit.spent, 1.0)
+    ends = np.cumsum([0, *(each.shape[1] for _, _, each in asked)])
+    found = []
+    for (effect, window, own), first, end in zip(asked, ends[:-1], ends[1:], strict=True):
+        some = slice(int(first), int(end))
+        curvature = weighted[:, some].T @ remaining[:, some]
+        if effect.plausible is None:
+            whole = np.einsum("mk,mk->k", weighted[:, some], own)
+            scale, least = 1.0 / np.sqrt(np.maximum(whole, 1e-300)), INDEPENDENT
+        else:
+            scale, least = effect.plausible, noise / WELL_DETERMINED**2
+        eigenvalues, axes = np.linalg.eigh(curvature * np.outer(scale, scale))
+        kept = eigenvalues > max(least, 1e-300)
+        axes = scale[:, None] * axes[:, kept] / np.sqrt(eigenvalues[kept])
+        along = axes.T @ score[some]
+        found.append(_Trial(effect, window, remaining[:, some], moves[:, some], axes, along))
+    return found
+
+
+def _design_effect(fit: LinearFit, tests: Sequence[_Trial]) -> float:
+    """How much more the scores vary than those of independent rows, on average over all tests.
+
+    A single effect's own would be unsure where touches are few. The strongest effect is taken from
+    the residuals first: what it explains is no noise.
+    """
+    if fit.clusters is None or not tests:
+        return 1.0
+    best = max(tests, key=lambda test: test.gain)
+    residual = fit.settled - best.columns @ (best.axes @ best.score)
+    freedom = max(fit.rows - fit.spent - best.rank, 1.0)
+    noise = max(fit.squares - best.gain, 1e-12 * fit.squares, 1e-300) / freedom
+    axes = np.hstack([test.columns @ test.axes for test in tests])
+    variance = np.diag(fit.score_variance(axes, residual)) * fit.rows / freedom
+    return max(1.0, float(np.mean(variance)) / noise)

@@ -1,0 +1,218 @@
+"""A converged answer, prepared for questions about what it may lack."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property, lru_cache
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.model.arm import ArmModel
+from suta_calib.records import dataclass
+from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import LinearFit
+from suta_calib.trust.extended import known_beforehand, offered_names, problem_beside, rows_beside
+
+# Step of numerical derivatives by something that a term was built with, relative to its unit size.
+STEP: Final = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Examination:
+    """A converged answer, linear about its solution.
+
+    Attributes:
+        solution: the answer.
+        problem: its problem. Over an arm, all of the arm's geometry is among the unknowns.
+        x: (p,) where it is linear.
+        rows: whitened rows of every block, with a column for each unknown of `problem`.
+        follows: (p,) the unknowns of `problem` that follow an effect.
+        sigmas: standard deviation of one component of each block.
+        rows_per_independent_row: see `LinearFit`.
+    """
+
+    solution: Solution
+    problem: Problem
+    x: FloatArray
+    rows: Sequence[Rows]
+    follows: IntArray
+    sigmas: Sequence[float]
+    rows_per_independent_row: float = 1.0
+
+    @classmethod
+    def of(cls, solution: Solution) -> Examination:
+        """Examine a calibration over an arm; all of its geometry may follow an effect."""
+        return _of_arm(solution)
+
+    @classmethod
+    def of_poses(
+        cls,
+        solution: Solution,
+        sigmas: Sequence[float] | None = None,
+        rows_per_independent_row: float = 1.0,
+    ) -> Examination:
+        """Examine an answer without an arm: pivot, hand-eye, registration.
+
+        For a `RobustFit` it is ``Examination.of_poses(fit.solution, fit.sigmas)``.
+
+        Args:
+            solution: over the inliers.
+            sigmas: scatter of one component of each block; those of the solution by default.
+            rows_per_independent_row: 2.0 where neighbouring poses are so correlated that every
+                two count as one.
+        """
+        sigmas = solution.sigmas if sigmas is None else sigmas
+        problem = solution.problem
+        rows = whitened_rows(problem, solution.x, sigmas)
+        free = solution.free
+        return cls(solution, problem, solution.x, rows, free, sigmas, rows_per_independent_row)
+
+    @cached_property
+    def fit(self) -> LinearFit:
+        """The linear fit of all rows."""
+        size = [r.line.residual.shape[1] for r in self.rows]
+        weight = [np.repeat(r.line.weight, d) for r, d in zip(self.rows, size, strict=True)]
+        precision, away = self._prior
+        return LinearFit(
+            np.vstack([r.jacobian[:, self.follows] for r in self.rows]),
+            np.concatenate([(r.line.residual / r.line.sigma[:, None]).ravel() for r in self.rows]),
+            precision[self.follows],
+            away[self.follows],
+            np.concatenate(weight),
+            self._clusters,
+            sum(term.equations() for term in self.problem.terms),
+            self.rows_per_independent_row,
+        )
+
+    @property
+    def _prior(self) -> tuple[FloatArray, FloatArray]:
+        """(n,) precision of every unknown before the data, and how far it is from its mean.
+
+        What the fit did not estimate has the precision of what is plausible, so that it follows
+        only as far as that.
+        """
+        fitted = self.solution.problem
+        learned = dict(zip(fitted.names, fitted.prior_precision(), strict=True))
+        given = known_beforehand(self.problem)
+        precision = np.array(
+            [learned.get(n, 0.0) or p for n, p in zip(self.problem.names, given, strict=True)]
+        )
+        stated = np.array([learned.get(n, 0.0) > 0 for n in self.problem.names])
+        nominal = self.problem.parameters.array("nominal")
+        return precision, np.where(stated, self.x - nominal, 0.0)
+
+    @property
+    def _clusters(self) -> IntArray:
+        """(m, c) the independent touches of every row, -1 where a row has fewer than c."""
+        first = self.problem.evaluation.table.first
+        touches = np.concatenate(
+            [k + t.witnesses for k, t in zip(first, self.problem.terms, strict=False)]
+        )
+        members = []
+        for r in self.rows:
+            some = touches[r.line.view.block.samples + r.line.view.first_sample]
+            members.append(np.repeat(some, r.line.residual.shape[1], axis=0))
+        width = max(each.shape[1] for each in members)
+        padded = [
+            np.pad(each, ((0, 0), (0, width - each.shape[1])), constant_values=-1)
+            for each in members
+        ]
+        return np.concatenate(padded)
+
+    # ── columns of effects ──────────────────────────────────────────────────────────────────
+    @property
+    def arm(self) -> ArmModel | None:
+        """The arm, where there is one."""
+        return self.problem.arm
+
+    @property
+    def position(self) -> FloatArray:
+        """(samples, 3) of the tips in the base, m."""
+        return self.problem.evaluation.table.position
+
+    @property
+    def rotation(self) -> FloatArray:
+        """(samples, 3, 3) ``R_base_tip``."""
+        return np.swapaxes(self.problem.evaluation.table.rotation.reshape(-1, 3, 3), 1, 2)
+
+    @cached_property
+    def q(self) -> FloatArray:
+        """(samples, joints) readings, rad or m."""
+        return np.vstack([term.poses.samples.q for term in self.problem.terms])
+
+    @cached_property
+    def motion(self) -> FloatArray:
+        """(samples, 6, movers) velocity of the tip by each of `ArmModel.movers`, per rad or m.
+
+        Displacement in the base's axes, m, then turn about them, rad.
+        """
+        assert self.arm is not None
+        index = [self.problem.names.index(name) for name in self.arm.offsets]
+        velocity = self.problem.evaluation.table.velocity[:, index]
+        return velocity.reshape(-1, 6, len(index))
+
+    @property
+    def boundaries(self) -> IntArray:
+        """(terms + 1,) number of the first sample of each term, then the count of all."""
+        return self.problem.evaluation.table.first
+
+    def by_motion(self, velocity: FloatArray) -> FloatArray:
+        """Whitened columns (m, k) of what moves the tips.
+
+        Args:
+            velocity: (samples, 6, k) of the tips, m and rad per unit, in the base's axes.
+        """
+        flat = velocity.reshape(-1, velocity.shape[2])
+        return np.vstack(
+            [
+                r.line.pattern.by_parameters(r.line.by_pose / r.line.sigma[:, None, None], flat)
+                for r in self.rows
+            ]
+        )
+
+    def by_terms(self, changed: Sequence[Term], step: float = STEP) -> FloatArray:
+        """Whitened column (m, 1) of what the terms were built with, such as an artefact.
+
+        Args:
+            changed: the terms of `problem`, with it larger by ``step``.
+            step: of the numerical derivative.
+        """
+        other = Problem(changed, self.problem.arm_parameters)
+        lines = other.linearise(self.x, other.assumed_sigmas())
+        columns = [
+            ((line.residual - r.line.residual) / step / r.line.sigma[:, None]).reshape(-1, 1)
+            for line, r in zip(lines, self.rows, strict=True)
+        ]
+        return np.vstack(columns)
+
+    def row_of_sample(self, factor: FloatArray) -> FloatArray:
+        """(m,) factors of the rows from factors (samples,): a window for an `Effect`.
+
+        A row that looks at several samples has the mean of theirs.
+        """
+        return np.concatenate(
+            [
+                np.repeat(
+                    factor[r.line.view.block.samples + r.line.view.first_sample].mean(axis=1),
+                    r.line.residual.shape[1],
+                )
+                for r in self.rows
+            ]
+        )
+
+
+# One: several ask of one answer.
+@lru_cache(maxsize=1)
+def _of_arm(solution: Solution) -> Examination:
+    problem, x = problem_beside(solution)
+    assert problem.arm is not None
+    fitted = solution.problem.parameters
+    offered = {n for names in offered_names(problem.arm).values() for n in names}
+    follows = [k for k, n in enumerate(problem.names) if n in fitted or n not in offered]
+    rows = rows_beside(solution)
+    return Examination(solution, problem, x, rows, np.array(follows, np.intp), solution.sigmas)

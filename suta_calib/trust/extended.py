@@ -1,0 +1,117 @@
+"""A fit's problem with all that its arm can be given beside the fit's own unknowns.
+
+Whether a fit lacks something is asked beside all of the geometry: a bent link must not be taken for
+an eccentric encoder.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import UrdfError
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
+from suta_calib.solver.information import Rows, robust_curvature, whitened_rows
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+
+
+def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
+    """Names by joint and family that this arm can be given; no compliance without masses.
+
+    Of all joints whose readings might move another's, those are offered that a ``<transmission>``
+    of the URDF couples: any two would explain any error.
+    """
+    found: dict[tuple[str, Family], tuple[str, ...]] = {}
+    for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
+        for family, keys in FAMILIES.items():
+            names = tuple(f"{joint}.{key}" for key in keys)
+            if not all(name in arm.nongeometric for name in names):
+                continue
+            if family == COMPLIANCE:
+                try:
+                    arm.select(*names)
+                except UrdfError:
+                    continue
+            found[joint, family] = names
+    for joint, others in arm.chain.coupled.items():
+        moved = tuple(
+            name
+            for name, other in arm.couplings.items()
+            if arm.nongeometric[name].owner == joint and other in others
+        )
+        if moved:
+            found[joint, COUPLING] = moved
+    return found
+
+
+# One: who judges a solution asks twice, and of many rows it takes much memory.
+@lru_cache(maxsize=1)
+def problem_beside(solution: Solution) -> tuple[Problem, FloatArray]:
+    """The `extended_problem` with all that the arm can be given beside geometry."""
+    arm = solution.problem.arm
+    assert arm is not None
+    return extended_problem(solution, [n for names in offered_names(arm).values() for n in names])
+
+
+# One: several ask for the rows of one solution, and of many rows they take much memory.
+@lru_cache(maxsize=1)
+def rows_beside(solution: Solution) -> list[Rows]:
+    """Whitened rows of `problem_beside`, at the solution."""
+    problem, x = problem_beside(solution)
+    return whitened_rows(problem, x, solution.sigmas)
+
+
+def extended_problem(
+    solution: Solution, candidates: Sequence[str] = ()
+) -> tuple[Problem, FloatArray]:
+    """The problem with all of the geometry and the candidates unknown, at the same point.
+
+    Args:
+        solution: of terms over an arm.
+        candidates: names of parameters beside geometry.
+    """
+    arm, fitted, values = solution.problem.arm, solution.problem.arm_parameters, solution.values
+    assert arm is not None
+    more = [
+        p
+        for n, p in arm.offered.items()
+        if n not in fitted and (n in arm.geometric or p.key == OFFSET or n in candidates)
+    ]
+    extended = Problem(solution.problem.terms, ParameterSet([*fitted.values(), *more]))
+    if solution.weights is not None:
+        extended = extended.with_thresholds(solution.weights.thresholds)
+    start = [values.get(p.name, p.nominal) for p in extended.parameters.values()]
+    return extended, np.array(start)
+
+
+def effective_unknowns(solution: Solution) -> float:
+    """How many unknowns the data have told: the trace of the fit's hat matrix.
+
+    A prior takes no equation's place: only what the data tell of an unknown in spite of it, they
+    spend.
+    """
+    problem, free = solution.problem, solution.free
+    rows = whitened_rows(problem, solution.x, solution.sigmas)
+    told = np.asarray(sum(map(robust_curvature, rows)))[np.ix_(free, free)]
+    kept = told + np.diag(problem.prior_precision()[free])
+    return float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))
+
+
+def known_beforehand(problem: Problem) -> FloatArray:
+    """(n,) precision of every parameter without the data: its prior's, or of what is plausible.
+
+    Observations that never meet a length leave an arm's size open: without an end to what is
+    plausible it would shrink to nothing, and take all residuals with it. Where things stand or were
+    touched may be anything. It counts against rows as often as these repeat one another.
+    """
+    precision, terms = problem.prior_precision(), problem.terms
+    rows = sum(len(b) * b.size for term in terms for b in term.blocks)
+    once = problem.parameters.array("plausible") ** -2.0
+    repeated = rows / sum(term.equations() for term in terms)
+    open_ended = (precision == 0) & (np.arange(len(precision)) < problem.arm_count)
+    return np.where(open_ended, repeated * once, precision)

@@ -1,0 +1,85 @@
+"""A joint that the motor of its neighbour moves too: a belt, a tendon, a differential wrist."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from suta_calib.model.arm import ArmModel
+from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import Effect, Evidence
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+
+
+class Coupling(AddedVariable):
+    """``moved = q_moved + c · q_other``: c is what `joint.coupling[other]` estimates.
+
+    Only neighbours are tested, and joints that a ``<transmission>`` of the URDF couples: any two
+    joints together would explain any error.
+    """
+
+    name: ClassVar[str] = "joint coupling"
+    about: ClassVar[str] = "A joint moves when the motor of its neighbour turns."
+
+    def effects(self, answer: Examination) -> Iterator[Effect]:
+        """One for each ordered pair of neighbouring joints of the same kind."""
+        arm = answer.arm
+        assert arm is not None
+        fitted = answer.solution.problem.parameters
+        movers = [segment.owner for segment in arm.movers]
+        for name, (moved, other) in neighbours(arm).items():
+            if name in fitted:
+                continue
+            turn = answer.motion[:, :, [movers.index(moved)]]
+            reading = answer.q[:, arm.joints.index(other)]
+            parameter = arm.nongeometric[name]
+            yield Effect(
+                name,
+                answer.by_motion(turn * (reading - reading.mean())[:, None, None]),
+                plausible=np.array([parameter.plausible]),
+                parameters=(name,),
+                about=(moved, other),
+            )
+
+    def sentence(self, evidence: Evidence) -> str:
+        """Both joints, the ratio, and how to look further."""
+        moved, other = evidence.effect.about
+        ratio, std = float(evidence.size[0]), float(evidence.std[0])
+        return (
+            f"The residuals look like a coupling of two joints: {moved} moves by {ratio:+.4f} ± "
+            f"{std:.4f} of what {other} moves (1:{1.0 / abs(ratio):.0f}). Run suta-calib extend, "
+            f"which says whether {evidence.effect.name} predicts left-out data better."
+        )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """Readings of one joint that lack what its neighbour moves it by: 1:100."""
+        del values
+        term: Term = data
+        arm = term.poses.arm  # type: ignore[attr-defined]
+        pairs = neighbours(arm)
+        name = str(rng.choice([*pairs]))
+        moved, other = (arm.joints.index(joint) for joint in pairs[name])
+        samples, ratio = term.poses.samples, 0.01
+        q = samples.q.copy()
+        q[:, moved] -= ratio * q[:, other]
+        spoilt = term.over_poses(term.poses.with_samples(replace(samples, q=q)))
+        return Spoilt(spoilt, np.array([ratio]), name)
+
+
+def neighbours(arm: ArmModel) -> dict[str, tuple[str, str]]:
+    """Couplings of neighbouring joints by name: which joint is moved, and by whose motor.
+
+    Neighbours in the chain; pairs that a transmission couples are tested as the URDF says
+    (`extended.offered_names`).
+    """
+    order = [segment.owner for segment in arm.movers]
+    pairs = {}
+    for name, other in arm.couplings.items():
+        moved = arm.nongeometric[name].owner
+        if other in order and abs(order.index(moved) - order.index(other)) == 1:
+            pairs[name] = (moved, other)
+    return pairs

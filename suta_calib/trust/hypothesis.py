@@ -1,0 +1,147 @@
+"""One way in which data can be wrong, or a model too simple: one file each in ``hypotheses/``."""
+
+from __future__ import annotations
+
+import inspect
+import pkgutil
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from functools import cache
+from importlib import import_module
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.records import dataclass
+from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import Effect, Evidence, Rule, weigh_effects
+from suta_calib.trust.examination import Examination
+
+# Packages that are looked through for hypotheses.
+HOMES: Final = ("suta_calib.trust.hypotheses",)
+
+
+@dataclass(frozen=True, eq=False)
+class Spoilt:
+    """Data with a fault of known size.
+
+    Attributes:
+        data: with the fault.
+        size: (k,) of the fault, as `Evidence.size` should estimate it.
+        effect: name of the effect that describes it; empty where there is only one.
+    """
+
+    data: Any
+    size: FloatArray
+    effect: str = ""
+
+
+class Hypothesis(ABC):
+    """One way in which data can be wrong, or a model too simple.
+
+    A new one is a module in ``hypotheses/`` with a subclass; nothing else names it.
+    `tests/trust/test_contract.py` then holds it to the contract: data that `spoil` made are named
+    with the right size, and sound data are silent.
+
+    Attributes:
+        name: unique, a few words, for tables and for tests.
+        about: what is wrong then, one line.
+        applies_to: kinds of terms that can have it; an answer with none of them is not examined.
+        needs_arm: whether it is about an arm (True), or about measured poses (False).
+    """
+
+    name: ClassVar[str]
+    about: ClassVar[str]
+    applies_to: ClassVar[tuple[type[Term], ...]] = (Term,)
+    needs_arm: ClassVar[bool] = True
+
+    def applies(self, answer: Examination) -> bool:
+        """Whether the answer can have it."""
+        right = any(isinstance(term, self.applies_to) for term in answer.problem.terms)
+        return right and self.needs_arm == (answer.arm is not None)
+
+    @abstractmethod
+    def sentence(self, evidence: Evidence) -> str:
+        """What was found, its size with ±, and what to do."""
+
+    @abstractmethod
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """Put the fault into sound data.
+
+        Args:
+            data: a term.
+            values: the true parameters, by name.
+            rng: where random numbers come from.
+        """
+
+
+class AddedVariable(Hypothesis):
+    """Something that no unknown of the answer describes: a coupling, a scale, a time offset."""
+
+    @abstractmethod
+    def effects(self, answer: Examination) -> Iterator[Effect]:
+        """The effects to be tested, one after another."""
+
+
+class Reinterpretation(Hypothesis):
+    """Data that are read differently and fitted again: units, order, sign, late by whole rows."""
+
+    @abstractmethod
+    def readings(self, data: Any) -> Iterator[tuple[str, Any]]:
+        """What the data are then called, and the data."""
+
+
+@dataclass(frozen=True, eq=False)
+class Finding:
+    """A hypothesis that the data support.
+
+    Attributes:
+        hypothesis: which.
+        evidence: for it.
+    """
+
+    hypothesis: Hypothesis
+    evidence: Evidence
+
+    @property
+    def sentence(self) -> str:
+        """What was found, its size with ±, and what to do."""
+        return self.hypothesis.sentence(self.evidence)
+
+
+@cache
+def known_hypotheses() -> dict[str, Hypothesis]:
+    """Every hypothesis by its name: one of each class that the modules of `HOMES` define."""
+    known: dict[str, Hypothesis] = {}
+    for home in HOMES:
+        for module in pkgutil.iter_modules(import_module(home).__path__):
+            path = f"{home}.{module.name}"
+            for value in vars(import_module(path)).values():
+                if not isinstance(value, type) or value.__module__ != path:
+                    continue
+                if issubclass(value, Hypothesis) and not inspect.isabstract(value):
+                    known[value.name] = value()
+    return dict(sorted(known.items()))
+
+
+def examine(answer: Examination, rule: Rule = Rule()) -> list[Finding]:
+    """Test all hypotheses about added variables that apply, strongest first.
+
+    Args:
+        answer: a converged one.
+        rule: when evidence is reported. Its false-alarm rate is that of all tests together.
+    """
+    return [each for each in weigh(answer) if each.evidence.supported(rule)]
+
+
+def weigh(answer: Examination) -> list[Finding]:
+    """Every hypothesis that was tested with its evidence, supported or not, strongest first."""
+    owner: dict[int, Hypothesis] = {}
+    effects: list[Effect] = []
+    for hypothesis in known_hypotheses().values():
+        if isinstance(hypothesis, AddedVariable) and hypothesis.applies(answer):
+            for effect in hypothesis.effects(answer):
+                owner[id(effect)] = hypothesis
+                effects.append(effect)
+    return [Finding(owner[id(e.effect)], e) for e in weigh_effects(answer.fit, effects)]
