@@ -21,6 +21,7 @@ from suta_calib.exchange.cells import (
     read_foreign_text,
     split_lines,
 )
+from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.sheet import RawRow, Sheet, sheet_of
 from suta_calib.extras import load
@@ -40,7 +41,7 @@ DECIMAL: Final = Option("decimal", "Decimal sign.", choices=tuple(_DECIMALS))
 HEADER: Final = Option("header", "Whether the first row names the columns.", choices=("yes", "no"))
 SKIP: Final = Option("skip", "Lines before the table that are no part of it.", "N")
 SHEET: Final = Option("sheet", "Sheet of a spreadsheet, by name.", "NAME")
-DELIMITED_OPTIONS: Final = (SEPARATOR, DECIMAL, HEADER, SKIP, SHEET)
+DELIMITED_OPTIONS: Final = (SEPARATOR, DECIMAL, HEADER, SKIP, SHEET, WHOLE)
 SPREADSHEETS: Final = (".xlsx", ".xlsm")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 # Rows that tell how a file is laid out.
@@ -72,6 +73,7 @@ def read_sheet(path: Path, given: Given) -> Sheet:
     else:
         text = read_foreign_text(path)
         separator, decimal = _signs(path, text, given)
+        check_end_of_rows(path, text, _SEPARATORS[separator], given)
         skipped = _skipped(given)
         seen = (f"Cells between {separator}s, decimal {decimal}.",)
 

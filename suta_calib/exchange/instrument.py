@@ -13,6 +13,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import Row, numbers_of, read_foreign_text, rows_of_text
+from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -34,13 +35,15 @@ class InstrumentReader(Reader):
         separator: between cells.
     """
 
-    options: ClassVar[tuple[Option, ...]] = BODY_OPTIONS
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, WHOLE)
     separator: ClassVar[str] = ","
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """The pose of the body that is asked for, in m; frames without it are left out."""
         text = read_foreign_text(path)
-        rows = rows_of_text(path, text, self.separator_of(text))
+        separator = self.separator_of(text)
+        check_end_of_rows(path, text, separator, given)
+        rows = rows_of_text(path, text, separator)
         if not rows:
             raise self.strange(path, "nothing but comments", "frames")
         return self.recording(path, rows, given).imported(self.name, given)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
+from suta_calib.exchange.cut_off import WHOLE, check_end_of_program
 from suta_calib.exchange.imported import ImportedRows, checked_places, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -48,13 +49,17 @@ class ProgramReader(Reader):
         joint_pattern: matches one joint position; its first group holds the numbers.
         pose_pattern: the same for a pose.
         comment: begins a comment.
+        opening: matches the beginning of a block of the program.
+        closing: matches the end of one.
         settings: matches what sets something other than a position, up to its end.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES)
+    options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES, WHOLE)
     joint_pattern: ClassVar[re.Pattern[str]]
     pose_pattern: ClassVar[re.Pattern[str]]
     comment: ClassVar[str]
+    opening: ClassVar[re.Pattern[str]]
+    closing: ClassVar[re.Pattern[str]]
     settings: ClassVar[re.Pattern[str] | None] = None
 
     @abstractmethod
@@ -88,6 +93,9 @@ class ProgramReader(Reader):
         if what not in there:
             said = f"no {what or 'positions'}"
             raise ForeignFileError(said, f"positions as {self.summary} has them", file=path)
+        check_end_of_program(
+            path, text, given, comment=self.comment, opening=self.opening, closing=self.closing
+        )
         lines, labels, numbers = found[what]
         beside: dict[str, NDArray[Any]] = {"line": np.array(lines)}
         if any(labels):

@@ -158,7 +158,7 @@ def test_a_place_beyond_any_is_refused_with_its_line(tmp_path: Path) -> None:
 def test_qualisys_markers_that_were_not_seen(tmp_path: Path) -> None:
     """All zeros: at the origin there is no marker; and a row of names may stand above the data."""
     path = tmp_path / "run.tsv"
-    head = "NO_OF_FRAMES\t3\nNO_OF_CAMERAS\t13\nNO_OF_MARKERS\t2\nFREQUENCY\t120\nDESCRIPTION\t--\n"
+    head = "NO_OF_FRAMES\t2\nNO_OF_CAMERAS\t13\nNO_OF_MARKERS\t2\nFREQUENCY\t120\nDESCRIPTION\t--\n"
     head += "TIME_STAMP\t2024-04-15, 10:39:38.777\t406646.66\nDATA_INCLUDED\t3D\n"
     names = "MARKER_NAMES\tTip\tBase\nTRAJECTORY_TYPES\tMeasured\tMeasured\n"
     columns = "Frame\tTime\tTip X\tTip Y\tTip Z\tBase X\tBase Y\tBase Z\n"

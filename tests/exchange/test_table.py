@@ -186,7 +186,7 @@ def test_missing_rows_are_left_out_and_counted(tmp_path: Path) -> None:
     lines = path.read_text().splitlines()
     lines[3] = ",".join(["MISSING"] * 7)
     lines[5] = lines[5].rpartition(",")[0] + ","
-    path.write_text("\n".join(lines))
+    path.write_text("\n".join(lines) + "\n")
     found = imported(path)
     assert (len(found), found.dropped) == (len(P) - 2, 2)
     kept = np.delete(np.arange(len(P)), [2, 4])

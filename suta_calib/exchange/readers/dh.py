@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar, Final
 
-from suta_calib.exchange.cells import read_bounded
+from suta_calib.exchange.cells import read_foreign_text
+from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -20,7 +21,7 @@ class DhReader(Reader):
     name: ClassVar[str] = "dh"
     summary: ClassVar[str] = "Denavit-Hartenberg table (classic or modified) as CSV: a URDF"
     example: ClassVar[str] = "arm_dh.csv --format dh --robot arm --out arm.urdf"
-    options: ClassVar[tuple[Option, ...]] = (ROBOT,)
+    options: ClassVar[tuple[Option, ...]] = (ROBOT, WHOLE)
 
     def recognises(self, path: Path, head: str) -> bool:
         """Theta and alpha among the names of the columns."""
@@ -30,7 +31,7 @@ class DhReader(Reader):
 
     def read(self, path: Path, given: Given) -> ImportedFile:
         """A URDF whose joints move about (along) z, with a link ``tip``."""
-        read_bounded(path)
+        check_end_of_rows(path, read_foreign_text(path), ",", given)
         table = read_dh_table(path)
         text = table.urdf(given.text(ROBOT, path.stem or "arm"))
         said = f"a URDF of {len(table.joints)} joints from a {table.convention} table"

@@ -32,6 +32,8 @@ class KrlReader(ProgramReader):
     joint_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"\{{[^{{}}]*?({_AXES})", re.IGNORECASE)
     pose_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"\{{[^{{}}]*?({_FRAME})", re.IGNORECASE)
     comment: ClassVar[str] = ";"
+    opening: ClassVar[re.Pattern[str]] = re.compile(r"(GLOBAL\s+)?DEF(DAT|FCT)?\s", re.IGNORECASE)
+    closing: ClassVar[re.Pattern[str]] = re.compile(r"END(DAT|FCT)?$", re.IGNORECASE)
 
     def recognises(self, path: Path, head: str) -> bool:
         """A program's beginning, or positions."""

@@ -12,13 +12,14 @@ import numpy as np
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
+from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
 from suta_calib.exchange.imported import (
     ImportedRows,
     checked_places,
     distance_note,
     pose_columns,
 )
-from suta_calib.exchange.option import Given
+from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.measurements.files import lines_of
 from suta_calib.units import from_deg, from_mm
@@ -55,6 +56,7 @@ class LeicaGsiReader(Reader):
     name: ClassVar[str] = "leica-gsi"
     summary: ClassVar[str] = "Leica GSI-8 and GSI-16 of total stations: points by name"
     example: ClassVar[str] = "points.gsi --format leica-gsi --out points.csv"
+    options: ClassVar[tuple[Option, ...]] = (WHOLE,)
     suffixes: ClassVar[tuple[str, ...]] = (".gsi", ".txt", ".dat")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -64,8 +66,8 @@ class LeicaGsiReader(Reader):
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """``point`` and ``x, y, z`` in m: east, north, up. Lines without a place are left out."""
-        del given
         text = read_foreign_text(path)
+        check_end_of_rows(path, text, " ", given, fixed_width=True)
         labels, places = list[str](), list[list[float]]()
         lines, left_out = list[int](), 0
         for number, line in enumerate(lines_of(text), 1):

@@ -9,8 +9,10 @@ from typing import ClassVar, Final
 
 from suta_calib.exchange.bodies import Body, Recording
 from suta_calib.exchange.cells import Row
+from suta_calib.exchange.cut_off import check_count
 from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of, column_of_time
 from suta_calib.exchange.option import Given
+from suta_calib.measurements.csv_table import number_in
 
 _KINDS: Final = frozenset({"Rigid Body", "Marker"})
 _POSITION: Final = ("position x", "position y", "position z")
@@ -33,7 +35,6 @@ class MotiveReader(InstrumentReader):
 
     def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
         """Bodies and markers by name, as in the file."""
-        del given
         told = dict(pairwise(rows[0].cells))
         unit = told.get("Length Units", "")
         if unit.lower() not in LENGTH_UNITS:
@@ -43,6 +44,8 @@ class MotiveReader(InstrumentReader):
             said = "no rows of names above a row that begins with Frame"
             raise self.strange(path, said, "an export with its header", rows[-1].line)
         axes, kinds, data = rows[at], rows[at - 1].cells, rows[at + 1 :]
+        stated = number_in(told.get("Total Exported Frames", ""))
+        check_count(path, len(data), stated, "frames", given)
         kind = next((k for k in range(1, at - 1) if not _KINDS.isdisjoint(rows[k].cells)), None)
         if kind is None:
             raise self.strange(path, "no rigid body and no marker", "at least one", axes.line)

@@ -13,6 +13,7 @@ from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import MOST_BYTES, is_plain_file, read_bounded
+from suta_calib.exchange.cut_off import WHOLE, cut_off
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -30,7 +31,7 @@ class PlusSequenceReader(Reader):
     name: ClassVar[str] = "plus-sequence"
     summary: ClassVar[str] = "PLUS: sequence files .mha/.mhd, transforms of every frame"
     example: ClassVar[str] = "run.mha --body StylusToTracker --reference ReferenceToTracker"
-    options: ClassVar[tuple[Option, ...]] = BODY_OPTIONS
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, WHOLE)
     suffixes: ClassVar[tuple[str, ...]] = (".mha", ".mhd")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -43,7 +44,7 @@ class PlusSequenceReader(Reader):
         numbers: dict[str, dict[int, tuple[int, str]]] = {}
         status: dict[str, dict[int, str]] = {}
         stamps: dict[int, str] = {}
-        for line, key, value in _fields(path):
+        for line, key, value in _fields(path, given):
             match = _FIELD.fullmatch(key)
             if match is None:
                 continue
@@ -88,7 +89,7 @@ def _body(
     return Body(checked_places(path, lines, from_mm(whole[:, :3, 3])), rotation)
 
 
-def _fields(path: Path) -> Iterator[tuple[int, str, str]]:
+def _fields(path: Path, given: Given) -> Iterator[tuple[int, str, str]]:
     """Line, key and value of the header, which ends where the pictures begin."""
     if not is_plain_file(path):
         read_bounded(path)  # says what it is
@@ -100,7 +101,9 @@ def _fields(path: Path) -> Iterator[tuple[int, str, str]]:
                 line = file.readline(_LONGEST + 1)
                 read += len(line)
                 if not line:
-                    return
+                    if WHOLE in given:
+                        return
+                    raise cut_off(path, number, "the end of the file", f"a line {_END} = …")
                 if len(line) > _LONGEST or read > MOST_BYTES:
                     said = "a header without end"
                     raise ForeignFileError(said, f"a line {_END} = …", file=path, line=number)

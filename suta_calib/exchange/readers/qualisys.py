@@ -10,6 +10,7 @@ import numpy as np
 
 from suta_calib.exchange.bodies import Body, Recording
 from suta_calib.exchange.cells import Row
+from suta_calib.exchange.cut_off import check_count
 from suta_calib.exchange.instrument import InstrumentReader, body_of
 from suta_calib.exchange.option import Given
 from suta_calib.measurements.csv_table import number_in
@@ -36,7 +37,6 @@ class QualisysReader(InstrumentReader):
 
     def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
         """Bodies or markers by name; frames in which one was not seen have none of it."""
-        del given
         first = next((k for k, row in enumerate(rows) if _is_data(row)), len(rows))
         told = {row.cells[0]: row.cells[1:] for row in rows[:first]}
         names = [name for name in told.get("BODY_NAMES", ()) if name]
@@ -47,6 +47,8 @@ class QualisysReader(InstrumentReader):
         if not names or not data:
             said = "no BODY_NAMES and no MARKER_NAMES" if not names else "no frames"
             raise self.strange(path, said, "an export with its header", rows[0].line)
+        stated = number_in(next(iter(told.get("NO_OF_FRAMES", ())), ""))
+        check_count(path, len(data), stated, "frames", given)
         # Frame and time may stand in front of what was measured.
         wide = max(len("\t".join(row.cells).rstrip("\t").split("\t")) for row in data)
         ahead = wide - width * len(names)

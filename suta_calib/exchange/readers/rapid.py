@@ -31,6 +31,8 @@ class RapidReader(ProgramReader):
     joint_pattern: ClassVar[re.Pattern[str]] = re.compile(_JOINTS, re.ASCII)
     pose_pattern: ClassVar[re.Pattern[str]] = re.compile(_TARGET, re.ASCII)
     comment: ClassVar[str] = "!"
+    opening: ClassVar[re.Pattern[str]] = re.compile(r"MODULE\s", re.IGNORECASE)
+    closing: ClassVar[re.Pattern[str]] = re.compile(r"ENDMODULE$", re.IGNORECASE)
 
     def recognises(self, path: Path, head: str) -> bool:
         """Declarations of targets, or a module's beginning."""

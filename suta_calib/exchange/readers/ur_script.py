@@ -24,6 +24,8 @@ class UrScriptReader(ProgramReader):
     joint_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"(?<![\w.]){_SIX}", re.ASCII)
     pose_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"(?<!\w)p{_SIX}", re.ASCII)
     comment: ClassVar[str] = "#"
+    opening: ClassVar[re.Pattern[str]] = re.compile(r"(?:def|thread|sec|if|while|for)\b.*:$")
+    closing: ClassVar[re.Pattern[str]] = re.compile(r"end$")
     # A tool's frame and a payload's inertia have as many numbers as a position.
     settings: ClassVar[re.Pattern[str] | None] = re.compile(r"\bset_\w+\s*\([^()]*\)")
 

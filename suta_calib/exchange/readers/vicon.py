@@ -12,6 +12,7 @@ import numpy as np
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import Row
+from suta_calib.exchange.cut_off import WHOLE
 from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.table_roles import ROTATION
@@ -32,7 +33,7 @@ class ViconReader(InstrumentReader):
     name: ClassVar[str] = "vicon"
     summary: ClassVar[str] = "Vicon: CSV of Nexus or Tracker, segments or objects, trajectories"
     example: ClassVar[str] = "trial.csv --format vicon --body probe:probe --rotation vector"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, ROTATION)
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, ROTATION, WHOLE)
 
     def recognises(self, path: Path, head: str) -> bool:
         """It begins with the name of a block, and has frames with sub-frames."""

@@ -1,0 +1,191 @@
+"""Whether a text file was cut off: a half-copied number looks like a number.
+
+A file that ends with the end of a line is cut between its rows at most. Where the last line has no
+end, the file may be cut inside the last number, and 1.208077 reads as 1.2. Such a file is read only
+where its last cell is complete for certain; `WHOLE` is how the user says that it is.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from itertools import takewhile
+from pathlib import Path
+from typing import Final
+
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.cells import rows_of_text
+from suta_calib.exchange.option import Given, Option
+from suta_calib.measurements.csv_table import number_in
+from suta_calib.measurements.files import lines_of
+
+WHOLE: Final = Option("whole", "The file is complete, though its end looks cut off.", flag=True)
+# Rows before the last one whose decimals say how many the last one has: four of equal length by
+# chance are rare, and `measurements.csv_table` asks for as many.
+_ENOUGH: Final = 4
+# More decimals than programs write where their number is fixed; the shortest text that gives a
+# number back has up to 17, and as many as it happens to need.
+_MOST_DECIMALS: Final = 12
+_FIXED: Final = re.compile(r"[+-]?\d*[.,](\d+)((?:[eE][+-]\d+)?)", re.ASCII)
+_NUMBER: Final = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?", re.ASCII)
+# Text from the end of a file that tells how its last row should look.
+_TAIL: Final = 100_000
+_LAST_OF_MATRIX: Final = (0.0, 0.0, 0.0, 1.0)
+_OPENING, _CLOSING = "([{", ")]}"
+
+
+def check_end_of_rows(
+    path: Path, text: str, separator: str, given: Given, *, fixed_width: bool = False
+) -> None:
+    """Refuse rows of cells of which the last may be cut off.
+
+    The last row is complete where its line has an end, or where it has as many cells as the row
+    before and its last cell cannot be the beginning of a longer one.
+
+    Args:
+        path: for messages.
+        text: of the whole file.
+        separator: between cells; a blank stands for any number of blanks and tabs.
+        given: `WHOLE`.
+        fixed_width: whether all rows' last cells have the same number of characters.
+
+    Raises:
+        ForeignFileError: the last row may be cut off.
+    """
+    if WHOLE in given or text.endswith(("\n", "\r")):
+        return
+    # Of a long file its end is enough; blank lines in front keep the numbers of the lines.
+    start = text.find("\n", max(0, len(text) - _TAIL)) + 1 if len(text) > _TAIL else 0
+    tail = "\n" * text.count("\n", 0, start) + text[start:]
+    before, line = ["", *lines_of(tail)][-2:]
+    if not line.strip() or line.lstrip().startswith(("#", "%")):
+        return
+    *above, last = rows_of_text(path, tail, separator)
+    width = len(last.cells)
+    same_width = takewhile(lambda row: len(row.cells) == width, reversed(above))
+    earlier = [row.cells for row in same_width]
+    if above and width < len(above[-1].cells):
+        expected = f"{len(above[-1].cells)}, as in the row before"
+        raise cut_off(path, last.line, f"a last row of {width} cells", expected)
+    # Blanks behind each row are its end as well.
+    blanks = before.rstrip("\r\n").endswith(" ") <= line.endswith(" ")
+    if blanks and _is_complete(line, separator, last.cells, earlier, fixed_width=fixed_width):
+        return
+    found = f"{last.cells[-1][-_LONGEST:]!r} at the end of a last line without its end"
+    raise cut_off(path, last.line, found, "the end of a line behind it, as in all other lines")
+
+
+def _is_complete(
+    line: str,
+    separator: str,
+    last: Sequence[str],
+    earlier: Sequence[Sequence[str]],
+    *,
+    fixed_width: bool,
+) -> bool:
+    """Whether the last cell of the last row is no beginning of a longer one.
+
+    Args:
+        line: the last one.
+        separator: between its cells.
+        last: its cells.
+        earlier: cells of the rows before, as many in each, the nearest first.
+        fixed_width: whether all rows' last cells have the same number of characters.
+    """
+    if not earlier:
+        return False
+    if line.endswith('"') or (separator == " " and line[-1].isspace()):
+        return True
+    cell, others = last[-1], [cells[-1] for cells in earlier]
+    if not cell:
+        return not any(others)
+    if fixed_width:
+        return {len(cell)} == set(map(len, others))
+    if _ends_matrix(last, len(earlier) + 1):
+        return True
+    # Up to the header, whose cells are no numbers.
+    numbers = [*takewhile(_NUMBER.fullmatch, others)]
+    forms = {*map(_form, numbers)}
+    return len(numbers) >= _ENOUGH and forms == {_form(cell)} != {None}
+
+
+def _form(cell: str) -> tuple[int, int] | None:
+    """Decimals, and length of the exponent, of a number that may be of a fixed format."""
+    match = _FIXED.fullmatch(cell)
+    if match is None or len(match[1]) > _MOST_DECIMALS:
+        return None
+    return len(match[1]), len(match[2])
+
+
+def _ends_matrix(cells: Sequence[str], rows: int) -> bool:
+    """Whether they are the last row, 0 0 0 1, of a 4x4 transform, stacked or in one line."""
+    if len(cells) != 16 and (len(cells) != 4 or rows % 4):
+        return False
+    return tuple(map(number_in, cells[-4:])) == _LAST_OF_MATRIX
+
+
+def check_end_of_program(
+    path: Path,
+    text: str,
+    given: Given,
+    *,
+    comment: str,
+    opening: re.Pattern[str],
+    closing: re.Pattern[str],
+) -> None:
+    """Refuse a program that was cut off: an open block, bracket or statement at its end.
+
+    Args:
+        path: for messages.
+        text: of the program.
+        given: `WHOLE`.
+        comment: begins a comment.
+        opening: matches a line that begins a block, such as a module.
+        closing: matches a line that ends one.
+
+    Raises:
+        ForeignFileError: the program has no end.
+    """
+    if WHOLE in given:
+        return
+    lines = [line.partition(comment)[0].strip() for line in lines_of(text)]
+    begun = [line for line in lines if opening.match(line)]
+    ended = sum(closing.match(line) is not None for line in lines)
+    if ended < len(begun):
+        found = f"no end of {begun[ended][:_LONGEST]!r}"
+        raise cut_off(path, len(lines), found, "a program with its end")
+    last = lines[-1] if lines else ""
+    if text.endswith(("\n", "\r")) or not last or closing.match(last):
+        return
+    balance = sum(last.count(sign) for sign in _OPENING) - sum(map(last.count, _CLOSING))
+    if balance > 0 or not last.endswith((";", *_CLOSING)):
+        found = f"{last[-_LONGEST:]!r} at the end of a last line without its end"
+        raise cut_off(path, len(lines), found, "a statement with its end")
+
+
+def check_count(path: Path, found: int, stated: float, what: str, given: Given) -> None:
+    """Refuse fewer rows than the file says that it has.
+
+    Args:
+        path: for messages.
+        found: how many there are.
+        stated: how many the file says; NaN where it does not.
+        what: they are.
+        given: `WHOLE`.
+
+    Raises:
+        ForeignFileError: there are fewer.
+    """
+    if WHOLE not in given and found < stated:
+        raise cut_off(path, None, f"{found} {what}", f"{stated:.0f}, as the file says")
+
+
+def cut_off(path: Path, line: int | None, found: str, expected: str) -> ForeignFileError:
+    """Error that a file seems cut off, to be raised by the caller."""
+    hint = f"cut off while it was written or copied? if nothing is missing, say {WHOLE.switch}"
+    if line is not None:
+        hint += ", or end its last line"
+    return ForeignFileError(found, expected, file=path, line=line, hint=hint)
+
+
+_LONGEST: Final = 40
