@@ -6,18 +6,83 @@ the JSON, the report and whoever reads an answer back ask it; nobody judges twic
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import wraps
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, TypeVar
 
-from suta_calib.errors import NotUsableError
+from suta_calib.errors import NotUsableError, SutaCalibError
 from suta_calib.records import dataclass
 
 Level = Literal["good", "care", "bad"]
 WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do not use"}
 # Exit code of a command that ran, but whose answer must not be used.
 NOT_USABLE: Final = 1
+A = TypeVar("A")
+T = TypeVar("T")
+
+
+class NotExplainedWarning(UserWarning):
+    """Part of judging, explaining or drawing failed, and the answer goes on without that part."""
+
+
+def attempt(what: str, compute: Callable[[], T], otherwise: T, notes: list[str] | None = None) -> T:
+    """Compute a part of judging, explaining or drawing; its failure never costs the answer.
+
+    Args:
+        what: is done with what, as the end of "not …": ``explained: joint_1.x``.
+        compute: the part. An interrupt and a lack of memory end the program as always.
+        otherwise: value of a part that fails.
+        notes: where the sentence about a failure is added.
+
+    Returns:
+        The value of the part, or ``otherwise`` with a `NotExplainedWarning`. The tests of this
+        package make errors of warnings, so that no failure goes unnoticed there.
+    """
+    try:
+        return compute()
+    except MemoryError:
+        raise
+    except Exception as error:
+        # CasADi's calls may put a SystemError around an interrupt.
+        if isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        known = isinstance(error, SutaCalibError)
+        reason = " ".join((str(error) if known else f"{type(error).__name__}: {error}").split())
+        note = f"Not {what} ({reason}). The answer stands without it."
+        if not known:
+            note += " This is a fault of suta_calib: please report it."
+        warnings.warn(note, NotExplainedWarning, stacklevel=2)
+        if notes is not None:
+            notes.append(note)
+        return otherwise
+
+
+def judge(what: str, compute: Callable[[], Iterable[T]], notes: list[str] | None = None) -> list[T]:
+    """The findings of one judge, or none with a note where it fails (`attempt`)."""
+    return attempt(f"judged: {what}", lambda: list(compute()), [], notes)
+
+
+def judged(assess: Callable[[A], Assessment]) -> Callable[[A], Assessment]:
+    """An answer's assessment whose failure is a reason for care, and does not cost the answer.
+
+    An answer that was judged in part while it was made lists in ``unjudged`` what failed there.
+    """
+
+    @wraps(assess)
+    def assessed(answer: A) -> Assessment:
+        notes = list[str]()
+        found = attempt(
+            "judged: whether this answer may be used",
+            lambda: assess(answer),
+            Assessment("care"),
+            notes,
+        )
+        return found.with_care([*notes, *getattr(answer, "unjudged", ())])
+
+    return assessed
 
 
 @dataclass(frozen=True, repr=False)

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.batched import Batched
 from suta_calib.distributions import f
 from suta_calib.errors import InputError
@@ -150,6 +150,7 @@ class ZeroOffsets:
         return "found" if self.unique else "undetermined"
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Bad where no offsets fit, or the poses leave a choice between infinitely many."""
         chosen, count, options = self.chosen, len(self.branches), self.options

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.accuracy import (
     Gain,
     TermAccuracy,
@@ -60,6 +60,7 @@ class ArmComparison:
         return gain
 
     @cached_property
+    @judged
     def assessment(self) -> Assessment:
         """Care where the other arm is worse, or the data cannot tell; it is of use in any case."""
         gain = self.gain

@@ -26,7 +26,7 @@ import numpy as np
 from scipy import sparse
 
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.diagnostics.repeats import gross_rows, one_of_each_rest, repeat_variance
 from suta_calib.errors import ParameterError
@@ -239,6 +239,7 @@ class ErrorBudget:
     missing: tuple[str, ...]
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """What dominates, and what the data do not tell: lengths first, held-out data first."""
         first = min(self.blocks, key=lambda b: (b.data != "validation", b.unit != "m"))

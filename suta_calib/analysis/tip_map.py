@@ -17,7 +17,7 @@ from suta_calib.analysis.planning import Region, Situation
 from suta_calib.analysis.planning.candidates import DOWN
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import JobError
 from suta_calib.records import dataclass
@@ -144,6 +144,7 @@ class TipMap(Shown):
         return figure
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """How sure the tip is, whether that is enough, and what it does not say."""
         rms, p95 = (text(size, "m") for size in (self.registered.rms, self.registered.p95))

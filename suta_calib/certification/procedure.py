@@ -7,11 +7,12 @@ centre; the flats its turn; the side plane the direction of x.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import attempt, judge
 from suta_calib.certification.comparison import compare
 from suta_calib.certification.damage import faults, judged, uneven_tops
 from suta_calib.certification.frame import (
@@ -39,6 +40,7 @@ from suta_calib.certification.points import PLAIN, CertificationOptions, ProbedP
 from suta_calib.certification.result import (
     Certification,
     CertifiedLandmark,
+    Fault,
     PlaneQuality,
     SpacerLength,
 )
@@ -76,18 +78,28 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     if raw.side is not None and heading is not None:
         side = _quality(raw.side, heading, by.std(by.heading_jacobian(heading)))
     ground_tilt = max(by.std(row) for row in by.ground[:2])
-    standing = None
+    standing, failed = None, list[str]()
     if comparison is not None:
-        standing = over_ground(
-            names,
-            where.position,
-            where.by[:, 2] * by.sigma,
-            by.touched_ground,
-            comparison,
-            noise.freedom,
-            options.tolerance,
+        standing = attempt(
+            "judged: heights over the ground",
+            lambda: over_ground(
+                names,
+                where.position,
+                where.by[:, 2] * by.sigma,
+                by.touched_ground,
+                comparison,
+                noise.freedom,
+                options.tolerance,
+            ),
+            None,
+            failed,
         )
-    found = judged(measured, jacobians, by, landmarks, comparison)
+
+    def damages() -> Iterator[Fault]:
+        found = judged(measured, jacobians, by, landmarks, comparison)
+        yield from faults(names, found, noise.freedom_of("hole"), options.tolerance)
+
+    tops = judge("tops", lambda: uneven_tops(measured, noise.touch, options.tolerance), failed)
     return Certification(
         path=raw.path,
         name=options.name or raw.path.stem,
@@ -103,13 +115,11 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
         probing=noise,
         stated_noise=options.sigma,
         spacers=_spacers(raw, options, noise.touch),
-        faults=(
-            *uneven_tops(measured, noise.touch, options.tolerance),
-            *faults(names, found, noise.freedom_of("hole"), options.tolerance),
-        ),
+        faults=(*tops, *judge("damage", damages, failed)),
         comparison=comparison,
         over_ground=standing,
         tolerance=options.tolerance,
+        unjudged=tuple(failed),
     )
 
 

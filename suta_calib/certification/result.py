@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Source
 from suta_calib.certification.noise import ProbingNoise
@@ -154,6 +154,7 @@ class Certification:
         comparison: with a drawing, if there is one.
         over_ground: how all landmarks stand over the ground against that drawing.
         tolerance: largest acceptable departure, m, if one was given.
+        unjudged: what of judging it failed, one sentence each.
     """
 
     path: Path
@@ -174,6 +175,7 @@ class Certification:
     comparison: DrawingComparison | None
     over_ground: OverGround | None
     tolerance: float | None
+    unjudged: tuple[str, ...] = ()
 
     @property
     def damaged(self) -> tuple[str, ...]:
@@ -203,6 +205,7 @@ class Certification:
         return tuple(sorted([*lines, *(w for m in self.landmarks for w in m.wrong_touches)]))
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Bad where a landmark is damaged; care where something must be known."""
         largest = max(mark.sigma for mark in self.landmarks)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.assessment import attempt
 from suta_calib.distributions import chi2, f, t
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.records import dataclass
@@ -195,6 +196,7 @@ class Accuracy:
         held_out_values: of the held-out terms' parameters, with the calibrated arm, m or rad.
         nominal_values: of the fitted terms' parameters, with the nominal arm, m or rad.
         held_out_nominal: the same of the held-out terms.
+        unjudged: why the held-out terms could not be looked at, one sentence each.
         gain: on the held-out terms of the first one's kind; None where nothing is held out.
     """
 
@@ -204,6 +206,7 @@ class Accuracy:
     gain: Gain | None = None
     nominal_values: Mapping[str, float] = field(default_factory=dict)
     held_out_nominal: Mapping[str, float] = field(default_factory=dict)
+    unjudged: tuple[str, ...] = ()
 
     @property
     def worse(self) -> bool:
@@ -230,22 +233,40 @@ def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     A term's own unknown keeps the value fitted on the observations where its name occurs there;
     otherwise it is fitted on the validation rows alone, for the nominal arm as for the calibrated.
     """
+    fitted, failed = _fitted(solution), list[str]()
+    held_out = attempt(
+        "judged: validation data",
+        lambda: _held_out(solution, validation, fitted) if validation else fitted,
+        fitted,
+        failed,
+    )
+    return replace(held_out, unjudged=tuple(failed))
+
+
+def _fitted(solution: Solution) -> Accuracy:
+    """Errors of the fitted terms alone."""
     problem = solution.problem
-    arm = problem.arm_parameters
-    nominal = {p.name: p.nominal for p in arm.values()}
-    before = fitted_before = fit_own(problem.terms, arm, nominal)
-    after = solution.values
+    arm, after = problem.arm_parameters, solution.values
+    before = attempt(
+        "judged: the nominal arm",
+        lambda: fit_own(problem.terms, arm, {p.name: p.nominal for p in arm.values()}),
+        after,
+    )
     found = (block_residuals(problem.terms, arm, values) for values in (before, after))
-    calibration = term_accuracies(problem.terms, *found)
-    if not validation:
-        return Accuracy(calibration, (), nominal_values=before)
-    before, after = (fit_own(validation, arm, values) for values in (before, after))
+    return Accuracy(term_accuracies(problem.terms, *found), (), nominal_values=before)
+
+
+def _held_out(solution: Solution, validation: Sequence[Term], fitted: Accuracy) -> Accuracy:
+    """The same with errors of the held-out terms."""
+    problem = solution.problem
+    arm, nominal = problem.arm_parameters, fitted.nominal_values
+    before, after = (fit_own(validation, arm, v) for v in (nominal, solution.values))
     found = (block_residuals(validation, arm, values) for values in (before, after))
     terms = term_accuracies(validation, *found)
     judged = [each.term for each in _of_first_kind(terms)]
     unsure = added_by_estimates(judged, arm, after, problem.names, solution.covariance)
     gain = gain_of(terms, *unsure)
-    return Accuracy(calibration, terms, after, gain, fitted_before, before)
+    return Accuracy(fitted.calibration, terms, after, gain, nominal, before)
 
 
 def gain_of(

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Final
 
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.beliefs import contradicted_beliefs
 from suta_calib.diagnostics.changes import changes
@@ -30,6 +30,7 @@ from suta_calib.diagnostics.score_tests import (
 )
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
 from suta_calib.trust.extended import effective_unknowns
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
@@ -51,41 +52,70 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
         nominal one on held-out data; ``care`` where something must be known.
     """
+    failed = list[str]()
     terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
-    doubts = {said: level for term in terms for said, level in term.doubts.items()}
+    doubts = dict(judge("the samples by themselves", lambda: _doubts(terms), failed))
     if not solution.converged:
-        wrong = [said for said, level in doubts.items() if level == "bad"]
-        notes = wrong or _cause(solution) or [each.sentence for each in gross_rows(solution)]
-        again = [each.sentence for each in seen_again(solution.problem.terms)]
-        notes = [*again, *rounded(solution), *notes]
-        return Assessment("bad", solution.sentence, tuple(notes))
-    found = contradictions(solution, accuracy)
+        return _not_converged(solution, doubts, failed)
+    fit = attempt("judged: part of many rows", lambda: thinned(solution), solution, failed)
+    found = judge("contradictions", lambda: contradictions(solution, accuracy), failed)
     # A fit that other readings explain far better has residuals that say nothing of joints.
-    cause = _cause(solution) if found else []
+    cause = judge("other readings", lambda: _cause(solution), failed) if found else []
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
+    lacking = judge("lack of fit", lambda: _on_lack_of_fit(solution), failed)
+    beliefs = judge("what a row believes", lambda: contradicted_beliefs(fit), failed)
+    is_worse = attempt("judged: validation data", lambda: accuracy.worse, False, failed)
     return Assessment.of(
         solution.sentence,
         bad=[
             *cause,
-            *([worse] if accuracy.worse else []),
+            *([worse] if is_worse else []),
             *(each.sentence for each in found if each.bad),
             *(said for said, level in doubts.items() if level == "bad"),
         ],
         care=[
             *(each.sentence for each in found if not each.bad),
             *(said for said, level in doubts.items() if level == "care"),
-            *([] if accuracy.validation else [fitted_only]),
-            *_on_gain(accuracy),
-            *(each.sentence for each in contradicted_beliefs(thinned(solution))),
-            *_on_parameters(solution),
-            *_on_redundancy(solution),
-            *(lacking := _on_lack_of_fit(solution)),
-            *_beside_geometry(thinned(solution), suspect=not cause, lacking=bool(lacking)),
-            *_on_priors(solution),
+            *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
+            *judge("the gain", lambda: _on_gain(accuracy), failed),
+            *(each.sentence for each in beliefs),
+            *judge("parameters", lambda: _on_parameters(solution), failed),
+            *judge("redundancy", lambda: _on_redundancy(solution), failed),
+            *lacking,
+            *judge(
+                "residuals",
+                lambda: _beside_geometry(fit, suspect=not cause, lacking=bool(lacking)),
+                failed,
+            ),
+            *judge("priors", lambda: _on_priors(solution), failed),
+            *accuracy.unjudged,
         ],
-        known=[*_as_drawn(solution), *_on_scale(solution)],
+        known=[
+            *judge("what is as drawn", lambda: _as_drawn(solution), failed),
+            *judge("the scale", lambda: _on_scale(solution), failed),
+        ],
+    ).with_care(failed)
+
+
+def _doubts(terms: Sequence[Term]) -> Iterable[tuple[str, Level]]:
+    return [each for term in terms for each in term.doubts.items()]
+
+
+def _not_converged(
+    solution: Solution, doubts: Mapping[str, Level], failed: list[str]
+) -> Assessment:
+    """Of a solution that did not converge: what may be the cause."""
+    notes = [said for said, level in doubts.items() if level == "bad"]
+    notes = notes or judge("other readings", lambda: _cause(solution), failed)
+    notes = notes or judge(
+        "single rows", lambda: [each.sentence for each in gross_rows(solution)], failed
     )
+    again = judge(
+        "repeats", lambda: [each.sentence for each in seen_again(solution.problem.terms)], failed
+    )
+    digits = judge("rounding", lambda: rounded(solution), failed)
+    return Assessment("bad", solution.sentence, (*again, *digits, *notes, *failed))
 
 
 def _cause(solution: Solution) -> list[str]:

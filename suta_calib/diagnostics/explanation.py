@@ -9,13 +9,14 @@ data that follow it would tell the parameter (`RichData`).
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache, partial
 from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import attempt
 from suta_calib.diagnostics.rich_data import LEVER, RichData
 from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
@@ -193,6 +194,38 @@ def explain(
     arm = problem.names[: problem.arm_count]
     if not any(c.fixed in arm for c in identification.combinations):
         return tuple(_own(problem, c) for c in identification.combinations)
+    failed = list[str]()
+    what = "explained: why parameters are held"
+    case_of = attempt(what, lambda: _cases(problem, x, identification), None, failed)
+    return tuple(
+        _of_arm(c, case_of, failed) if c.fixed in arm else _own(problem, c)
+        for c in identification.combinations
+    )
+
+
+def _of_arm(
+    held: Combination, case_of: Callable[[Combination], _Case] | None, failed: Sequence[str]
+) -> Explanation:
+    """Why a parameter of the arm is held, or that its explanation failed."""
+    fixed, notes = held.fixed, [*failed]
+    if case_of is not None:
+        found = attempt(f"explained: {fixed}", lambda: _explained(case_of(held)), None, notes)
+        if found is not None:
+            return found
+    sentence = " ".join([f"{fixed} is not determined by these data.", *notes])
+    return Explanation(fixed, sentence, "hold it by a prior")
+
+
+def _explained(case: _Case) -> Explanation:
+    rules = (_beside_geometry, _same_thing, _turns_tip, _rigid, _per_placement)
+    return next(filter(None, (rule(case) for rule in rules)), None) or _hardly(case)
+
+
+def _cases(
+    problem: Problem, x: FloatArray, identification: Identification
+) -> Callable[[Combination], _Case]:
+    """What the rules look at, for a combination that holds a parameter of the arm."""
+    arm = problem.names[: problem.arm_count]
     rich = RichData(problem, x)
     # In plausible units, per plausible change of the fixed parameter.
     directions = {
@@ -205,15 +238,12 @@ def explain(
     redundant = _redundant(rich, directions)
     directions |= redundant
     information = predicted_information(problem, x, problem.assumed_sigmas())
-    found = []
-    for c in identification.combinations:
-        if c.fixed not in arm:
-            found.append(_own(problem, c))
-            continue
+
+    def case(c: Combination) -> _Case:
         others = [d for n, d in directions.items() if n != c.fixed and n not in redundant]
         scaled = directions[c.fixed] * rich.unit / problem.parameters[c.fixed].plausible
         direction = {n: float(v) for n, v in zip(rich.names, scaled, strict=True) if v}
-        case = _Case(
+        return _Case(
             problem,
             c.fixed,
             tip_motion(problem, x, direction),
@@ -222,9 +252,8 @@ def explain(
             np.column_stack([directions[c.fixed], *others]),
             c.fixed in redundant,
         )
-        rules = (_beside_geometry, _same_thing, _turns_tip, _rigid, _per_placement)
-        found.append(next(filter(None, (rule(case) for rule in rules)), None) or _hardly(case))
-    return tuple(found)
+
+    return case
 
 
 def _redundant(rich: RichData, directions: Mapping[str, FloatArray]) -> dict[str, FloatArray]:

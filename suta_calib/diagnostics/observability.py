@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.explanation import (
     Explanation,
     as_drawn_names,
@@ -187,6 +187,7 @@ class Observability(Shown):
         return axes
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Care where other data could tell what these cannot; `explanations` say which."""
         open_ones = len(self.unidentified) > len(self.redundant)

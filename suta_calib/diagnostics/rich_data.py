@@ -17,6 +17,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.tip_uncertainty import STILL, Sensitivity, sensitivity
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, skew
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.records import dataclass
@@ -213,11 +214,15 @@ class RichData:
         return self._same[1]
 
     def _observed(self, sorts: Sequence[Sort]) -> tuple[Problem, FloatArray] | None:
-        """Rich data of these sorts; None where the arm, of few joints, can touch nothing of it."""
+        """Rich data of these sorts; None where the arm can neither touch nor see any of it."""
         values = dict(self._values)
         terms = []
         for k, sort in enumerate(sorts):
-            term, own = self.observations(sort, f"rich {k}")
+            try:
+                term, own = self.observations(sort, f"rich {k}")
+            except SamplesError:
+                # No posture of this arm shows such a kind anything, as a board to its camera.
+                continue
             terms += [term] if len(term.poses) else []
             values |= own
         return self._information(terms, values) if terms else None

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import check_folder, exchange_files
 from suta_calib.errors import ForeignFileError
 from suta_calib.geometry.numbers import quaternion_from_rotation
@@ -60,6 +60,7 @@ class Imported(ABC):
         """What it became."""
 
     @cached_property
+    @judged
     def assessment(self) -> Assessment:
         """Care where something must be known; it is of use in any case."""
         return Assessment.of(self.sentence, care=self.notes, known=self.seen)

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import exchange_files
 from suta_calib.exchange.description import Described, formats_of, named
 from suta_calib.exchange.option import Given
@@ -74,6 +74,7 @@ class Exported:
     notes: tuple[str, ...] = ()
 
     @cached_property
+    @judged
     def assessment(self) -> Assessment:
         """Care where values are lost, or the result must not be used; then it was insisted on."""
         care = []

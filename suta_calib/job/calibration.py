@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
-from suta_calib.assessment import Assessment, refuse_unusable
+from suta_calib.assessment import Assessment, judge, judged, refuse_unusable
 from suta_calib.diagnostics.accuracy import (
     Accuracy,
     TermAccuracy,
@@ -167,12 +167,16 @@ class CalibrationResult(Shown):
     accuracy: Accuracy
 
     @cached_property
+    @judged
     def assessment(self) -> Assessment:
         """Whether the calibrated arm may be used, and what must be known to use it."""
         from suta_calib.diagnostics.assessment import assess_calibration
 
-        found = assess_calibration(self.solution, self.accuracy)
-        return found.with_care(self._on_the_job()) if self.solution.converged else found
+        found, failed = assess_calibration(self.solution, self.accuracy), list[str]()
+        if not self.solution.converged:
+            return found
+        on_the_job = judge("the job's rows", self._on_the_job, failed)
+        return found.with_care([*on_the_job, *failed])
 
     @property
     def in_a_line(self) -> str:
@@ -210,7 +214,7 @@ class CalibrationResult(Shown):
         from suta_calib.job.scene import calibration_scene
 
         accuracy, job = self.accuracy, self.job
-        chosen = data or ("validation" if job.validation else "calibration")
+        chosen = data or ("validation" if accuracy.validation else "calibration")
         if chosen == "validation":
             if not job.validation:
                 raise JobError("no validation data", "some to draw", file=job.spec.path)
@@ -246,7 +250,7 @@ class CalibrationResult(Shown):
         spec, accuracy = self.job.spec, self.accuracy
         sets = {
             "calibration": (spec.observations, accuracy.calibration),
-            "validation": (spec.validation, accuracy.validation),
+            "validation": (spec.validation if accuracy.validation else (), accuracy.validation),
         }
         return {
             name: [(row.label, term) for row, term in zip(rows, terms, strict=True)]

@@ -67,7 +67,8 @@ class Samples(Shown):
         rotation: (n, 3, 3) measured orientations, or None.
         pixels: (n, points, 2) where the points of a board were seen, px, in the order of its
             numbers; NaN for those that were not; or None.
-        origin: where each row came from, such as ``file.csv:12``.
+        origin: where each row came from, such as ``file.csv:12``; ``row 0``, ``row 1``, … where
+            nobody says.
         lengths: measured lengths by name, each (n,), m, such as ``length``.
         direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
             readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
@@ -87,6 +88,11 @@ class Samples(Shown):
     direction: FloatArray | None = None
     temperature: FloatArray | None = None
     position_sigma: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        # Of very many rows hardly one is ever named.
+        if not len(self.origin):
+            object.__setattr__(self, "origin", RowNames(len(self.q)))
 
     def __len__(self) -> int:
         return len(self.q)
@@ -142,9 +148,8 @@ class Samples(Shown):
         n = len(_floats("q", q))
         if n == 0:
             raise SamplesError("no samples", "at least one", where="q")
-        # Of very many rows hardly one is ever named.
-        origin = RowNames(n) if origin is None else tuple(origin)
-        if len(origin) != n:
+        origin = () if origin is None else tuple(origin)
+        if origin and len(origin) != n:
             raise SamplesError(f"{len(origin)} entries", f"{n}, one per row of q", where="origin")
         return cls(
             tuple(joints),

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, attempt, judged
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
@@ -114,6 +114,7 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         return rms_length(self.rotation_residuals[self.inliers])
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """How far to trust X."""
         caution = list[str]()
@@ -222,7 +223,13 @@ def calibrate_hand_eye(
         "turn the hand about at least two axes that are not parallel",
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
     )
-    trend = distance_trend(fit, target[1][:, 2])
+    failed = list[str]()
+    trend = attempt(
+        "judged: errors that grow with the distance",
+        lambda: distance_trend(fit, target[1][:, 2]),
+        Trend.none(fit.covariance),
+        failed,
+    )
     x = fit.solution.x
     X = rotation_from_vector(x[3:6]), x[:3] * length
     Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
@@ -242,12 +249,18 @@ def calibrate_hand_eye(
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
         robot_noise_fraction=noise.fraction,
         trend=trend,
-        moved=moved(
-            fit, dict(zip(MAY_MOVE[setup], (range(6), range(6, 12)), strict=True)), jacobian
+        moved=attempt(
+            "judged: whether anything moved",
+            lambda: moved(
+                fit, dict(zip(MAY_MOVE[setup], (range(6), range(6, 12)), strict=True)), jacobian
+            ),
+            None,
+            failed,
         ),
         copies=_copies(scaled, target, fit),
         solution=fit.solution,
         length=length,
+        unjudged=tuple(failed),
     )
 
 

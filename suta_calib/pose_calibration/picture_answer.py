@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.assessment import Assessment, Level
+from suta_calib.assessment import Assessment, Level, judged
 from suta_calib.distributions import chi2, t
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.geometry.pinhole import INTRINSICS
@@ -164,6 +164,7 @@ class PictureCalibration:
         return tuple(sorted({int(row) for row in np.concatenate(rows)}))
 
     @cached_property
+    @judged
     def assessment(self) -> Assessment:
         """How far to trust every X."""
         bad, care, known = list[str](), list[str](), list[str]()

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment, Level
+from suta_calib.assessment import Assessment, Level, attempt, judged
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
@@ -26,7 +26,7 @@ from suta_calib.pose_calibration.robust_answer import (
     exchanged,
 )
 from suta_calib.pose_calibration.robust_fit import parts_of, robust_fit
-from suta_calib.pose_calibration.trends import tilt_trend
+from suta_calib.pose_calibration.trends import Trend, tilt_trend
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
@@ -101,6 +101,7 @@ class PivotCalibration(Shown, RobustAnswer):
         return np.asarray(np.sqrt(np.diag(self.covariance)[first : first + 3]))
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """How far to trust the tip."""
         caution = list[str]()
@@ -238,7 +239,13 @@ def calibrate_pivot(
     }
     posts_in_tracker = x[3:].reshape(-1, 3) + centre
     by_scale = scale_ppm * PPM * np.concatenate([x[:3], posts_in_tracker.reshape(-1)])
-    trend, tilt = tilt_trend(fit, R, x[:3])
+    failed = list[str]()
+    trend, tilt = attempt(
+        "judged: tips that move with the tilt",
+        lambda: tilt_trend(fit, R, x[:3]),
+        (Trend.none(fit.covariance), 0.0),
+        failed,
+    )
     fallen = length * (1.0 - np.cos(tilt))
     return PivotCalibration(
         tip=x[:3],
@@ -249,16 +256,22 @@ def calibrate_pivot(
         suspects=fit.suspects,
         sigma=fit.sigmas[0] * length,
         turn=float(_turns(R[fit.inliers])[0]),
-        moved=moved(
-            fit,
-            {"the tip on the tool": order[:3], **posts},
-            length * np.eye(len(order)),
-            {post: np.flatnonzero(index == k) for k, post in enumerate(posts)},
+        moved=attempt(
+            "judged: whether anything moved",
+            lambda: moved(
+                fit,
+                {"the tip on the tool": order[:3], **posts},
+                length * np.eye(len(order)),
+                {post: np.flatnonzero(index == k) for k, post in enumerate(posts)},
+            ),
+            None,
+            failed,
         ),
         bent=(abs(trend.share) * fallen, trend.std * fallen, tilt) if trend.significant else None,
         solution=fit.solution,
         length=length,
         scale_ppm=scale_ppm,
+        unjudged=tuple(failed),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.assessment import Assessment, Level
+from suta_calib.assessment import Assessment, Level, attempt, judged
 from suta_calib.distributions import t
 from suta_calib.geometry.numbers import (
     homogeneous,
@@ -143,6 +143,7 @@ class Registration(Shown, RobustAnswer):
         return np.asarray(np.sqrt([*np.diag(position), *np.diag(self.covariance)[3:]]))
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """How far to trust it."""
         caution, inliers = list[str](), self.inliers[self.distinct]
@@ -293,7 +294,13 @@ def register(
     placed, seen = (a @ R.T)[fit.inliers], b[fit.inliers]
     weight = 1.0 / found.relative[fit.inliers] ** 2
     scale, scale_std, scale_rms = common_scale(placed, seen, weight)
-    since = moved(fit, {MAY_MOVE: range(6)}, found.jacobian)
+    failed = list[str]()
+    since = attempt(
+        "judged: whether anything moved",
+        lambda: moved(fit, {MAY_MOVE: range(6)}, found.jacobian),
+        None,
+        failed,
+    )
     return Registration(
         rotation=R,
         position=found.position,
@@ -307,7 +314,7 @@ def register(
         scale=scale,
         scale_std=scale_std,
         scale_rms=scale_rms,
-        strain=strain(placed, seen, weight, R),
+        strain=attempt("judged: a strain", lambda: strain(placed, seen, weight, R), None, failed),
         extent=rms_length(placed - placed.mean(axis=0)),
         repeats=again,
         moved=None if since is None else replace(since, since=int(first[since.since])),
@@ -315,6 +322,7 @@ def register(
         agreement=fit.agreement,
         solution=fit.solution,
         scale_ppm=scale_ppm,
+        unjudged=tuple(failed),
     )
 
 

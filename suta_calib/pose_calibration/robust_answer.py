@@ -10,7 +10,7 @@ from typing import Any, Final, ParamSpec, TypeVar
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.assessment import Level
+from suta_calib.assessment import Level, attempt
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.records import dataclass
@@ -44,6 +44,7 @@ class RobustAnswer:
         solution: of the solver.
         notes: what the files of the data give to think about, one sentence each.
         all_believed: whether they were to be: plain least squares.
+        unjudged: what of judging it failed, one sentence each.
     """
 
     covariance: FloatArray
@@ -53,6 +54,7 @@ class RobustAnswer:
     solution: Solution
     notes: tuple[str, ...] = ()
     all_believed: bool = False
+    unjudged: tuple[str, ...] = ()
 
     @cached_property
     def rms(self) -> float:
@@ -139,14 +141,26 @@ def doubting(solve: Callable[P, A]) -> Callable[P, A]:
         if kwargs.get("robust", True):
             return found
         judging: dict[str, Any] = {**kwargs, "robust": True}
-        try:
-            judged = solve(*args, **judging)
-        except SamplesError:
-            # So few agree that nobody can say with whom.
-            return replace(found, all_believed=True)
-        return replace(found, suspects=~judged.inliers, all_believed=True)
+        failed = list[str]()
+        suspects = attempt(
+            "judged: rows that contradict the others",
+            lambda: _contradicting(lambda: solve(*args, **judging), found),
+            found.suspects,
+            failed,
+        )
+        unjudged = (*found.unjudged, *failed)
+        return replace(found, suspects=suspects, all_believed=True, unjudged=unjudged)
 
     return solved
+
+
+def _contradicting(solve_robustly: Callable[[], RobustAnswer], found: RobustAnswer) -> BoolArray:
+    """(n,) rows that a robust answer leaves out."""
+    try:
+        return ~solve_robustly().inliers
+    except SamplesError:
+        # So few agree that nobody can say with whom.
+        return found.suspects
 
 
 def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:

@@ -38,6 +38,11 @@ class Trend:
     significant: bool
     covariance: FloatArray
 
+    @classmethod
+    def none(cls, covariance: FloatArray) -> Trend:
+        """No trend beside a solution of this covariance."""
+        return cls(0.0, 0.0, False, np.zeros_like(covariance))
+
 
 def distance_trend(fit: RobustFit, depth: FloatArray) -> Trend:
     """How much too far an eye sees, as a share of the distance.

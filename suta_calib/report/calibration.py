@@ -32,6 +32,8 @@ from suta_calib.report.document import (
     ShownOnly,
     Space,
     Text,
+    entry,
+    section,
 )
 from suta_calib.report.errors import (
     RESIDUALS,
@@ -111,14 +113,14 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
     """
     path = result.job.spec.path
     parts = [
-        *_first_screen(result),
-        *_errors(result),
-        *(_parameters(result, verbose=verbose) if result.solution.converged else []),
-        *_external_poses(result),
-        *_untold(result),
-        *_remaining_errors(result),
-        *_noise_and_correlations(result),
-        *_computation(result),
+        *section("the first screen", lambda: _first_screen(result)),
+        *section("errors", lambda: _errors(result)),
+        *section("parameters", lambda: _parameters(result, verbose=verbose)),
+        *section("external poses", lambda: _external_poses(result)),
+        *section("what these data cannot tell", lambda: _untold(result)),
+        *section("remaining errors", lambda: _remaining_errors(result)),
+        *section("noise and correlations", lambda: _noise_and_correlations(result)),
+        *section("how it was computed", lambda: _computation(result)),
         *_files(result),
     ]
     title = f"Calibration of {path.parent.resolve().name or path.name}"
@@ -172,6 +174,8 @@ def _counted(term: Term) -> str:
 
 def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     solution = result.solution
+    if not solution.converged:
+        return
     every = outcomes(solution)
     arm, own = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
     worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
@@ -393,11 +397,13 @@ def _data(result: CalibrationResult) -> Json:
         "status": "converged" if solution.converged else "not_converged",
         "job": result.job.spec.path.name,
         "parameters": PARAMETERS.records(outcomes(solution)),
-        "external_poses": EXTERNAL_POSES.records(external_poses(solution)),
+        "external_poses": entry(
+            "external_poses", lambda: EXTERNAL_POSES.records(external_poses(solution))
+        ),
         "unidentified": solution.unidentified,
-        "redundant": redundant_names(result.explanations),
+        "redundant": entry("redundant", lambda: redundant_names(result.explanations)),
         "unobservable": unobservable(solution.identification),
-        "held": held_directions(solution),
+        "held": entry("held", lambda: held_directions(solution)),
         # Samples that rows of the job leave out by name.
         "excluded": [
             {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}
@@ -405,12 +411,14 @@ def _data(result: CalibrationResult) -> Json:
             for k, row in enumerate(getattr(result.job.spec, name))
             if row.exclude is not None
         ],
-        "metrics": _metrics(result),
-        "repeatability": REPEATABILITY.records(_repeatability(result)),
+        "metrics": entry("metrics", lambda: _metrics(result)),
+        "repeatability": entry(
+            "repeatability", lambda: REPEATABILITY.records(_repeatability(result))
+        ),
         "timing_s": timing,
         **_matrices(solution),
-        "noise": NOISE.records(noise_of(result)),
-        "priors": PRIORS.records(priors_of(result)),
+        "noise": entry("noise", lambda: NOISE.records(noise_of(result))),
+        "priors": entry("priors", lambda: PRIORS.records(priors_of(result))),
         "solver": {"name": solution.minimum.solver, **best, "starts": starts},
         "versions": versions(),
     }

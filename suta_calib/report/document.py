@@ -6,12 +6,13 @@ A document knows nothing of rich, jinja2, csv or files. Four sinks do: `report.c
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
+from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, attempt
 from suta_calib.records import dataclass
 from suta_calib.report.listing import Json, Table, plain
 
@@ -58,8 +59,18 @@ class Figure:
 
     @cached_property
     def svg(self) -> str:
-        """The SVG element, drawn once."""
-        return self.draw()
+        """The SVG element, drawn once; a few words where that fails."""
+        notes = list[str]()
+        drawn = attempt(f"drawn: {self.title or 'a picture'}", self.draw, "", notes)
+        return drawn or _in_words(" ".join(notes))
+
+
+def _in_words(text: str) -> str:
+    """An SVG element with a sentence."""
+    return (
+        '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 640 40"><text x="8" y="24" '
+        f'font-size="11">{escape(text)}</text></svg>'
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +119,18 @@ class File:
 
 Shown = Text | Figure | Space | Table | Folded
 Part = Shown | ShownOnly | File
+
+
+def section(what: str, parts: Callable[[], Iterable[Part]]) -> list[Part]:
+    """Parts of a document, or a sentence in their place where they cannot be computed."""
+    notes = list[str]()
+    found = attempt(f"shown: {what}", lambda: list(parts()), None, notes)
+    return [*map(Text, notes)] if found is None else found
+
+
+def entry(key: str, compute: Callable[[], Any]) -> Any:
+    """What JSON has under a key; null where it cannot be computed."""
+    return attempt(f"written: {key}", compute, None)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
 
+from suta_calib.assessment import attempt
 from suta_calib.atomic import exchange_files
 from suta_calib.errors import OutputError
 from suta_calib.report.document import Document, Figure, File, Text
@@ -40,7 +41,9 @@ def write_document(
         OutputError: the folder or a file in it cannot be written. Where that can be seen before,
             nothing is written.
     """
-    contents = _contents(answer)
+    notes = list[str]()
+    contents = _contents(answer, notes)
+    answer = replace(answer, assessment=answer.assessment.with_care(notes))
     hashes = {name: sha256(data).hexdigest() for name, data in contents.items()}
     run: dict[str, Any] = {"inputs": dict(inputs), "sha256": hashes}
     run = {
@@ -119,13 +122,19 @@ def _written_before(record: Path) -> set[str]:
     return found
 
 
-def _contents(answer: Document) -> dict[str, bytes]:
-    """Pictures and further files by name, in the document's order."""
+def _contents(answer: Document, notes: list[str]) -> dict[str, bytes]:
+    """Pictures and further files by name, in the document's order; ``notes`` of what failed."""
     figures = [part for part in answer.parts if isinstance(part, Figure)]
     found: dict[str, bytes] = {}
     for part in answer.parts:
         if isinstance(part, File):
-            found[part.name] = part.as_bytes()
+            # A file that is the answer itself is written, or the command fails.
+            if answer.written == "files":
+                found[part.name] = part.as_bytes()
+            elif (
+                content := attempt(f"written: {part.name}", part.as_bytes, None, notes)
+            ) is not None:
+                found[part.name] = content
         elif isinstance(part, Figure) and answer.written not in ("opening", "record"):
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
             found[f"{answer.name}{number}.svg"] = part.svg.encode()

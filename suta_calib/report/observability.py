@@ -7,7 +7,7 @@ from typing import Final
 
 from suta_calib.diagnostics.explanation import Explanation
 from suta_calib.diagnostics.observability import Observability
-from suta_calib.report.document import Document, Part, Place, Text
+from suta_calib.report.document import Document, Part, Place, Text, section
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.parameters import PROSPECTS, left_out
 from suta_calib.solver.identifiability import Identification
@@ -40,7 +40,9 @@ def observability_document(found: Observability, *, verbose: bool = False) -> Do
         PROSPECTS.of(prospects if verbose else prospects[:arm]),
         *([] if verbose else left_out(0, prospects[arm:])),
         Text(conditioning(found)),
-        *explained(found.explanations, "everywhere", MOST_SENTENCES),
+        *section(
+            "explanations", lambda: explained(found.explanations, "everywhere", MOST_SENTENCES)
+        ),
     ]
     data = {
         "samples": found.samples,

@@ -19,6 +19,7 @@ from jinja2 import BytecodeCache, Environment, PackageLoader, StrictUndefined
 from jinja2.bccache import Bucket
 from markupsafe import Markup
 
+from suta_calib.assessment import attempt
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.errors import OutputError
 from suta_calib.plotting.look import BLUE, GREY, LINE, ORANGE, TINT
@@ -102,9 +103,7 @@ def environment() -> Environment:
     templates.filters["drawn"] = _drawn
     templates.filters["stacked"] = _stacked
     templates.globals["room"] = _ROOM
-    templates.filters["turnable"] = lambda space: Markup(
-        scene_html(space.scene(), "scene", templates)
-    )
+    templates.filters["turnable"] = lambda space: Markup(_turnable(space, templates))
     return templates
 
 
@@ -126,6 +125,15 @@ class _Compiled(BytecodeCache):
 
 def _compiled(bucket: Bucket) -> Path:
     return _COMPILED / f"{bucket.key}.{sys.implementation.cache_tag}.bytes"
+
+
+def _turnable(space: Space, templates: Environment) -> str:
+    """The scene as HTML, or why there is none."""
+    notes = list[str]()
+    drawn = attempt(
+        "drawn: the arm", lambda: scene_html(space.scene(), "scene", templates), "", notes
+    )
+    return drawn or f'<p class="soft">{escape(" ".join(notes))}</p>'
 
 
 def _drawn(figure: Figure) -> Markup:

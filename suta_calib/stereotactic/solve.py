@@ -15,7 +15,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, attempt, judge, judged
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.inputs import error_context
@@ -110,6 +110,7 @@ class StereotacticResult:
         return self.correction is None and is_distorted(self.data.readings.em, self.expected)
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Weighs the pivots, the registration, the distortion, and what was extrapolated."""
         parts: dict[str, PivotCalibration | Registration] = {
@@ -118,18 +119,22 @@ class StereotacticResult:
         }
         if self.navigation is not None:
             parts["registration to CT"] = self.navigation.registration
-        misread = _on_em_markers(self)
-        bad, care = _on_bodies(self, misread=bool(misread))
+        failed = list[str]()
+        misread = judge("the EM markers", lambda: _on_em_markers(self), failed)
+        nothing = list[str](), list[str]()
+        bad, care = attempt(
+            "judged: the bodies", lambda: _on_bodies(self, misread=bool(misread)), nothing, failed
+        )
         bad += misread
         # What does not fit together is not for dewarping to mend.
-        distortion = [] if bad else _on_distortion(self)
+        distortion = [] if bad else judge("distortion", lambda: _on_distortion(self), failed)
         for name, part in parts.items():
             notes = [f"{name}: {note}" for note in part.assessment.notes]
             (care if part.assessment.usable else bad).extend(notes)
         # What is bent is off for that reason.
         if self.navigation is not None and (self.correction is not None or not distortion):
             care += filter(None, [self.navigation.unexplained])
-        return Assessment.of(bad=bad, care=[*care, *distortion])
+        return Assessment.of(bad=bad, care=[*care, *distortion, *failed])
 
     @property
     def output1(self) -> Output1:

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.arm import ArmModel
 from suta_calib.records import dataclass
@@ -181,6 +181,7 @@ class PathAccuracy:
         )
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Bad where the motions do not tell the latency, or the recording does not follow."""
         alignment, bad, care = self.alignment, list[str](), list[str]()

@@ -22,7 +22,7 @@ from suta_calib.analysis.iso10360.measured import (
     repeats,
 )
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.job.acceptance import AcceptanceJob
 from suta_calib.job.limits import (
     EXPANDED,
@@ -183,6 +183,7 @@ class AcceptanceTest:
         return np.zeros(0) if lengths is None else length_uncertainty(lengths, self.uncertainty)
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Passed, failed, or neither proved."""
         sentence = "No limits given: figures without pass or fail"

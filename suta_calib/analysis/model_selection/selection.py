@@ -30,7 +30,7 @@ from suta_calib.analysis.model_selection.cross_validation import (
     limited_rms,
 )
 from suta_calib.analysis.model_selection.linearised import LinearFit, Linearised
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, score_tests
@@ -122,6 +122,7 @@ class ModelSelection:
         return (*rows, *_rows(self.solution.problem.arm, self.added))
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Whether anything should be added to the job, and what must be known."""
         before, after = (

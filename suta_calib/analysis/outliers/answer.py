@@ -9,7 +9,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.problem import DEFAULT_SIGMA
@@ -264,6 +264,7 @@ class Outliers(Shown):
         return figure
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """What a reader must know: outliers first, then what is suspect or was set aside."""
         solution, terms = self.solution, self.terms

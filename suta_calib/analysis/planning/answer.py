@@ -9,7 +9,7 @@ from suta_calib.analysis.planning.candidates import Candidate, Unreachable
 from suta_calib.analysis.planning.region import Pool, Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.units import Unit, mm, text
@@ -225,6 +225,7 @@ class Plan(Shown):
         return axes
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """What the plan brings, and what must be known to believe it."""
         names = ", ".join(choice.candidate.name for choice in self.chosen)

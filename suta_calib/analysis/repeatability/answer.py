@@ -5,7 +5,7 @@ from __future__ import annotations
 from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.touches import RepeatedTouches
 from suta_calib.analysis.repeatability.visits import Repeatability
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.records import dataclass
 
 
@@ -18,6 +18,7 @@ class RepeatabilityTest:
     touches: RepeatedTouches | None = None
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """The worst of them, with the notes of all."""
         looked_at = (self.visits, self.touches, self.rest)

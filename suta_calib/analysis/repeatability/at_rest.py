@@ -17,7 +17,7 @@ import numpy as np
 
 from suta_calib.analysis.repeatability.scatter import deviations, median_angle
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import note_input
 from suta_calib.distributions import chi2, t
 from suta_calib.errors import SamplesError, did_you_mean
@@ -182,6 +182,7 @@ class Stationary:
         return float(self.stream.time[-1] - self.stream.time[0])
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Whether the arm was at rest, and what the encoders do meanwhile."""
         worst = max(self.joints, key=lambda each: each.std_detrended)

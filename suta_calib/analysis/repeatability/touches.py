@@ -21,7 +21,7 @@ from suta_calib.analysis.repeatability.scatter import (
 )
 from suta_calib.analysis.repeatability.visits import ELSEWHERE
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
@@ -84,6 +84,7 @@ class RepeatedTouches:
     confidence: float
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """What the repeats say, and what must be known before the figures are used."""
         inside = self.rms.interval(self.confidence)

@@ -30,7 +30,7 @@ from suta_calib.analysis.repeatability.scatter import (
 )
 from suta_calib.analysis.repeatability.stuck import Stuck, stuck
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
@@ -154,6 +154,7 @@ class Repeatability:
     confidence: float
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """What the visits say, and what must be known before the figures are used."""
         rp, inside = self.position.rp, self.position.rp.interval(self.confidence)

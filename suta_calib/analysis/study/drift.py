@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.accuracy import block_residuals, fit_own
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.records import dataclass
@@ -108,6 +108,7 @@ class DriftStudy:
         return float(np.quantile(self.first_over, _OUTSIDE, method="higher"))
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """When to calibrate again, for these rates."""
         limit = f"{mm(self.limit):.3f} mm"

@@ -20,7 +20,7 @@ from suta_calib.analysis.study.log import StudyLog, identity
 from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
 from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nominal_rms
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
+from suta_calib.assessment import Assessment, judged
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.records import dataclass
 from suta_calib.solver.solution import Estimate
@@ -123,6 +123,7 @@ class SizeStudy:
         return self.recommended is not None and self.recommended != self.solved[-1].size
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Whether the recommendation may be relied on."""
         if not self.solved:
@@ -259,6 +260,7 @@ class SpreadStudy:
     failures: dict[str, int]
 
     @property
+    @judged
     def assessment(self) -> Assessment:
         """Whether standard deviations may be believed."""
         estimated = [p for p in self.parameters.values() if math.isfinite(p.ratio)]
