@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple
 
@@ -15,11 +15,13 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
 from suta_calib.exchange.cut_off import WHOLE, check_end_of_program
+from suta_calib.exchange.external_axes import EXTERNAL_UNIT, ExternalAxes
 from suta_calib.exchange.imported import ImportedRows, checked_places, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
+from suta_calib.words import listed
 
 WHAT: Final = Option("what", "Which positions, where there are both.", choices=("joints", "poses"))
 NAMES: Final = Option(
@@ -35,11 +37,15 @@ _NAME: Final = re.compile(r"(\w+)\s*:?=\s*$")
 
 
 class _Found(NamedTuple):
-    """Positions of one kind: lines, names (empty where they have none), and their numbers."""
+    """Positions of one kind: lines, names (empty where they have none), and their numbers.
+
+    External axes are by name of each position.
+    """
 
     lines: list[int]
     names: list[str]
     numbers: FloatArray
+    external: list[Mapping[str, float]]
 
 
 class ProgramReader(Reader):
@@ -54,7 +60,7 @@ class ProgramReader(Reader):
         settings: matches what sets something other than a position, up to its end.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES, EXTERNAL_UNIT, WHOLE)
     joint_pattern: ClassVar[re.Pattern[str]]
     pose_pattern: ClassVar[re.Pattern[str]]
     comment: ClassVar[str]
@@ -76,6 +82,11 @@ class ProgramReader(Reader):
             ForeignFileError: numbers that are no orientation.
         """
 
+    def external(self, position: str) -> Mapping[str, float]:
+        """External axes by name in the text behind the numbers of a position."""
+        del position
+        return {}
+
     def read(self, path: Path, given: Given) -> ImportedRows:
         """A row for each position, in the program's order, with its line and its name."""
         text = read_foreign_text(path)
@@ -96,29 +107,37 @@ class ProgramReader(Reader):
         check_end_of_program(
             path, text, given, comment=self.comment, opening=self.opening, closing=self.closing
         )
-        lines, labels, numbers = found[what]
+        lines, labels, numbers, external = found[what]
+        axes = ExternalAxes.of(path, lines, external)
         beside: dict[str, NDArray[Any]] = {"line": np.array(lines)}
         if any(labels):
             beside["name"] = np.array(labels)
         if what == "poses":
             rotation, position = self.poses(numbers, path, lines)
             position = checked_places(path, lines, position)
-            columns = {**pose_columns(position, rotation), **beside}
-            return ImportedRows(source=path, form=self.name, columns=columns)
-        names = given.texts(NAMES) or tuple(f"joint_{k + 1}" for k in range(numbers.shape[1]))
-        if len(names) != numbers.shape[1] or len(set(names)) < len(names):
-            said = f"{len(names)} names"
-            raise given.refuse(NAMES, said, f"{numbers.shape[1]} different ones")
+            more, notes = axes.columns(axes.used((), 0), (), given, required=False)
+            columns = {**pose_columns(position, rotation), **more, **beside}
+            return ImportedRows(source=path, form=self.name, columns=columns, notes=tuple(notes))
+        count = numbers.shape[1]
+        names = given.texts(NAMES) or tuple(f"joint_{k + 1}" for k in range(count))
+        used = axes.used(names, count)
+        if len(names) not in (count, count + len(used)) or len(set(names)) < len(names):
+            with_them = f", or {count + len(used)} with {listed(used)}" if used else ""
+            expected = f"{count} different ones{with_them}"
+            raise given.refuse(NAMES, f"{len(names)} names", expected)
+        more, notes = axes.columns(used, names[count:], given, required=True)
         angles = self.joints(numbers)
         return ImportedRows(
             source=path,
             form=self.name,
-            columns={**dict(zip(names, angles.T, strict=True)), **beside},
+            columns={**dict(zip(names[:count], angles.T, strict=True)), **more, **beside},
+            notes=tuple(notes),
         )
 
     def _found(self, path: Path, text: str, pattern: re.Pattern[str]) -> _Found:
         """Each match; all must have as many numbers."""
         lines, names, rows = list[int](), list[str](), list[list[float]]()
+        external = list[Mapping[str, float]]()
         for number, line in enumerate(lines_of(text), 1):
             if len(line) > _LONGEST:
                 raise ForeignFileError(
@@ -140,4 +159,5 @@ class ProgramReader(Reader):
                 lines.append(number)
                 names.append("" if name is None else name[1])
                 rows.append(row)
-        return _Found(lines, names, np.array(rows))
+                external.append(self.external(content[match.end(1) :]))
+        return _Found(lines, names, np.array(rows), external)

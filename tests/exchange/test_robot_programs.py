@@ -111,3 +111,62 @@ def test_an_angle_of_very_many_turns_is_refused(tmp_path: Path) -> None:
     path.write_text("movel(p[1, 2, 3, 0, 0, 0])\nmovel(p[1, 2, 3, 0, 1e300, 0])\n")
     with pytest.raises(InputError, match=r"a\.script:2: found an angle of 1e\+300 rad"):
         imported(path, what="poses")
+
+
+# ── External axes ────────────────────────────────────────────────────────────────────────────
+TRACK = """\
+DEFDAT RUN PUBLIC
+DECL E6AXIS XP1={A1 10.0,A2 -80.0,A3 95.0,A4 10.0,A5 -20.0,A6 30.0,E1 0.0,E2 0.0}
+DECL E6AXIS XP2={A1 20.0,A2 -70.0,A3 85.0,A4 -10.0,A5 20.0,A6 -30.0,E1 1500.0,E2 0.0}
+ENDDAT
+"""
+SEVEN = """\
+MODULE m
+CONST jointtarget p1:=[[20,-100,30,0,40,0],[-80,9E9,9E9,9E9,9E9,9E9]];
+CONST jointtarget p2:=[[50,-90,40,80,30,10],[-60,9E9,9E9,9E9,9E9,9E9]];
+ENDMODULE
+"""
+
+
+def test_an_external_axis_that_moves_is_a_column_in_the_unit_that_is_said(tmp_path: Path) -> None:
+    path = tmp_path / "a.dat"
+    path.write_text(TRACK)
+    said = r"a\.dat:3: found the external axis E1, 0 to 1500, in mm or degrees; .*E1=mm, E1=deg"
+    with pytest.raises(InputError, match=said):
+        imported(path)
+    with pytest.raises(InputError, match="the external axis E1"):
+        imported(path, joint_names="a,b,c,d,e,f,track")  # no joint turns by 1500 degrees
+    for options, name in (({}, "E1"), ({"joint_names": "a,b,c,d,e,f,track"}, "track")):
+        found = imported(path, external_unit="E1=mm", **options)
+        np.testing.assert_allclose(found.columns[name], [0.0, 1.5])
+        assert "E2" not in found.columns
+    assert any("E1" in note for note in imported(path, external_unit="mm").notes)
+    assert "E1" not in imported(path, external_unit="E1=unused").columns
+    with pytest.raises(InputError, match="--external-unit: found the axis 'E7'"):
+        imported(path, external_unit="E7=mm")
+
+
+def test_the_seventh_joint_of_an_arm(tmp_path: Path) -> None:
+    path = tmp_path / "a.mod"
+    path.write_text(SEVEN)
+    with pytest.raises(InputError, match=r"a\.mod:2: found the external axis eax_a, -80 to -60"):
+        imported(path)
+    found = imported(path, joint_names="a,b,c,d,e,f,g")
+    np.testing.assert_allclose(found.columns["g"], np.deg2rad([-80, -60]))
+    assert "taken for degrees" in found.notes[0]
+    assert not imported(path, joint_names="a,b,c,d,e,f,g", external_unit="deg").notes
+    with pytest.raises(InputError, match="expected 6 different ones, or 7 with eax_a"):
+        imported(path, joint_names="a,b")
+    # It may stand at zero, and be in some positions only.
+    path.write_text(SEVEN.replace("[-80", "[0").replace("[-60", "[0"))
+    assert imported(path, joint_names="a,b,c,d,e,f,g").columns["g"].tolist() == [0.0, 0.0]
+    assert "eax_a" not in imported(path).columns
+    path.write_text(SEVEN.replace("[-60", "[9E9"))
+    with pytest.raises(InputError, match=r":3: found a position without the external axis eax_a"):
+        imported(path, external_unit="deg")
+
+
+def test_poses_say_that_an_external_axis_moved(tmp_path: Path) -> None:
+    path = tmp_path / "a.mod"
+    path.write_text(ABB)
+    assert "eax_a, -101.6 to -101.6, is left out" in imported(path).notes[0]

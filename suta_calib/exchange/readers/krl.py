@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.robot_program import NUMBER, ProgramReader
 from suta_calib.exchange.rotations import rotations_from
+from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_deg, from_mm
 
 
@@ -20,6 +21,7 @@ def _named(names: str) -> str:
 
 _AXES: Final = _named("A1 A2 A3 A4 A5 A6")
 _FRAME: Final = _named("X Y Z A B C")
+_EXTERNAL: Final = re.compile(rf"\b(E[1-6])\s+({NUMBER})", re.IGNORECASE)
 
 
 class KrlReader(ProgramReader):
@@ -40,6 +42,11 @@ class KrlReader(ProgramReader):
         del path
         begins = re.search(r"^\s*(?:&ACCESS|DEFDAT|DEF )", head, re.MULTILINE) is not None
         return begins or any(p.search(head) for p in (self.joint_pattern, self.pose_pattern))
+
+    def external(self, position: str) -> Mapping[str, float]:
+        """``E1 …`` to the position's end."""
+        found = _EXTERNAL.findall(position.partition("}")[0])
+        return {name.upper(): number_in(number) for name, number in found}
 
     def joints(self, numbers: FloatArray) -> FloatArray:
         """They are in degrees."""

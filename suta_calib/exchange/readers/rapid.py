@@ -3,21 +3,28 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar, Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.robot_program import NUMBER, ProgramReader
 from suta_calib.exchange.rotations import rotations_from
+from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_deg, from_mm
 
 
 def _list(count: int) -> str:
-    return rf"\[(?:\s*{NUMBER}\s*,){{{count - 1}}}\s*{NUMBER}\s*\]"
+    return rf"\[{_numbers(count)}\]"
+
+
+def _numbers(count: int) -> str:
+    return rf"(?:\s*{NUMBER}\s*,){{{count - 1}}}\s*{NUMBER}\s*"
 
 
 _TARGET: Final = rf"\[\s*({_list(3)}\s*,\s*{_list(4)})\s*,\s*\["
+# Behind the numbers that are read: the configuration of a robtarget, and the external axes.
+_EXTERNAL: Final = re.compile(rf"\s*,\s*(?:{_list(4)}\s*,\s*)?\[({_numbers(6)})\]", re.ASCII)
 _JOINTS: Final = rf"\[\s*({_list(6)})\s*,\s*\["
 
 
@@ -38,6 +45,12 @@ class RapidReader(ProgramReader):
         """Declarations of targets, or a module's beginning."""
         del path
         return re.search(r"\b(?:robtarget|jointtarget|MODULE)\b", head) is not None
+
+    def external(self, position: str) -> Mapping[str, float]:
+        """The six numbers of the last list; a robtarget has its configuration before."""
+        match = _EXTERNAL.match(position)
+        numbers = [] if match is None else match[1].split(",")
+        return {f"eax_{'abcdef'[k]}": number_in(each) for k, each in enumerate(numbers)}
 
     def joints(self, numbers: FloatArray) -> FloatArray:
         """They are in degrees."""
