@@ -18,7 +18,12 @@ MOTORS: Final = Option(
 COUNTS: Final = Option("counts_per_turn", "Ticks of one turn of an encoder.", "N")
 # Of the servos that LeRobot's arms have.
 _FEETECH: Final = "4096"
+LINES: Final = "lines"
+FEETECH: Final = "feetech"
+DYNAMIXEL: Final = "dynamixel"
 KEYS: Final = ("homing_offset", "range_min", "range_max", "drive_mode")
+# Of files that LeRobot wrote until mid 2025: a list for each key, in the order of these names.
+OLD_NAMES: Final = "motor_names"
 _LARGEST: Final = 1 << 31
 
 
@@ -26,9 +31,17 @@ def read_motors(path: Path) -> dict[str, dict[str, Any]]:
     """Motors by name, each with whole numbers for `KEYS`.
 
     Raises:
-        ForeignFileError: no such file, no JSON, or a motor without one of these numbers.
+        ForeignFileError: no such file, no JSON, an old file with lists, a motor without one
+            of these numbers, or without a range.
     """
     data = read_json(path)
+    if OLD_NAMES in data:
+        raise ForeignFileError(
+            f"a calibration with lists by {OLD_NAMES}, as LeRobot wrote it until mid 2025",
+            f"one with {', '.join(KEYS)} of each motor",
+            file=path,
+            hint="its zeros are others: calibrate the arm again with LeRobot of today",
+        )
     for name, motor in data.items():
         if not isinstance(motor, dict):
             raise ForeignFileError(repr(motor)[:40], "a motor", file=path, where=name)
@@ -38,6 +51,15 @@ def read_motors(path: Path) -> dict[str, dict[str, Any]]:
                 where = f"{name}.{key}"
                 found = repr(number)[:40]
                 raise ForeignFileError(found, "a whole number", file=path, where=where)
+        least, most = motor["range_min"], motor["range_max"]
+        if least >= most:
+            raise ForeignFileError(
+                f"a range from {least} to {most}",
+                "range_min less than range_max: the zero is in their middle",
+                file=path,
+                where=name,
+                hint="calibrate it again, and move the motor while LeRobot records its range",
+            )
     return data
 
 
@@ -51,8 +73,3 @@ def counts_of(given: Given) -> int:
     if not (text.isascii() and text.isdigit() and 1 < int(text[:12]) < _LARGEST):
         raise given.refuse(COUNTS, repr(text), "a whole number, such as 4096")
     return int(text)
-
-
-def sign_of(motor: dict[str, Any]) -> int:
-    """Which way a motor counts: -1 backwards, as its ``drive_mode`` says."""
-    return -1 if motor["drive_mode"] else 1

@@ -187,8 +187,9 @@ def test_lerobot(result: Result, tmp_path: Path) -> None:
         assert {**after[motor], "homing_offset": 0} == {**motors[motor], "homing_offset": 0}
 
 
-def test_lerobot_in_and_out_again(result: Result, tmp_path: Path) -> None:
-    """The device of the new file reads what the old one's did and the offset, either way round.
+@pytest.mark.parametrize(("bus", "sign"), [("feetech", -1), ("dynamixel", 1)])
+def test_lerobot_in_and_out_again(bus: str, sign: int, result: Result, tmp_path: Path) -> None:
+    """The device of the new file reads what the old one's did and the offset, whatever the mode.
 
     A gripper, which is no joint of the chain, stays as it is.
     """
@@ -201,14 +202,14 @@ def test_lerobot_in_and_out_again(result: Result, tmp_path: Path) -> None:
     }
     before = tmp_path / "before.json"
     before.write_text(json.dumps(motors))
-    after = exported(result, "lerobot", tmp_path, calibration=str(before))
+    after = exported(result, "lerobot", tmp_path, calibration=str(before), bus=bus)
     changed = json.loads(after.read_text())
     encoder = np.linspace(1500, 2700, len(motors)).round()
     readings = []
     for path, held in ((before, motors), (after, changed)):
         read_foreign(path, bus="lines").write(tmp_path / "device.yaml")
         decoder = decoder_for(read_device(tmp_path / "device.yaml"))
-        ticks = [e - m["homing_offset"] for e, m in zip(encoder, held.values(), strict=True)]
+        ticks = [e + sign * m["homing_offset"] for e, m in zip(encoder, held.values(), strict=True)]
         (reading,) = decoder.feed(f"\n{','.join(map(str, ticks))}\n".encode(), 0.0)
         readings.append(reading.angles)
     offsets = [*(values.get(f"{joint}.offset", 0.0) for joint in joints), 0.0]

@@ -44,6 +44,9 @@ def test_datasets_that_cannot_be_used(tmp_path: Path) -> None:
         info.write_text(text)
         with pytest.raises(InputError, match=says):
             imported(sample.path, **sample.options)
+    info.write_text(json.dumps(json.loads(good) | {"total_frames": 10**6}))
+    with pytest.raises(InputError, match=r"expected 1000000, as the file says"):
+        imported(sample.path, **sample.options)
     info.write_text(good)
     outside = tmp_path / "outside.parquet"
     file = sample.path / "data/chunk-000/file-001.parquet"

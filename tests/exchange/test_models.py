@@ -32,7 +32,7 @@ def test_a_dh_table_becomes_a_urdf(tmp_path: Path) -> None:
 
 
 def test_lerobot_motors_become_a_device(tmp_path: Path) -> None:
-    """Angles of ticks are LeRobot's degrees: from the middle of the range, reversed by the mode."""
+    """Angles of ticks are LeRobot's degrees, from the middle of the range, whatever the mode."""
     path = SAMPLES["lerobot-calibration"](tmp_path).path
     out = tmp_path / "device.yaml"
     words = ("--port", "/dev/ttyUSB3", "--motors", "elbow_flex=joint_3", "--out", out)
@@ -48,9 +48,18 @@ def test_lerobot_motors_become_a_device(tmp_path: Path) -> None:
         reading.angles, (2500, 2500, 1000), MOTORS.values(), strict=True
     ):
         middle = (motor["range_min"] + motor["range_max"]) / 2
-        sign = -1 if motor["drive_mode"] else 1
-        wanted = sign * (ticks - middle) * math.tau / 4096
+        wanted = (ticks - middle) * math.tau / 4096
         assert angle == pytest.approx(wanted, abs=0.5 * math.tau / 4096 + 1e-9)
+
+
+@pytest.mark.parametrize("bus", ["feetech", "dynamixel", "lines"])
+def test_a_drive_mode_turns_no_reading_round(bus: str, tmp_path: Path) -> None:
+    """LeRobot 0.4 `_normalize` in degrees: (position - middle) 360 / 4095 of every servo."""
+    path = SAMPLES["lerobot-calibration"](tmp_path).path
+    found = read_foreign(path, bus=bus)
+    found.write(tmp_path / "device.yaml")
+    assert [joint.sign for joint in read_device(tmp_path / "device.yaml").joints] == [1, 1, 1]
+    assert any("drive_mode of shoulder_lift is not applied" in each for each in found.seen)
 
 
 def test_motors_may_be_asked_by_another_program(tmp_path: Path) -> None:
@@ -72,6 +81,8 @@ def test_motors_may_be_asked_by_another_program(tmp_path: Path) -> None:
         ('"homing_offset": -150', '"homing_offset": "x"', "shoulder_pan.homing_offset: found 'x'"),
         ('"range_min": 701', '"range_min": 1.5', "shoulder_pan.range_min: found 1.5"),
         ('"drive_mode": 0,', "", "shoulder_pan.drive_mode: found None"),
+        ('"range_max": 3300', '"range_max": 701', "shoulder_pan: found a range from 701 to 701"),
+        ("{", '{"motor_names": ["a"],', "lists by motor_names, as LeRobot wrote it until mid 2025"),
     ],
 )
 def test_motors_that_cannot_be_used(old: str, new: str, says: str, tmp_path: Path) -> None:

@@ -7,17 +7,26 @@ from pathlib import Path
 from typing import Any, ClassVar, Final
 
 from suta_calib.exchange.imported import ImportedFile
-from suta_calib.exchange.lerobot_motors import COUNTS, KEYS, MOTORS, counts_of, read_motors, sign_of
+from suta_calib.exchange.lerobot_motors import (
+    COUNTS,
+    DYNAMIXEL,
+    FEETECH,
+    KEYS,
+    LINES,
+    MOTORS,
+    OLD_NAMES,
+    counts_of,
+    read_motors,
+)
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.yaml_text import yaml_bytes
+from suta_calib.words import listed
 
-LINES: Final = "lines"
-FEETECH: Final = "feetech"
 BUS: Final = Option(
     "bus",
     "Which servos they are, so that they are asked themselves; lines for a program that does.",
-    choices=(FEETECH, "dynamixel", LINES),
+    choices=(FEETECH, DYNAMIXEL, LINES),
 )
 # Number of a servo.
 _LARGEST: Final = 252
@@ -36,10 +45,16 @@ class LerobotCalibrationReader(Reader):
     def recognises(self, path: Path, head: str) -> bool:
         """Motors with homing offsets."""
         del path
-        return all(json.dumps(key) in head for key in KEYS)
+        old = (KEYS[0], OLD_NAMES)
+        return any(all(json.dumps(key) in head for key in keys) for keys in (KEYS, old))
 
     def read(self, path: Path, given: Given) -> ImportedFile:
-        """A device whose ticks are those of Present_Position, less the servo's homing offset."""
+        """A device whose ticks are those of Present_Position, which counts as LeRobot's degrees do.
+
+        No ``drive_mode`` turns them round: LeRobot applies it to shares of a range only, and a
+        Dynamixel that has it in its register turns its Present_Position round itself
+        (LeRobot 0.4, ``_normalize`` and ``apply_drive_mode`` of its motors' buses).
+        """
         motors, counts, names = read_motors(path), counts_of(given), given.pairs(MOTORS)
         numbered = all(_number(motor) is not None for motor in motors.values())
         bus = given.text(BUS, FEETECH if numbered else LINES)
@@ -51,9 +66,8 @@ class LerobotCalibrationReader(Reader):
         for name, motor in motors.items():
             # Whole counts: half a tick is less than any servo repeats.
             zero = (motor["range_min"] + motor["range_max"]) // 2
-            sign = sign_of(motor)
             number = {} if bus == LINES else {"id": _number(motor)}
-            joints.append({"name": names.get(name, name), **number, "sign": sign, "zero": zero})
+            joints.append({"name": names.get(name, name), **number, "sign": 1, "zero": zero})
         device = {
             "port": given.text(PORT, "/dev/ttyACM0"),
             "format": bus,
@@ -68,6 +82,11 @@ class LerobotCalibrationReader(Reader):
         said = [] if PORT in given else [f"The port is {device['port']}, unless --port says else."]
         if BUS not in given and bus != LINES:
             said.append(f"The servos are {bus}, unless {BUS.switch} says else.")
+        if turned := [name for name, motor in motors.items() if motor["drive_mode"]]:
+            said.append(
+                f"drive_mode of {listed(turned)} is not applied, as in LeRobot's degrees: "
+                "readings count as the servo's Present_Position does."
+            )
         return ImportedFile(
             source=path,
             form=self.name,

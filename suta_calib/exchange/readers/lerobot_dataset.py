@@ -12,6 +12,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import is_folder, is_plain_file
+from suta_calib.exchange.cut_off import WHOLE, check_count
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.json_input import read_json
 from suta_calib.exchange.lerobot_motors import MOTORS
@@ -38,7 +39,7 @@ class LerobotDatasetReader(Reader):
     name: ClassVar[str] = "lerobot-dataset"
     summary: ClassVar[str] = "LeRobot dataset (a folder with meta/info.json): rests of its states"
     example: ClassVar[str] = "my_dataset --state-unit deg --motors elbow_flex=joint_3 --out a.csv"
-    options: ClassVar[tuple[Option, ...]] = (STATE_UNIT, MOTORS, SECONDS)
+    options: ClassVar[tuple[Option, ...]] = (STATE_UNIT, MOTORS, SECONDS, WHOLE)
     extra: ClassVar[str] = "parquet"
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -51,13 +52,17 @@ class LerobotDatasetReader(Reader):
         if not is_folder(path):
             found = "a file" if is_plain_file(path) else "no such file"
             raise ForeignFileError(found, "the folder of a dataset", file=path)
-        names = _motors(path / "meta" / "info.json")
+        info = read_json(path / "meta" / "info.json")
+        names = _motors(path / "meta" / "info.json", info)
         unit = given.text(STATE_UNIT)
         if not unit:
             found = "states, and not in which unit"
             expected = "deg or rad: a share of a motor's range is no angle"
             raise given.refuse(STATE_UNIT, found, expected)
         time, states = self._rows(path, len(names))
+        stated = info.get("total_frames")
+        stated = float(stated) if isinstance(stated, int) else float("nan")
+        check_count(path, len(time), stated, "frames", given)
         angles = from_deg(states) if unit == "deg" else states
         renamed = given.pairs(MOTORS)
         joints = [renamed.get(name, name) for name in names]
@@ -113,9 +118,9 @@ def _array(file: Path, name: str, values: Sequence[Any]) -> FloatArray:
     return found
 
 
-def _motors(path: Path) -> list[str]:
-    """Names of the states' motors, without what LeRobot puts behind them."""
-    told: Any = read_json(path)
+def _motors(path: Path, info: Any) -> list[str]:
+    """Names of the states' motors in ``info.json``, without what LeRobot puts behind them."""
+    told = info
     for key in ("features", _STATE, "names"):
         told = told.get(key) if isinstance(told, dict) else None
     if isinstance(told, dict) and len(told) == 1:

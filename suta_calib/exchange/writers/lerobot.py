@@ -6,7 +6,14 @@ import math
 from typing import ClassVar, Final
 
 from suta_calib.errors import InputError
-from suta_calib.exchange.lerobot_motors import COUNTS, MOTORS, counts_of, read_motors, sign_of
+from suta_calib.exchange.lerobot_motors import (
+    COUNTS,
+    DYNAMIXEL,
+    FEETECH,
+    MOTORS,
+    counts_of,
+    read_motors,
+)
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
 from suta_calib.exchange.writer import Writer
@@ -16,6 +23,11 @@ from suta_calib.model.parameters import OFFSET
 CALIBRATION: Final = Option(
     "calibration", "The calibration JSON that is to be corrected.", "FILE.json", file=True
 )
+BUS: Final = Option(
+    "bus",
+    "Which servos they are: Dynamixel adds a homing offset, Feetech subtracts it.",
+    choices=(FEETECH, DYNAMIXEL),
+)
 
 
 class LerobotWriter(Writer):
@@ -24,21 +36,21 @@ class LerobotWriter(Writer):
     name: ClassVar[str] = "lerobot"
     summary: ClassVar[str] = "LeRobot calibration JSON with corrected homing_offset"
     example: ClassVar[str] = "results --format lerobot --calibration so101.json --out new.json"
-    options: ClassVar[tuple[Option, ...]] = (CALIBRATION, MOTORS, COUNTS)
+    options: ClassVar[tuple[Option, ...]] = (CALIBRATION, BUS, MOTORS, COUNTS)
     file: ClassVar[str] = "exported_lerobot.json"
     notes: ClassVar[tuple[str, ...]] = (
         "Homing offsets are whole ticks: what is less than half of one is lost.",
         "Write them to the motors: LeRobot's own check of a calibration does.",
-        "A motor of drive_mode 1 counts backwards in a device.yaml that import made, not in "
-        "LeRobot's own degrees: the offset of such a joint must be of the former's readings.",
+        "Readings count as Present_Position does, whatever the drive_mode: as LeRobot's degrees, "
+        "and as a device.yaml that import makes.",
     )
 
     def content(self, result: Result, given: Given) -> bytes:
         """The calibration, every other number as it was.
 
-        A servo reports its position less its homing offset: to read more, the offset is less, or
-        more where the motor counts backwards. The range stays, because LeRobot counts degrees from
-        its middle.
+        A Feetech servo reports its position less its homing offset, a Dynamixel adds it: to read
+        more, the offset is less, or more. The range stays, because LeRobot counts degrees from its
+        middle.
         """
         arm = result.need_arm(self.name)
         path = given.path(CALIBRATION)
@@ -47,6 +59,7 @@ class LerobotWriter(Writer):
             raise given.refuse(CALIBRATION, found, "LeRobot's JSON of this arm")
         motors, counts = read_motors(path), counts_of(given)
         names = given.pairs(MOTORS)
+        sign = 1 if given.text(BUS, FEETECH) == DYNAMIXEL else -1
         joints = {names.get(motor, motor): motor for motor in motors}
         if missing := [joint for joint in arm.model.joints if joint not in joints]:
             raise InputError(
@@ -60,7 +73,7 @@ class LerobotWriter(Writer):
                 raise InputError(f"{joint}, which slides", "joints that turn", file=path)
             ticks = arm.values.get(f"{joint}.{OFFSET}", 0.0) * counts / math.tau
             motor = motors[joints[joint]]
-            motor["homing_offset"] -= sign_of(motor) * round(ticks)
+            motor["homing_offset"] += sign * round(ticks)
         return json_bytes(motors)
 
     def lost(self, arm: CalibratedArm) -> list[str]:
