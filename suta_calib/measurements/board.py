@@ -62,7 +62,9 @@ MARKERS_KEYS: Final = Keys(
     Key(
         "markers",
         "by number",
-        "The markers by their number in the dictionary, each where its middle is on the board.",
+        "The markers by their number in the dictionary, each where its middle is on the board. A "
+        "marker's own axes are right, down and into it: where y of these places is up, give each "
+        "`rotation_rpy_deg: [180, 0, 0]`.",
         required=True,
         inside=MARKER_KEYS,
     ),
@@ -120,6 +122,11 @@ class Board(ABC):
     def flat(self) -> bool:
         """Whether all its points lie in one plane of the same z."""
         return len({float(point[2]) for point in self.points.values()}) == 1
+
+    @property
+    def into(self) -> float:
+        """1 where z of its frame points into a flat board from its face, -1 where out of it."""
+        return 1.0
 
     @property
     def numbering(self) -> str:
@@ -320,6 +327,11 @@ class Markers(Board):
                 one["rotation_rpy_deg"] = deg(rpy_from_rotation(marker.rotation)).tolist()
             listed[number] = one | {"size_mm": mm(marker.size)}
         return {"type": self.type, "dictionary": self.dictionary, "markers": listed}
+
+    @property
+    def into(self) -> float:
+        """As its markers have it."""
+        return -1.0 if all(m.rotation[2, 2] < 0.0 for m in self.markers.values()) else 1.0
 
     @property
     def numbering(self) -> str:

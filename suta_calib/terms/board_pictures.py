@@ -115,7 +115,7 @@ class BoardPictures:
         if not self.board.flat:
             return False
         rotation, position = some_poses(self.poses, self.told)
-        facing = np.einsum("ni,ni->n", rotation[:, :, 2], position)
+        facing = np.einsum("ni,ni->n", rotation[:, :, 2], position) * self.board.into
         return bool(len(facing) and np.median(facing) < 0)
 
     @cached_property

@@ -71,7 +71,7 @@ class BoardSight:
             return np.ones(len(self.position), dtype=np.bool_)
         middle = self.position + self.rotation @ self._on_board.mean(axis=0)
         distance = np.maximum(np.linalg.norm(middle, axis=1), 1e-300)
-        cosine = np.einsum("ni,ni->n", self.rotation[:, :, 2], middle) / distance
+        cosine = np.einsum("ni,ni->n", self.rotation[:, :, 2], middle) / distance * self.board.into
         return np.asarray(cosine > _GRAZING)
 
 

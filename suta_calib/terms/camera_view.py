@@ -195,7 +195,12 @@ class CameraView(FramedTerm):
         Raises:
             SamplesError: corners that cannot be used, or that belong to no sample.
         """
+        from suta_calib.measurements.marker_axes import markers_as_seen
+
         corners.check(board, camera)
+        board, turned = markers_as_seen(board, corners)
+        if turned:
+            warnings.warn(f"{corners.path or 'corners'}: {turned}", SutaCalibWarning, stacklevel=2)
         poses, prior = with_corners(poses, corners, board), None
         if camera is None:
             from suta_calib.terms.camera_alone import camera_alone

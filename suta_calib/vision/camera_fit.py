@@ -28,6 +28,10 @@ LEAST_VIEWS: Final = 3
 _FLAT: Final = 1e-6
 
 
+class NoCameraFitsError(SamplesError):
+    """Corners of a board that no camera explains: what is wrong is the board's file, mostly."""
+
+
 @dataclass(frozen=True)
 class CameraFitOptions:
     """What a calibration of a camera must keep to.
@@ -39,6 +43,8 @@ class CameraFitOptions:
         useless: the same, from which on the camera must not be used.
         covered: least share of the picture that corners should have covered; outside, distortion
             is extrapolated.
+        unfit: RMS, as a share of the picture's larger side, from which on no camera fits: half a
+            per cent is 3 px of 640, and no lens is bent so that five numbers leave that.
         astray: a picture is left out where its RMS is so many times the median.
         noticed: px; none is left out below it.
     """
@@ -46,6 +52,7 @@ class CameraFitOptions:
     doubtful: float = 0.005
     useless: float = 0.05
     covered: float = 0.25
+    unfit: float = 0.005
     astray: float = 5.0
     noticed: float = 1.0
 
@@ -95,6 +102,7 @@ def calibrate_camera(
 
     Raises:
         SamplesError: too few pictures, or pictures that determine no camera.
+        NoCameraFitsError: corners that none explains.
     """
     how = options or CameraFitOptions()
     names = [name for name in corners.images if np.sum(corners.image == name) >= LEAST_CORNERS]
@@ -116,6 +124,16 @@ def calibrate_camera(
         astray[worst] = views[worst]
         names.remove(worst)
     rms = float(np.sqrt(np.mean(np.sum(residuals**2, axis=1))))
+    if not rms <= how.unfit * max(width, height):
+        # Of a search that went astray the number itself means nothing.
+        off = f"{rms:.1f} px" if rms < max(width, height) else "by more than the picture's size"
+        raise NoCameraFitsError(
+            f"corners that no camera explains (off {off})",
+            "corners of the board as its file has it",
+            where="camera",
+            hint="check counts, sizes, places and turns in the board's file. Or is it "
+            "a fisheye lens?",
+        )
     hull = opencv().convexHull(used.pixel.astype(np.float32))
     covered = float(opencv().contourArea(hull)) / (width * height)
     assessment = _assessed(camera, rms, len(views), covered, how)
@@ -234,7 +252,8 @@ def view_poses(
         camera: that took them.
 
     Returns:
-        ``T_camera_board`` (4, 4), m, by picture, where its corners tell it (at least four); and
+        ``T_camera_board`` (4, 4), m, by picture, where its corners tell it (at least four) and some
+        pose has them in the picture; and
         (n, 2) residuals of all corners, px, NaN in other pictures.
     """
     cv2 = opencv()
@@ -249,10 +268,13 @@ def view_poses(
             continue
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(place)
-        poses[name] = T
-        residuals[rows] = _linearised(
-            board, corners, name, camera.intrinsics, np.ravel(turn), np.ravel(place)
-        )[0]
+        off = _linearised(board, corners, name, camera.intrinsics, np.ravel(turn), np.ravel(place))[
+            0
+        ]
+        # A search that went astray ends anywhere: beyond the picture nothing is told by how far.
+        if np.abs(off).max() > max(camera.width, camera.height):
+            continue
+        poses[name], residuals[rows] = T, off
     return poses, residuals
 
 

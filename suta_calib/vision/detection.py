@@ -17,11 +17,13 @@ from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
+from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.processes import usable_cores
 from suta_calib.records import dataclass
 from suta_calib.vision.camera_fit import (
     CameraFit,
     CameraFitOptions,
+    NoCameraFitsError,
     calibrate_camera,
     rms_by_view,
     view_poses,
@@ -84,7 +86,7 @@ class Detection:
     """Corners found in pictures.
 
     Attributes:
-        board: that was sought.
+        board: that was sought, its markers turned as they are seen.
         views: every picture, in order.
         corners: of all pictures that are not left out.
         camera: that was given, or is calibrated; None where the pictures determine none.
@@ -153,10 +155,14 @@ def detect(
     views = _one_size(_searched(pictures, finder_of(board), how.workers, progress), camera)
     if not any(view.found for view in views):
         raise _none_found(views)
+    board, turned = markers_as_seen(board, _corners(views))
     fit, notes = None, []
+    bad: list[str] = []
     if camera is None:
         try:
             fit = calibrate_camera(_corners(views), board, *_size(views), how.camera)
+        except NoCameraFitsError as problem:
+            bad.append(f"No camera is calibrated: found {problem.found}; {problem.hint}")
         except SamplesError as problem:
             notes.append(
                 f"No camera is calibrated: found {problem.found}; expected {problem.expected}."
@@ -168,11 +174,10 @@ def detect(
         fit = replace(fit, camera=replace(fit.camera, corners=corners.digest))
         camera = fit.camera
     residuals = None
-    bad: list[str] = []
     if camera is not None:
         _, residuals = view_poses(corners, board, camera)
         rms = rms_by_view(corners, residuals)
-        views = [replace(view, rms=rms.get(view.picture.name)) for view in views]
+        views = [_with_rms(view, rms) for view in views]
         if fit is None:
             bad, notes = _judged(list(rms.values()), how)
     notes = [*_symmetry(board), *notes, *_left_out(views)]
@@ -181,7 +186,8 @@ def detect(
     if fit is not None:
         sentence += f" {fit.assessment.sentence}"
         (bad if not fit.assessment.usable else notes).extend(fit.assessment.notes)
-    assessment = Assessment.of(sentence, bad=bad, care=notes, known=_on_its_side(board, views))
+    known = [*filter(None, [turned]), *_on_its_side(board, views)]
+    assessment = Assessment.of(sentence, bad=bad, care=notes, known=known)
     return Detection(board, views, corners, camera, fit, residuals, assessment)
 
 
@@ -242,6 +248,12 @@ def _one_size(views: list[View], camera: Camera | None) -> list[View]:
     ]
 
 
+def _with_rms(view: View, rms: Mapping[str, float]) -> View:
+    """A picture with the RMS of its corners, where some pose of the board explains them."""
+    value = rms.get(view.picture.name, float("nan"))
+    return replace(view, rms=value if np.isfinite(value) else None)
+
+
 def _fitting(view: View, astray: Mapping[str, float]) -> View:
     """A picture, left out where its corners do not fit the others'."""
     if view.picture.name not in astray:
@@ -276,10 +288,14 @@ def _none_found(views: Sequence[View]) -> InputError:
 
 def _judged(rms: Sequence[float], how: DetectionOptions) -> tuple[list[str], list[str]]:
     """What is bad about a camera that was given, and what must be known."""
-    told = [each for each in rms if np.isfinite(each)]
+    told = [each if np.isfinite(each) else np.inf for each in rms]
     median = float(np.median(told)) if told else 0.0
     files = "The camera's file, or the board's,"
-    said = f"{files} does not fit the pictures: RMS {median:.1f} px (median)"
+    said = f"{files} does not fit the pictures: " + (
+        f"RMS {median:.1f} px (median)"
+        if np.isfinite(median)
+        else "no pose of the board explains most of them"
+    )
     if median > how.unfit:
         return [f"{said}; is it of another camera, focus or resolution?"], []
     remedy = "measure the board, and calibrate the camera with --camera-out."

@@ -13,7 +13,14 @@ cv2 = pytest.importorskip("cv2")
 from vision_scenes import CAMERA, CHESSBOARD, facing, taken, truth, write_picture  # noqa: E402
 
 from suta_calib.errors import InputError, SamplesError  # noqa: E402
-from suta_calib.measurements import Camera, Chessboard, corners_of, read_board  # noqa: E402
+from suta_calib.measurements import (  # noqa: E402
+    Camera,
+    Chessboard,
+    Marker,
+    Markers,
+    corners_of,
+    read_board,
+)
 from suta_calib.vision import (  # noqa: E402
     calibrate_camera,
     detect,
@@ -22,6 +29,7 @@ from suta_calib.vision import (  # noqa: E402
     view_poses,
 )
 
+TAGS = "DICT_APRILTAG_36h11"
 POINTS = np.arange(len(CHESSBOARD.points))
 
 
@@ -132,6 +140,29 @@ def test_another_cameras_file_does_not_fit(folder: Path):
 def test_no_board_anywhere_says_what_there_was(folder: Path):
     with pytest.raises(InputError, match="6x5 inner corners instead of 7x4"):
         detect(find_pictures([folder / "good_0.png"]), Chessboard(7, 4, 0.03))
+
+
+def test_a_file_of_markers_that_no_camera_fits_says_so(tmp_path: Path):
+    """Markers with y down at places with y up are read as seen; two exchanged ones are refused."""
+    places = {n: np.array([0.06 * (n % 3), 0.06 * (n // 3), 0.0]) for n in range(6)}
+    for k in range(4):
+        board = Markers(TAGS, {n: Marker(p, 0.04) for n, p in places.items()})
+        write_picture(
+            tmp_path / f"{k}.png", taken(board, facing(board, (25 - 15 * k, 10 * k - 20, 0)))
+        )
+    up = {n: Marker(p * [1, -1, 1], 0.04) for n, p in places.items()}
+    found = detect(find_pictures([tmp_path]), Markers(TAGS, up))
+    assert found.rms < 0.2
+    assert "y up" in found.assessment.notes[-1]
+    exchanged = up | {0: up[5], 5: up[0]}
+    for camera in (None, CAMERA):
+        found = detect(find_pictures([tmp_path]), Markers(TAGS, exchanged), camera)
+        assert not found.assessment.usable
+        assert found.rms is None or found.rms < 320
+    assert (
+        "no camera explains"
+        in detect(find_pictures([tmp_path]), Markers(TAGS, exchanged)).assessment.notes[0]
+    )
 
 
 def test_columns_for_rows_are_the_same_board_on_its_side(folder: Path):
