@@ -13,8 +13,8 @@ import pytest
 from suta_calib.lazy import UNUSED_OF_NUMPY
 
 ROWS = (
-    {"errors", "arrays", "units", "assessment", "atomic", "distributions", "extras", "halton"}
-    | {"incomplete", "lazy", "processes", "records", "showing", "threads", "words"},
+    {"errors", "arrays", "units", "assessment", "atomic", "confined", "distributions", "extras"}
+    | {"halton", "incomplete", "lazy", "processes", "records", "showing", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},

@@ -3,15 +3,38 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.atomic import note_input
-from suta_calib.errors import SutaCalibError, UrdfError
+from suta_calib.errors import UrdfError
 from suta_calib.extras import load
+from suta_calib.records import dataclass
 
+_CHILD: Final = "suta_calib.model.xacro_child"
 _LONGEST: Final = 200
+_EXPECTED: Final = "a file that xacro expands by itself, from files of its own description"
+_HINT: Final = (
+    "a .xacro can hold a program, so here it may only compute and read its own folder; if you "
+    "trust it, expand it yourself: xacro FILE.xacro > FILE.urdf"
+)
+_ARGUMENT_HINT: Final = (
+    "give it a default in the file, or expand it yourself: xacro FILE.xacro NAME:=VALUE > FILE.urdf"
+)
+
+
+@dataclass(frozen=True)
+class _Expansion:
+    """What a file made, and the files that it was made of with their sizes and times."""
+
+    urdf: bytes
+    files: Mapping[str, tuple[int, ...]]
+
+
+# One command reads a description several times: its tree, its kinematics, and what it writes.
+_expansions: dict[str, _Expansion] = {}
 
 
 def is_xacro(path: Path) -> bool:
@@ -22,28 +45,76 @@ def is_xacro(path: Path) -> bool:
 def expanded(path: Path) -> bytes:
     """The URDF that a xacro file makes, with its default arguments.
 
-    ``$(find …)`` and ``package://`` are looked for in folders above the file, without ROS.
+    A ``.xacro`` is a program. It is expanded in a process of its own without power: expressions
+    compute and do nothing else, files are read from the description's folder alone (the package
+    that the file is in, or its folder), there is no environment, and time and memory are bounded.
+    ``$(find …)`` finds that package and those beside it, without ROS.
 
     Raises:
-        UrdfError: missing, or refused by xacro, with what it said.
-        MissingExtraError: xacrodoc is not installed.
+        UrdfError: missing, or refused by xacro, with what it said, or beyond what it may do.
+        MissingExtraError: xacro is not installed.
     """
     if not path.is_file():
         found = "a directory" if path.is_dir() else "no such file"
         raise UrdfError(found, "a .xacro file", file=path)
     note_input(path)
-    xacrodoc = load("xacrodoc", "formats")
+    key = os.path.abspath(path)  # noqa: PTH100 (links lead to other descriptions)
+    known = _expansions.get(key)
+    if known is None or any(_stamp(name) != stamp for name, stamp in known.files.items()):
+        known = _expansions[key] = _expand(path)
+    for name in known.files:
+        note_input(Path(name))
+    return known.urdf
+
+
+def _expand(path: Path) -> _Expansion:
+    # Few URDFs are generated.
+    from suta_calib.confined import ConfinedError, run_confined
+
+    load("xacro", "formats")
     try:
-        text = xacrodoc.XacroDoc.from_file(str(path)).to_urdf_string()
-    except SutaCalibError:
-        raise
-    # Whatever stands in the file's expressions may raise whatever it likes.
-    except Exception as problem:  # noqa: BLE001
-        said = " ".join(f"{type(problem).__name__}: {problem}".split())[:_LONGEST]
-        raise UrdfError(
-            f"what xacro refuses ({said})", "a file that xacro expands by itself", file=path
-        ) from None
-    return str(text).encode()
+        found = run_confined(_CHILD, str(path))
+    except ConfinedError as problem:
+        said = f"what takes {problem} to expand"
+        raise UrdfError(said, _EXPECTED, file=path, hint=_HINT) from None
+    if "refused" in found:
+        raise _refusal(path, found)
+    files = {str(name): _stamp(str(name)) for name in found["files"]}
+    return _Expansion(str(found["urdf"]).encode(), files)
+
+
+def _refusal(path: Path, found: Mapping[str, Any]) -> UrdfError:
+    """The error that the child found, in this file or in one that it includes."""
+    said, file = str(found["refused"])[:_LONGEST], Path(str(found["file"]))
+    argument = said.startswith("ArgException: ")
+    if argument:
+        said = f"no value of the argument {said.removeprefix('ArgException: ')!r}"
+    included = file.name if os.path.realpath(file) != os.path.realpath(path) else ""
+    kind = "may not do here" if found["forbidden"] else "refuses"
+    return UrdfError(
+        f"what xacro {kind} ({said})",
+        _EXPECTED,
+        file=path,
+        line=None if included else _line(path, str(found["expression"])),
+        where=included,
+        hint=_HINT if found["forbidden"] else _ARGUMENT_HINT if argument else "",
+    )
+
+
+def _stamp(file: str) -> tuple[int, ...]:
+    try:
+        status = os.stat(file)  # noqa: PTH116
+    except OSError:
+        return ()
+    return status.st_size, status.st_mtime_ns
+
+
+def _line(path: Path, expression: str) -> int | None:
+    """The first line with an expression."""
+    if not expression:
+        return None
+    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
+    return next((n for n, line in enumerate(lines, 1) if expression in line), None)
 
 
 @contextlib.contextmanager

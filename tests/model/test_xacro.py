@@ -12,7 +12,7 @@ from cli_job import cli, write_simulated_job
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 
-pytest.importorskip("xacrodoc")
+pytest.importorskip("xacro")
 
 
 def as_xacro(urdf: Path, path: Path) -> Path:
@@ -72,7 +72,7 @@ def test_what_xacro_refuses_is_said(text: str, says: str, tmp_path: Path) -> Non
     path.write_text(text)
     with pytest.raises(UrdfError, match=says) as refused:
         ArmModel.from_urdf(path, "tip")
-    assert str(refused.value).startswith(f"{path}: ")
+    assert str(refused.value).startswith(f"{path}:")
     assert "\n" not in str(refused.value)
 
 

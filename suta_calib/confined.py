@@ -1,0 +1,111 @@
+"""Reading a stranger's file in a process of its own, with bounded time, memory and power.
+
+Macro languages and model compilers do what a file tells them. So they run in a child process:
+without the user's environment, with limits of the operating system on processor time, memory and
+written files, and with an end after a time on the clock. The child answers with one line of JSON.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+_ROOT: Final = Path(__file__).resolve().parents[1]
+# Large public descriptions (a humanoid with hands) expand in 2 to 4 s of processor time. The clock
+# allows for a busy computer.
+PROCESSOR_SECONDS: Final = 10
+_CLOCK_SECONDS: Final = 30.0
+# Python with MuJoCo and NumPy maps 0.6 GB before it reads anything.
+_MEMORY: Final = 2 << 30
+_MOST_OUTPUT: Final = 64 << 20
+# What Python itself may need to start, and nothing of the user's.
+_VARIABLES: Final = ("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PYTHONHOME", "SYSTEMROOT")
+
+
+class ConfinedError(Exception):
+    """The child did not answer: it was ended, or ended itself; the text says why."""
+
+
+def run_confined(module: str, *arguments: str, seconds: float = _CLOCK_SECONDS) -> dict[str, Any]:
+    """Run a module of the package as a confined process, and wait for its answer.
+
+    Args:
+        module: its full name; its ``__main__`` calls `answer`.
+        arguments: of its command line.
+        seconds: on the clock, after which it is ended.
+
+    Returns:
+        What the child's function returned.
+
+    Raises:
+        ConfinedError: more time or memory than allowed, or the process broke.
+    """
+    paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {name: os.environ[name] for name in _VARIABLES if name in os.environ}
+    environment |= {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"}
+    try:
+        run = subprocess.run(
+            # -P: a file of the user's folder must not stand in for a library. -B: write nothing.
+            [sys.executable, "-P", "-B", "-X", "utf8", "-m", module, *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+            timeout=seconds,
+            check=False,
+        )
+    except subprocess.TimeoutExpired:
+        raise ConfinedError(f"more than {seconds:g} s") from None
+    if run.returncode in {-signal.SIGXCPU, -signal.SIGKILL}:
+        raise ConfinedError(f"more than {PROCESSOR_SECONDS} s of processor time")
+    try:
+        found = json.loads(run.stdout)
+    except ValueError:
+        raise ConfinedError(f"a crash (exit code {run.returncode})") from None
+    if "too_much" in found:
+        raise ConfinedError(found["too_much"])
+    return dict(found)
+
+
+def answer(work: Callable[[], Mapping[str, Any]]) -> None:
+    """In the child: do the work within the limits, print what it returns, and leave.
+
+    Whatever the work needs is imported before: afterwards the process may be unable to.
+    """
+    _limit()
+    try:
+        found = work()
+        data = json.dumps(found).encode()
+        if len(data) > _MOST_OUTPUT:
+            found, data = {}, b""
+            raise MemoryError
+    except MemoryError:
+        data = json.dumps({"too_much": "more memory than a description needs"}).encode()
+    # Not sys.stdout: libraries may have replaced it. Nothing is cleaned up that a file has made.
+    view = memoryview(data)
+    while view:
+        view = view[os.write(1, view) :]
+    os._exit(0)
+
+
+def _limit() -> None:
+    if sys.platform == "win32":
+        return
+    import resource
+
+    for kind, most in (
+        (resource.RLIMIT_CPU, PROCESSOR_SECONDS),
+        (resource.RLIMIT_AS, _MEMORY),
+        (resource.RLIMIT_FSIZE, 0),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        # Where an administrator allows less, or the system knows no such limit, that stays.
+        with contextlib.suppress(ValueError, OSError):
+            resource.setrlimit(kind, (most, most))

@@ -1,0 +1,242 @@
+"""The process that expands a ``.xacro`` file: ``python -m suta_calib.model.xacro_child FILE``.
+
+xacro itself expands it, with three parts exchanged: expressions are computed by
+`suta_calib.model.xacro_expressions`, packages are found without ROS, and files are read only from
+the folders of the description. Should something get past that, a hook of the interpreter still
+refuses every other file, process, connection and import.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import stat
+import sys
+import xml.dom.expatbuilder
+import xml.dom.minidom
+from collections import ChainMap
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any, Final
+
+import xacro
+import yaml
+from xacro import substitution_args
+
+from suta_calib.confined import answer
+from suta_calib.model.xacro_expressions import Evaluator, ExpressionError, Function
+
+_MANIFEST: Final = "package.xml"
+_NAME: Final = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
+_LARGEST: Final = 16 << 20
+# More folders beside a package than in any installation are not looked through.
+_MOST_PACKAGES: Final = 3000
+# Of what the interpreter reports, this is harmless; the folders of what it reads are looked at.
+_HARMLESS: Final = frozenset(
+    ("compile", "object.__getattr__", "sys._getframe", "builtins.id", "glob.glob", "glob.glob/2")
+)
+_FOLDERS: Final = frozenset(("os.listdir", "os.scandir"))
+_NO_ENVIRONMENT: Final = "the environment, which a .xacro is not shown here"
+
+
+class RefusedError(Exception):
+    """What a file may not do."""
+
+
+class Description:
+    """The folders that belong to a description, and its packages.
+
+    A description is the package that the file is in (the nearest folder above it with a
+    ``package.xml``), or else the file's folder. Packages beside it, or in the folder, belong to it
+    as soon as the file asks for them by their names.
+    """
+
+    def __init__(self, file: Path) -> None:
+        # Of a workspace of links, both where the link is and where it leads.
+        starts = {Path(os.path.abspath(file)).parent, file.resolve().parent}  # noqa: PTH100
+        self.folders = [_package_above(start) or start for start in starts]
+        self.files: list[str] = []
+        self._packages: dict[str, Path] = {}
+        for folder in self.folders:
+            package = (folder / _MANIFEST).is_file()
+            beside = (folder.parent, folder.parent.parent) if package else ()
+            for manifest in (folder / _MANIFEST, *_manifests(folder, *beside)):
+                if name := _package_name(manifest):
+                    self._packages.setdefault(name, manifest.parent)
+
+    def find(self, package: str) -> str:
+        """The folder of a package, which belongs to the description from now on."""
+        if package not in self._packages:
+            where = ", ".join(map(str, self.folders))
+            raise RefusedError(f"no package {package!r} in {where} or beside it")
+        folder = self._packages[package]
+        self.folders.append(folder)
+        return str(folder)
+
+    def check(self, path: str, *, folder: bool = False) -> None:
+        """Refuse a file (or folder) that is not the description's, is no plain file, or is huge."""
+        real = Path(os.path.realpath(path))
+        if not any(real.is_relative_to(each.resolve()) for each in self.folders):
+            inside = ", ".join(dict.fromkeys(map(str, self.folders)))
+            raise RefusedError(f"{path}, which is outside of the description ({inside})")
+        if folder or not real.exists():
+            return
+        status = real.stat()
+        if not stat.S_ISREG(status.st_mode):
+            raise RefusedError(f"{path}, which is no file")
+        if status.st_size > _LARGEST:
+            raise RefusedError(f"{path}, of {status.st_size} bytes")
+        self.files.append(str(real))
+
+
+def _package_above(folder: Path) -> Path | None:
+    return next((each for each in (folder, *folder.parents) if (each / _MANIFEST).is_file()), None)
+
+
+def _manifests(*folders: Path) -> Iterator[Path]:
+    for folder in folders:
+        try:
+            names = sorted(entry.name for entry in os.scandir(folder) if entry.is_dir())
+        except OSError:
+            continue
+        yield from (folder / name / _MANIFEST for name in names[:_MOST_PACKAGES])
+
+
+def _package_name(manifest: Path) -> str:
+    try:
+        with manifest.open("rb") as file:
+            found = _NAME.search(file.read(4096))
+    except OSError:
+        return ""
+    return found[1].decode() if found else ""
+
+
+def _confine(description: Description) -> None:
+    """Let this process do nothing any more but read the description's files."""
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        if event in _HARMLESS or event.startswith("cpython."):
+            return
+        if event == "open":
+            path, mode, flags = arguments
+            writing = os.O_WRONLY | os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_APPEND
+            if isinstance(path, int) or flags & writing or set(mode or "r") & set("wax+"):
+                raise RefusedError(f"a file to be written: {path}")
+            description.check(os.fsdecode(path))
+        elif event in _FOLDERS:
+            description.check(os.fsdecode(arguments[0] or "."), folder=True)
+        else:
+            raise RefusedError(f"what no description needs: {event}")
+
+    sys.addaudithook(hook)
+
+
+def _exchange_parts(description: Description) -> None:
+    """Give xacro our expressions, packages and files."""
+    table = xacro._global_symbols
+    # One argument alone: with three it makes classes.
+    table["python"]["type"] = Function(lambda value: type(value))  # noqa: PLW0108
+    table["python"].pop("vars")
+    spaces = [space for space in table.values() if isinstance(space, xacro.NameSpace)]
+    offered = [value for space in (table, *spaces) for value in space.values()]
+    evaluator = Evaluator(
+        [value for value in offered if callable(value)],
+        namespaces=(xacro.NameSpace,),
+        dotted=(xacro.YamlDictWrapper,),
+    )
+
+    def safe_eval(text: str, names: Any, local: Any = None) -> Any:
+        return evaluator.evaluate(text, names if local is None else ChainMap(local, names))
+
+    def eval_command(text: str, context: Any) -> str:
+        values = context.setdefault("arg", {})
+        functions: dict[str, Any] = {
+            "arg": lambda name: substitution_args.convert_value(values[name], "auto"),
+            "find": description.find,
+            "env": environment,
+            "optenv": optional_environment,
+        }
+        names: Any = {name: Function(function) for name, function in functions.items()}
+        names |= {"true": True, "false": False, "True": True, "False": False}
+        given = {k: substitution_args.convert_value(v, "auto") for k, v in values.items()}
+        return str(evaluator.evaluate(text, ChainMap(names, given, table)))
+
+    def environment(_name: str) -> str:
+        raise RefusedError(_NO_ENVIRONMENT)
+
+    def optional_environment(_name: str, default: str = "") -> str:
+        return default
+
+    @cache
+    def contents(path: str) -> bytes:
+        with open(path, "rb") as file:  # noqa: PTH123
+            return file.read()
+
+    def parse(text: Any, filename: str | None = None) -> Any:
+        if text is None:
+            try:
+                text = contents(os.path.join(xacro.root_dir, str(filename)))  # noqa: PTH118
+            except OSError as problem:
+                xacro.filestack.pop()
+                said = f"{problem.strerror}: {filename}"
+                raise xacro.XacroException(said, exc=problem) from None
+        return xml.dom.minidom.parseString(text)
+
+    xacro.safe_eval, xacro.parse = safe_eval, parse
+    substitution_args._eval = eval_command
+    substitution_args._eval_env = environment
+    substitution_args._eval_optenv = optional_environment
+    substitution_args._eval_find = description.find
+
+
+def _expand(path: str, description: Description) -> dict[str, Any]:
+    _confine(description)
+    try:
+        urdf = xacro.process_file(path).toprettyxml(indent="  ")
+        return {"urdf": urdf, "files": sorted(set(description.files))}
+    except MemoryError:
+        raise
+    # Whatever stands in the file's expressions may raise whatever it likes.
+    except Exception as problem:  # noqa: BLE001
+        first = _first(problem)
+        if isinstance(first, MemoryError):
+            raise first from None
+        return {
+            "refused": _sentence(first),
+            "forbidden": isinstance(first, RefusedError | ExpressionError),
+            "file": str((xacro.filestack or [path])[-1] or path),
+            "expression": _expression(problem),
+        }
+
+
+def _first(problem: BaseException) -> BaseException:
+    """What went wrong first, without what xacro says around it."""
+    while (inner := getattr(problem, "exc", None)) is not None:
+        problem = inner
+    return problem
+
+
+def _sentence(problem: BaseException) -> str:
+    forbidden = isinstance(problem, RefusedError | ExpressionError | xacro.XacroException)
+    return ("" if forbidden else f"{type(problem).__name__}: ") + " ".join(str(problem).split())
+
+
+def _expression(problem: BaseException) -> str:
+    found = re.search(r"when evaluating expression '(.*?)'\s*\Z", str(problem), re.DOTALL)
+    return found[1] if found else ""
+
+
+def main() -> None:
+    """Expand the file of the command line, and answer with the URDF or what is wrong."""
+    path = sys.argv[1]
+    description = Description(Path(path))
+    _exchange_parts(description)
+    # YAML with units registers its tags when it is first asked for.
+    for unit in xacro.ConstructUnits:
+        yaml.SafeLoader.add_constructor(unit.value.tag, unit.constructor)
+    answer(lambda: _expand(path, description))
+
+
+if __name__ == "__main__":
+    main()
