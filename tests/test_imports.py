@@ -20,7 +20,7 @@ ROWS = (
     {"terms", "robots"},
     {"solver"},
     {"simulation"},
-    {"diagnostics"},
+    {"trust", "diagnostics"},
     {"view"},
     {"job"},
     {"pose_calibration"},

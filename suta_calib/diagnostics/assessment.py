@@ -16,12 +16,14 @@ from suta_calib.diagnostics.contradictions import (
     seen_again,
 )
 from suta_calib.diagnostics.explanation import Explanation, Told, explain_solution
+from suta_calib.diagnostics.extension_gain import ExtensionGain, best_extension
 from suta_calib.diagnostics.odd_readings import (
     odd_columns,
     odd_where_nothing_fits,
     read_again,
     rounded,
 )
+from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
 from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.diagnostics.score_tests import (
     LOOKS_LIKE,
@@ -37,6 +39,8 @@ from suta_calib.words import listed
 
 # Residuals over the scatter of repeats from which a model is said to lack something.
 LACKING: Final = 1.5
+# Suspects that are tried one by one, beside all of them together.
+MOST_SUSPECTS: Final = 3
 # Equations beyond the unknowns from which on residuals tell the noise to a third or so.
 REDUNDANT: Final = 6
 
@@ -63,7 +67,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     cause = judge("other readings", lambda: _cause(solution), failed) if found else []
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
-    lacking = judge("lack of fit", lambda: _on_lack_of_fit(solution), failed)
+    nothing = PriorNotes()
+    priors = attempt("judged: priors", lambda: judge_priors(solution), nothing, failed)
     beliefs = judge("what a row believes", lambda: contradicted_beliefs(fit), failed)
     is_worse = attempt("judged: validation data", lambda: accuracy.worse, False, failed)
     return Assessment.of(
@@ -72,6 +77,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *cause,
             *([worse] if is_worse else []),
             *(each.sentence for each in found if each.bad),
+            *priors.bad,
             *(said for said, level in doubts.items() if level == "bad"),
         ],
         care=[
@@ -82,18 +88,20 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *(each.sentence for each in beliefs),
             *judge("parameters", lambda: _on_parameters(solution), failed),
             *judge("redundancy", lambda: _on_redundancy(solution), failed),
-            *lacking,
             *judge(
                 "residuals",
-                lambda: _beside_geometry(fit, suspect=not cause, lacking=bool(lacking)),
+                lambda: _beside_geometry(
+                    solution, fit, accuracy, suspect=not (cause or priors.bad)
+                ),
                 failed,
             ),
-            *judge("priors", lambda: _on_priors(solution), failed),
+            *priors.care,
             *accuracy.unjudged,
         ],
         known=[
             *judge("what is as drawn", lambda: _as_drawn(solution), failed),
             *judge("the scale", lambda: _on_scale(solution), failed),
+            *priors.known,
         ],
     ).with_care(failed)
 
@@ -217,24 +225,18 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
-def _on_lack_of_fit(solution: Solution) -> list[str]:
-    return [
-        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are "
-        f"{fit.ratio:.1f} times what repeats of the same touch scatter "
-        f"({text(fit.repeat, fit.unit, with_unit=True)}): the model lacks something. "
-        "Values and ± hold only within it; free more of the geometry (select: geometric)."
-        for fit in lack_of_fit(solution)
-        if fit.ratio > LACKING
-    ]
-
-
-def _beside_geometry(solution: Solution, *, suspect: bool, lacking: bool) -> list[str]:
+def _beside_geometry(
+    solution: Solution, fewer: Solution, accuracy: Accuracy, *, suspect: bool
+) -> list[str]:
     """What a URDF cannot hold, and what the residuals look like, held geometry last.
+
+    A note on what the model lacks stands here only if estimating it predicts left-out rows better.
 
     Args:
         solution: converged.
+        fewer: the same over part of many rows.
+        accuracy: its errors.
         suspect: whether the residuals tell of the arm, and of no other reading of the data.
-        lacking: whether it was said that the model lacks something, and what to do.
     """
     notes = []
     arm = solution.problem.arm
@@ -245,35 +247,60 @@ def _beside_geometry(solution: Solution, *, suspect: bool, lacking: bool) -> lis
             "is right only with the corrections in result.json (track and validate apply them "
             "with --result)."
         )
-    if changed := changes(solution):
+    if changed := changes(fewer):
         return [*notes, *(change.sentence for change in changed)]
-    suspects = [test for test in score_tests(solution) if test.suspicious] if suspect else []
-    if suspects:
-        worst = max(suspects, key=lambda test: test.explains)
-        notes.append(
-            f"The residuals of {worst.joint} look like {LOOKS_LIKE[worst.family]}: "
-            "run suta-calib extend, which says whether such a term predicts left-out data better."
-        )
-    elif suspect and not lacking and geometry_is_held(solution):
-        notes.append(
-            "The residuals look like errors of the geometry that the job holds as drawn: what is "
-            "estimated makes up for them in these postures, and ± does not include that. Free it "
-            "(select: geometric, with prior_mm and prior_deg)."
-        )
-    return notes
+    if arm is None or not suspect:
+        return notes
+    return [*notes, *(_like_an_error(fewer, accuracy) or _like_geometry(solution, fewer, accuracy))]
 
 
-def _on_priors(solution: Solution) -> list[str]:
-    """An arm that is better than was thought is no reason for care."""
-    priors = {} if solution.weights is None else solution.weights.priors
-    narrow = [
-        f"{group} {learned.value:.1f} ({learned.interval[0]:.1f} to {learned.interval[1]:.1f})"
-        for group, learned in priors.items()
-        if learned.contradicted and learned.value > 1
-    ]
-    if not narrow:
+def _like_an_error(solution: Solution, accuracy: Accuracy) -> list[str]:
+    """An error beside geometry that the residuals look like, where estimating it helps."""
+    suspects = [test for test in score_tests(solution) if test.suspicious]
+    suspects.sort(key=lambda test: -test.explains)
+    together = [name for test in suspects for name in test.names]
+    choices = [*(test.names for test in suspects[:MOST_SUSPECTS]), together]
+    gain = best_extension(solution, accuracy.validation, choices) if suspects else None
+    if gain is None:
         return []
+    in_it = [test for test in suspects if set(test.names) & set(gain.names)]
+    worst, *others = in_it
+    more = f" (and {len(others)} more such errors)" if others else ""
     return [
-        f"The arm is farther off than the job's priors say: {', '.join(narrow)} times. The fit "
-        "gave it that room: state wider priors, or keep these with fixed: true."
+        f"The residuals of {worst.joint} look like {LOOKS_LIKE[worst.family]}{more}. "
+        f"{_with_it(gain)}. Run suta-calib extend, which says what to add to the job."
     ]
+
+
+def _like_geometry(solution: Solution, fewer: Solution, accuracy: Accuracy) -> list[str]:
+    """Geometry that the job holds as drawn, where estimating it helps."""
+    lack = [fit for fit in lack_of_fit(solution) if fit.ratio > LACKING]
+    if not lack and not geometry_is_held(fewer):
+        return []
+    arm = solution.problem.arm
+    assert arm is not None
+    held = [n for n in arm.geometric if n not in solution.problem.arm_parameters]
+    gain = best_extension(fewer, accuracy.validation, [held]) if held else None
+    if gain is None:
+        return []
+    repeats = [
+        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are {fit.ratio:.1f} times "
+        f"what repeats of the same touch scatter ({text(fit.repeat, fit.unit, with_unit=True)})."
+        for fit in lack
+    ]
+    return [
+        " ".join(
+            [
+                *repeats,
+                "The residuals look like errors of the geometry that the job holds as drawn.",
+                f"{_with_it(gain)}.",
+                "Free it (select: geometric, with prior_mm and prior_deg).",
+            ]
+        )
+    ]
+
+
+def _with_it(gain: ExtensionGain) -> str:
+    """What estimating it as well does to the errors of rows that were left out."""
+    before, after = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+    return f"With that estimated too, rows left out of the fit err by {after} in place of {before}"

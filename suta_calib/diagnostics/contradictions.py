@@ -40,7 +40,9 @@ class ContradictionOptions:
     Attributes:
         residual: residuals' level over the noise that the job states, or that is assumed: ten times
             as much is no matter of a careful or a careless hand.
-        residual_care: the same of a stated level, from which on it must be known.
+        residual_care: the same from which on it must be known.
+        unexplained: residuals over what rows themselves scatter, from which on noise is no
+            explanation: neighbours' estimate is right to a fifth, and the model's error in it.
         gross_level: times the level of most beyond which a row is gross: normal noise has one in a
             million, a hand's measurement some in a hundred.
         gross_care, gross_bad: shares of them from which on it must be known, and that no touch
@@ -67,6 +69,7 @@ class ContradictionOptions:
 
     residual: float = 10.0
     residual_care: float = 3.0
+    unexplained: float = 2.0
     gross_level: float = 5.0
     gross_care: float = 0.1
     gross_bad: float = 0.35
@@ -140,19 +143,21 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
     sigmas = problem.assumed_sigmas()
     lines = problem.linearise(solution.x, sigmas)
     units = _noise_units(problem)
-    for line, unit, assumed, found in zip(lines, units, sigmas, solution.noise, strict=True):
+    blocks = zip(lines, units, sigmas, solution.noise, strict=True)
+    for k, (line, unit, assumed, found) in enumerate(blocks):
         block, level = line.view.block, robust_level(line.residual)
         given = block.noise.sigma is not None
         times = level / float(np.median(line.sigma))
         scatter, stated = (text(v, block.unit, with_unit=True) for v in (level, assumed))
-        if times > (options.residual_care if given else options.residual):
-            where = "the job states" if given else "is assumed where a job states no noise"
+        if given and times > options.residual_care:
             yield Contradiction(
                 times > options.residual,
                 f"The {block.name} residuals are {scatter} per axis, {times:.0f} times the "
-                f"{stated} that {where}: the data do not fit this arm. If the instrument is truly "
-                f"so coarse, say so (sigma_{unit}).",
+                f"{stated} that the job states: the data do not fit this arm. If the instrument is "
+                f"truly so coarse, say so (sigma_{unit}).",
             )
+        elif not given and times > options.residual_care:
+            yield from _unstated(solution, k, times, unit, options)
         elif given and found * options.residual_care < assumed:
             yield Contradiction(
                 False,
@@ -162,6 +167,39 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
             )
         if level > 1e-9:
             yield from _gross(line, unit, options)
+
+
+def _unstated(
+    solution: Solution, k: int, times: float, unit: str, options: ContradictionOptions
+) -> Iterator[Contradiction]:
+    """Large residuals of block ``k``, of which no noise is stated, against what rows scatter."""
+    # Residuals as small as is assumed need no such look.
+    from suta_calib.diagnostics.noise_of_rows import noise_of_rows
+
+    rows = noise_of_rows(solution)[k]
+    level = text(rows.level, rows.unit, with_unit=True)
+    if not math.isnan(rows.noise) and rows.ratio < options.unexplained:
+        if rows.source == "repeats":  # It is noise, and every ± has it.
+            return
+        cause = (
+            "neighbours in posture differ by as much, so either the instrument is so coarse or "
+            f"single rows are wrong. If it is so coarse, say so (sigma_{unit})"
+        )
+    elif math.isnan(rows.noise):
+        cause = (
+            f"no row repeats another, so nothing tells whether that is noise. If the instrument is "
+            f"so coarse, say so (sigma_{unit}); else measure some postures twice"
+        )
+    else:
+        noise = text(rows.noise, rows.unit, with_unit=True)
+        cause = (
+            f"{rows.source} scatter by only {noise}. The model lacks something, or rows are wrong "
+            "that belong together"
+        )
+    yield Contradiction(
+        times > options.residual,
+        f"The {rows.name} residuals are {level} per axis, and {cause}.",
+    )
 
 
 def _noise_units(problem: Problem) -> list[str]:
@@ -268,12 +306,20 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
 
 def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
     parameters, values = solution.problem.parameters, solution.values
+    # Priors that the fit has widened are judged as a group (`judge_priors`), up to a limit.
+    widened = np.ones(len(parameters))
+    if solution.weights is not None:
+        widened = np.maximum(solution.weights.prior_scale, 1.0)
     pulls = [
-        (abs(values[p.name] - p.nominal) / p.prior, p.name)
-        for p in parameters.values()
+        (abs(values[p.name] - p.nominal) / p.prior, wide, p.name)
+        for p, wide in zip(parameters.values(), widened.tolist(), strict=True)
         if p.prior and p.free
     ]
-    far = [pull for pull in pulls if pull[0] > options.pull_care]
+    far = [
+        (pull, name)
+        for pull, wide, name in pulls
+        if pull > min(options.pull_care * wide, options.pull)
+    ]
     if not far:
         return
     worst, name = max(far)

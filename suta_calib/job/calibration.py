@@ -9,7 +9,7 @@ from dataclasses import replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from suta_calib.assessment import Assessment, judge, judged, refuse_unusable
 from suta_calib.diagnostics.accuracy import (
@@ -48,6 +48,9 @@ if TYPE_CHECKING:
     from suta_calib.view.server import Viewer
 
 DataSet = Literal["calibration", "validation"]
+
+# Share of the validation rows that were read where fitted ones were: fewer hardly change an RMS.
+NOT_HELD_OUT: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -424,7 +427,7 @@ def _read_with_fitted(job: CalibrationJob) -> list[str]:
     """Held-out rows that are other readings of a fitted rest (equal ones: `contradictions`)."""
     beside = read_where_fitted(job.observations, job.validation)
     beside &= ~fitted_too(job.observations, job.validation)
-    if not beside.any():
+    if not len(beside) or beside.mean() < NOT_HELD_OUT:
         return []
     return [
         f"{int(beside.sum())} of {len(beside)} validation rows were read where fitted ones were, "

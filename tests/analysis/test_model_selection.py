@@ -11,9 +11,9 @@ from simulated import Spread, arm_named, artefact, artefact_scene, placements, t
 from suta_simulated import everything, scene, thirteen
 
 from suta_calib.analysis.model_selection import ModelSelection, choose_model
-from suta_calib.analysis.model_selection.cross_validation import folds_of, limited_rms
-from suta_calib.analysis.model_selection.linearised import Linearised
 from suta_calib.diagnostics.accuracy import assess
+from suta_calib.diagnostics.cross_validation import folds_of, limited_rms
+from suta_calib.diagnostics.linearised import Linearised
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.parameters import ParameterSet

@@ -6,13 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from suta_calib.analysis.model_selection.cross_validation import (
+from suta_calib.diagnostics.accuracy import assess
+from suta_calib.diagnostics.cross_validation import (
     CrossValidation,
     Fold,
     FoldErrors,
     limited_errors,
 )
-from suta_calib.diagnostics.accuracy import assess
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.options import SolverOptions

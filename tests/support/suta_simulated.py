@@ -10,8 +10,8 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from simulated import dh_parameters
 
-from suta_calib.analysis.model_selection.cross_validation import limited_rms
 from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy
+from suta_calib.diagnostics.cross_validation import limited_rms
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection

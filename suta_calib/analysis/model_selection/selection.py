@@ -23,16 +23,16 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import field, replace
 from typing import Final
 
-from suta_calib.analysis.model_selection.cross_validation import (
+from suta_calib.assessment import Assessment, judged
+from suta_calib.diagnostics.accuracy import assess
+from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.cross_validation import (
     Fold,
     ModelCandidate,
     folds_of,
     limited_rms,
 )
-from suta_calib.analysis.model_selection.linearised import LinearFit, Linearised
-from suta_calib.assessment import Assessment, judged
-from suta_calib.diagnostics.accuracy import assess
-from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.linearised import LinearFit, Linearised
 from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
@@ -114,9 +114,18 @@ class ModelSelection:
         return tuple(n for n in self.chosen.added if n not in self.job.added)
 
     @property
+    def confirmed(self) -> bool:
+        """Whether the validation rows, where there are any, err less with the chosen model too."""
+        if self.validated is None or self.chosen is self.job:
+            return True
+        return self.validated[1] < self.validated[0]
+
+    @property
     def rows(self) -> tuple[Selection, ...]:
-        """What to add to the job's ``parameters``."""
+        """What to add to the job's ``parameters``; nothing that validation rows do not confirm."""
         rows: list[Selection] = []
+        if not self.confirmed:
+            return ()
         if self.chosen.geometry and not self.job.geometry:
             rows += geometry_rows()
         return (*rows, *_rows(self.solution.problem.arm, self.added))
@@ -130,7 +139,13 @@ class ModelSelection:
         )
         gain = f"held-out RMS {before} → {after}"
         wider = self.chosen.geometry and not self.job.geometry
-        if self.added:
+        if self.validated and not self.confirmed:
+            worse, better = (text(rms, "m", with_unit=True) for rms in self.validated[::-1])
+            sentence = (
+                f"Leave the job as it is: rows left out of the fit err less with more unknowns "
+                f"({gain}), but the validation rows do not ({better} → {worse})"
+            )
+        elif self.added:
             more = "all of the geometry, " if wider else ""
             sentence = f"Add {more}{listed(self.added)}: {gain}"
         elif wider:
@@ -145,7 +160,9 @@ class ModelSelection:
         return Assessment.of(sentence, bad=[] if fitted.usable else [bad], care=self._notes())
 
     def _notes(self) -> list[str]:
-        notes = []
+        notes: list[str] = []
+        if not self.confirmed:
+            return notes
         if self.chosen is not self.job:
             notes.append("The rows given here, put into the job's parameters, make it so.")
         if self.added:

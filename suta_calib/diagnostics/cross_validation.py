@@ -82,6 +82,24 @@ class CrossValidation:
         """Of all held-out errors of the first kind, m; none counted beyond its Huber threshold."""
         return float(np.sqrt(np.mean(np.concatenate([f.lengths for f in self.folds]) ** 2)))
 
+    def gain_over(self, other: CrossValidation) -> tuple[float, float]:
+        """How much smaller the loss is, and the standard error of that, paired by fold."""
+        change = other.losses - self.losses
+        return float(change.mean()), float(change.std(ddof=1) / np.sqrt(len(change)))
+
+    def outdoes(self, other: CrossValidation, errors: float = 1.0, share: float = WORTH) -> bool:
+        """Whether it predicts what was left out better than another set of unknowns does.
+
+        Args:
+            other: on the same folds.
+            errors: standard errors by which the loss must be smaller.
+            share: of the other's loss by which it must be smaller.
+        """
+        gain, error = self.gain_over(other)
+        worse = np.mean(self.losses >= other.losses)
+        enough = max(errors * error, share * other.loss)
+        return bool(gain > enough and worse <= MOST_FOLDS_MAY_DIFFER)
+
 
 @dataclass(frozen=True, eq=False)
 class ModelCandidate:
@@ -104,16 +122,12 @@ class ModelCandidate:
     held_out: CrossValidation
 
     def gain_over(self, other: ModelCandidate) -> tuple[float, float]:
-        """How much smaller the held-out loss is, and the standard error of that, paired by fold."""
-        change = other.held_out.losses - self.held_out.losses
-        return float(change.mean()), float(change.std(ddof=1) / np.sqrt(len(change)))
+        """As of the held-out errors."""
+        return self.held_out.gain_over(other.held_out)
 
     def outdoes(self, other: ModelCandidate, errors: float = 1.0) -> bool:
-        """Whether it predicts what was left out better: by so many standard errors, and 2 %."""
-        gain, error = self.gain_over(other)
-        worse = np.mean(self.held_out.losses >= other.held_out.losses)
-        enough = max(errors * error, WORTH * other.held_out.loss)
-        return bool(gain > enough and worse <= MOST_FOLDS_MAY_DIFFER)
+        """As of the held-out errors."""
+        return self.held_out.outdoes(other.held_out, errors)
 
 
 def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:

@@ -17,8 +17,8 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.model_selection.cross_validation import CrossValidation, Fold, FoldErrors
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.diagnostics.cross_validation import CrossValidation, Fold, FoldErrors
 from suta_calib.diagnostics.score_tests import Residuals, noise_ratio
 from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK
