@@ -198,7 +198,7 @@ def _unstated(
         )
     yield Contradiction(
         times > options.residual,
-        f"The {rows.name} residuals are {level} per axis, and {cause}.",
+        f"The {rows.name} residuals are {level} per axis: {cause}.",
     )
 
 
