@@ -54,6 +54,7 @@ class Given:
     def __init__(self, known: Iterable[Option], values: Mapping[str, Any], who: str) -> None:
         self._known = {option.name: option for option in known}
         self._values: dict[str, tuple[str, ...]] = {}
+        self._guesses: list[str] = []
         for name, value in values.items():
             if value is None or value is False or value == ():
                 continue
@@ -72,6 +73,15 @@ class Given:
         for value in self._values[option.name] if option.choices else ():
             if value not in option.choices:
                 raise self.refuse(option, repr(value), f"one of {', '.join(option.choices)}")
+
+    def note_guess(self, option: Option, value: str, why: str) -> None:
+        """Remember what was guessed for an option, and what left it open."""
+        self._guesses.append(f"Guessed: {option.switch} {value}. The file has {why}.")
+
+    @property
+    def guesses(self) -> tuple[str, ...]:
+        """What was guessed while a file was read, one sentence each."""
+        return tuple(dict.fromkeys(self._guesses))
 
     def __contains__(self, option: Option) -> bool:
         return option.name in self._values

@@ -1,10 +1,9 @@
-"""Which columns of a foreign table are a pose: told by their names, by their numbers, or asked."""
+"""Which columns of a foreign table are a pose, by their names; what those leave open is asked."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -12,7 +11,13 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.option import Given, Option
-from suta_calib.exchange.rotations import NUMBERS, is_rotation
+from suta_calib.exchange.plausible import (
+    RPY,
+    open_forms,
+    plausible_lengths,
+    plausible_rotations,
+)
+from suta_calib.exchange.rotations import NUMBERS
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.measurements.csv_table import SIGMAS
 from suta_calib.records import dataclass
@@ -31,6 +36,14 @@ FIRST: Final = Option(
 GUESS: Final = Option(
     "guess", "Take the likeliest where a file leaves a choice, and say what was taken.", flag=True
 )
+UNIT: Final = Option(
+    "unit",
+    "Of lengths (m, mm) and of joint readings and Euler angles (rad, deg, ticks).",
+    choices=("m", "mm", "rad", "deg", "ticks"),
+    several=True,
+)
+LENGTHS: Final = ("m", "mm")
+ANGLES: Final = ("rad", "deg")
 ROLE_OPTIONS: Final = (ROTATION, FIRST, GUESS)
 # A unit behind a name: x_mm, x [mm], x (mm).
 _UNIT: Final = re.compile(r"(.+?)(?:_|\s*[\[(]|\s)(mm|cm|m|deg|°|rad)[\])]?", re.IGNORECASE)
@@ -77,8 +90,10 @@ _AXES: Final = (tuple(letter + axis for letter in "noa" for axis in "xyz"),)
 _ORIENTATIONS: Final = (*_QUATERNIONS, *_MATRICES, *_AXES, *_ANGLES)
 # In front of x, y, z that say how sure a position is.
 _SPREADS: Final = ("sigma_", "std_")
+# Forms of angles of these names: KUKA's A turns about Z; rx, ry, rz may be any.
+_USUAL_ANGLES: Final = {"roll": (RPY,), "a": ("ZYX",)}
 # How far the length of a quaternion may be from one.
-_UNIT_LENGTH: Final = 0.01
+UNIT_LENGTH: Final = 0.01
 _MOST_CHOICES: Final = 8
 # Numbers of a transform, which may have names that say nothing.
 OF_MATRIX: Final = (12, 16)
@@ -207,7 +222,11 @@ def _named_rotation(
                 return columns, angle, form
             seen = f"orientations in columns {', '.join(whole)}, which may be any of many angles"
             asked = [each for each, count in NUMBERS.items() if count == 3]
-            return columns, angle, settled(sheet, given, ROTATION, asked, seen, likeliest="xyz")
+            if GUESS in given and ROTATION not in given:
+                form, angle = _guessed_angles(sheet, columns, angle, names, given)
+                given.note_guess(ROTATION, form, seen)
+                return columns, angle, form
+            return columns, angle, settled(sheet, given, ROTATION, asked, seen)
     for names in _COUNTED:
         whole = [prefix + name for name in names]
         if not all(name in plain for name in whole) or not _is_quaternion(sheet, plain, whole):
@@ -229,6 +248,90 @@ def _named_rotation(
     return (), "", ""
 
 
+def _guessed_angles(
+    sheet: Sheet, columns: Sequence[int], unit: str, names: Sequence[str], given: Given
+) -> tuple[str, str]:
+    """Form and unit of angles, by their names and numbers.
+
+    Args:
+        sheet: that they are in.
+        columns: of the three angles.
+        unit: that their names give; empty for none.
+        names: what they are called, without a prefix.
+        given: the options.
+
+    Raises:
+        ForeignFileError: several forms are plausible, or none is.
+    """
+    numbers = sheet.numbers(columns)
+    known = numbers[np.isfinite(numbers).all(axis=1)]
+    forms = _USUAL_ANGLES.get(names[0], open_forms())
+    units = open_units(given, ANGLES, unit)
+    readings = plausible_rotations(known, forms, units) if len(known) else []
+    if len(readings) == 1:
+        return readings[0]
+    said = " or ".join(f"{form} in {angle}" for form, angle in readings)
+    raise ForeignFileError(
+        f"columns {', '.join(names)}, which may be {said or 'no angles of a usual form'}",
+        "one form that their numbers allow",
+        file=sheet.path,
+        line=sheet.lines[0],
+        hint=f"say {ROTATION.switch} vector or an order of Euler angles, and {UNIT.switch} rad|deg",
+    )
+
+
+def guessed_length(sheet: Sheet, position: FloatArray, given: Given) -> str:
+    """Unit of positions (n, 3) of which nothing says it.
+
+    Raises:
+        ForeignFileError: no unit is plausible.
+    """
+    known = position[np.isfinite(position).all(axis=1)]
+    if not len(known):
+        return "m"
+    distance = float(np.median(np.linalg.norm(known, axis=1)))
+    units = plausible_lengths(known, LENGTHS)
+    if not units:
+        raise _no_guess(sheet, f"positions some {distance:.4g} away, in m or mm", "m|mm")
+    if units[0] != "m":
+        given.note_guess(UNIT, units[0], f"positions some {distance:.4g} away")
+    return units[0]
+
+
+def guessed_angle(sheet: Sheet, form: str, numbers: FloatArray, given: Given) -> str:
+    """Unit of angles (n, 3) of which nothing says it.
+
+    Raises:
+        ForeignFileError: no unit is plausible.
+    """
+    known = numbers[np.isfinite(numbers).all(axis=1)]
+    if not len(known):
+        return "rad"
+    most = float(np.abs(known).max())
+    found = plausible_rotations(known, [form], ANGLES)
+    if not found:
+        raise _no_guess(sheet, f"angles up to {most:.4g}, in rad or degrees", "rad|deg")
+    given.note_guess(UNIT, found[0][1], f"angles up to {most:.4g}")
+    return found[0][1]
+
+
+def _no_guess(sheet: Sheet, found: str, choices: str) -> ForeignFileError:
+    """Error that nothing is plausible, to be raised by the caller."""
+    return ForeignFileError(
+        found,
+        "numbers that allow a guess",
+        file=sheet.path,
+        line=sheet.lines[0],
+        hint=f"say {UNIT.switch} {choices}",
+    )
+
+
+def open_units(given: Given, units: Sequence[str], stated: str = "") -> Sequence[str]:
+    """Those of some units that the options, or else a name, leave open."""
+    said = [unit for unit in given.texts(UNIT) if unit in units] or [stated] * (stated in units)
+    return said or units
+
+
 def _is_quaternion(
     sheet: Sheet, plain: Mapping[str, tuple[int, str]], names: Sequence[str]
 ) -> bool:
@@ -238,7 +341,7 @@ def _is_quaternion(
         return False
     length = np.linalg.norm(sheet.numbers(columns), axis=1)
     known = length[np.isfinite(length)]
-    return bool(len(known) and np.all(np.abs(known - 1.0) < _UNIT_LENGTH))
+    return bool(len(known) and np.all(np.abs(known - 1.0) < UNIT_LENGTH))
 
 
 def settled(
@@ -270,8 +373,12 @@ def settled(
                 f"{seen}, read as {chosen}", " or ".join(choices), file=sheet.path
             )
         return chosen
-    if len(choices) == 1 or GUESS in given:
-        return likeliest or choices[0]
+    if len(choices) == 1:
+        return choices[0]
+    if GUESS in given:
+        chosen = likeliest or choices[0]
+        given.note_guess(option, chosen, seen)
+        return chosen
     shown = choices if len(choices) <= _MOST_CHOICES else (*choices[:_MOST_CHOICES], "…")
     raise ForeignFileError(
         seen,
@@ -280,133 +387,3 @@ def settled(
         line=sheet.lines[0],
         hint=f"say {option.switch} {'|'.join(shown)}, or --guess",
     )
-
-
-def nameless_pose(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet]:
-    """The pose that rows of so many numbers without names are.
-
-    Three numbers are a position; six are one with angles; seven are one with a quaternion; twelve
-    and sixteen are the rows of a transform, one below the other or side by side; four are rows of
-    4x4 matrices stacked in a column. Numbers in front, such as a row's own, are not looked for.
-
-    Args:
-        sheet: without a header.
-        given: `ROLE_OPTIONS`.
-
-    Returns:
-        The columns, and the sheet they are of: that of stacked matrices has a row for each. None
-        where so many numbers are no pose.
-
-    Raises:
-        ForeignFileError: numbers that leave open what they are, or cells that are none.
-    """
-    count = len(sheet.names)
-    if count not in (3, 4, 6, 7, 12, 16):
-        return None, sheet
-    numbers = sheet.numbers(range(count))
-    known = numbers[np.isfinite(numbers).all(axis=1)]
-    if count == 3:
-        return PoseColumns("", (0, 1, 2)), sheet
-    if count == 4:
-        return _stacked(sheet, known, len(numbers))
-    if count in (6, 7):
-        return _position_and_rotation(sheet, known, count - 3, given), sheet
-    return _matrix(sheet, known, given), sheet
-
-
-def _position_and_rotation(
-    sheet: Sheet, numbers: FloatArray, count: int, given: Given
-) -> PoseColumns:
-    ahead, behind = tuple(range(count)), tuple(range(3, 3 + count))
-    orders = {"position": behind, "rotation": ahead}
-    if count == 4:
-        lengths = {name: np.linalg.norm(numbers[:, k], axis=1) for name, k in orders.items()}
-        fitting = [
-            name for name, one in lengths.items() if np.all(np.abs(one - 1.0) < _UNIT_LENGTH)
-        ]
-        if not fitting:
-            said = "seven numbers a row, no four of which, first or last, are a quaternion"
-            raise ForeignFileError(
-                said,
-                "a position and a quaternion",
-                file=sheet.path,
-                line=sheet.lines[0],
-                hint="say which columns are what with --columns 1=x,2=y,…",
-            )
-        seen = "seven numbers a row, of which the first and the last four may be a quaternion"
-        first = settled(sheet, given, FIRST, fitting, seen)
-        seen = "seven numbers a row, a quaternion whose scalar may be its first or its last number"
-        choices = ["xyzw", "wxyz"] if first == "position" else ["wxyz", "xyzw"]
-        form = settled(sheet, given, ROTATION, choices, seen)
-    else:
-        seen = "six numbers a row, of which three are a position and three may be any angles"
-        asked = [each for each, numbers_ in NUMBERS.items() if numbers_ == 3]
-        form = settled(sheet, given, ROTATION, asked, seen, likeliest="xyz")
-        first = given.text(FIRST, "position")
-    position = (0, 1, 2) if first == "position" else tuple(range(count, count + 3))
-    return PoseColumns("", position, orders[first], form)
-
-
-def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
-    """Twelve or sixteen numbers: a transform row by row or column by column."""
-    width = numbers.shape[1] // 4
-    by_rows = (
-        tuple(4 * row + column for row in range(3) for column in range(3)),
-        (3, 7, 11),
-    )
-    by_columns = (
-        tuple(width * column + row for row in range(3) for column in range(3)),
-        tuple(3 * width + row for row in range(3)),
-    )
-    flat = (tuple(range(9)), (9, 10, 11))
-    arranged = {"rows": by_rows, "columns": by_columns}
-    if width == 3:
-        # Nine numbers of a rotation by rows and a position behind them are as usual.
-        arranged["rotation-position"] = flat
-    fitting = [
-        name
-        for name, (rotation, _) in arranged.items()
-        if is_rotation(numbers[:, rotation].reshape(-1, 3, 3))
-    ]
-    if width == 4:
-        last = {"rows": (12, 13, 14, 15), "columns": (3, 7, 11, 15)}
-        fitting = [n for n in fitting if np.allclose(numbers[:, last[n]], [0, 0, 0, 1], atol=1e-6)]
-    if not fitting:
-        raise ForeignFileError(
-            f"{4 * width} numbers a row, which are no transform by rows or by columns",
-            "a rotation matrix with a position",
-            file=sheet.path,
-            line=sheet.lines[0],
-        )
-    same = {name: numbers[:, arranged[name][0] + arranged[name][1]].tobytes() for name in fitting}
-    if ROTATION in given and given.text(ROTATION) == "rows" and "rows" not in fitting:
-        fitting = [name for name in fitting if name == "rotation-position"] or fitting
-    if len(set(same.values())) == 1:
-        chosen = fitting[0]
-    elif ROTATION in given:
-        chosen = next((n for n in fitting if n.startswith(given.text(ROTATION))), fitting[0])
-    else:
-        seen = f"{4 * width} numbers a row, which are a transform as {' and as '.join(fitting)}"
-        asked = ["columns" if n == "columns" else "rows" for n in fitting]
-        answer = settled(sheet, given, ROTATION, list(dict.fromkeys(asked)), seen)
-        chosen = next(n for n, a in zip(fitting, asked, strict=True) if a == answer)
-    rotation, position = arranged[chosen]
-    return PoseColumns("", position, rotation, "rows")
-
-
-def _stacked(sheet: Sheet, numbers: FloatArray, rows: int) -> tuple[PoseColumns | None, Sheet]:
-    """4x4 matrices one below the other: a row for each, in which they stand by rows."""
-    if len(numbers) != rows or rows % 4:
-        return None, sheet
-    blocks = numbers.reshape(-1, 4, 4)
-    told = "4x4 matrices, stacked."
-    if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
-        blocks, told = blocks.swapaxes(1, 2), "4x4 matrices, stacked, each by columns."
-    if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
-        return None, sheet
-    names = tuple(str(k + 1) for k in range(16))
-    columns = tuple(blocks.reshape(-1, 16).T)
-    seen = (*sheet.seen, told)
-    whole = replace(sheet, names=names, lines=sheet.lines[::4], values=columns, seen=seen)
-    rotation = tuple(4 * row + column for row in range(3) for column in range(3))
-    return PoseColumns("", (3, 7, 11), rotation, "rows"), whole

@@ -23,17 +23,21 @@ from suta_calib.exchange.imported import (
     pose_columns,
 )
 from suta_calib.exchange.joint_readings import READING_OPTIONS, Readings
+from suta_calib.exchange.nameless_poses import nameless_pose
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import TABLE, Reader
 from suta_calib.exchange.rotations import NUMBERS, rotations_from
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.exchange.table_roles import (
     GUESS,
+    LENGTHS,
     OF_MATRIX,
     ROLE_OPTIONS,
+    UNIT,
     PoseColumns,
+    guessed_angle,
+    guessed_length,
     named_poses,
-    nameless_pose,
     plain_name,
 )
 from suta_calib.measurements.csv_table import SIGMA, SIGMAS
@@ -44,12 +48,6 @@ COLUMNS: Final = Option(
     "columns",
     "Columns by name or number that have other names here.",
     "q1=joint_1,7=x,…",
-    several=True,
-)
-UNIT: Final = Option(
-    "unit",
-    "Of lengths (m, mm) and of joint readings and Euler angles (rad, deg, ticks).",
-    choices=("m", "mm", "rad", "deg", "ticks"),
     several=True,
 )
 JOINTS: Final = Option(
@@ -67,7 +65,8 @@ _CLOCKS: Final = ("time", "timestamp", "frame")
 _PAIR: Final = ("a_", "b_")
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
-_LENGTHS: Final = ("m", "mm")
+# More than any joint turns that is read in degrees: ticks, perhaps.
+_MOST_DEGREES: Final = 720.0
 
 
 class TableReader(Reader):
@@ -138,8 +137,8 @@ class _Columns:
     ) -> None:
         self._sheet, self._names, self._poses, self._given = sheet, names, poses, given
         units = dict.fromkeys(given.texts(UNIT))
-        lengths = [unit for unit in units if unit in _LENGTHS]
-        angles = [unit for unit in units if unit not in _LENGTHS]
+        lengths = [unit for unit in units if unit in LENGTHS]
+        angles = [unit for unit in units if unit not in LENGTHS]
         for several in (lengths, angles):
             if len(several) > 1:
                 said = " and ".join(several)
@@ -151,6 +150,9 @@ class _Columns:
         self._angles_used = False
         self._readings: set[int] = set()
         self._others: dict[str, Body] = {}
+        self._guessing = GUESS in given
+        # Of the position of each pose, by its prefix.
+        self._units: dict[str, str] = {}
 
     def relative_to(self, other: _Columns, name: str) -> None:
         """Another file of the same rows holds the body that this one's pose is told relative to.
@@ -201,12 +203,12 @@ class _Columns:
             if len(rows):
                 self._question(kept[pose.prefix or "pose"].position, pose)
         made = self._together(kept, columns)
-        if GUESS in self._given:
+        if self._guessing:
             self._seen += [self._told(pose) for pose in self._poses]
         return replace(
             made,
             dropped=len(whole) - len(rows),
-            notes=(*made.notes, *self._notes),
+            notes=(*made.notes, *self._notes, *self._given.guesses),
             seen=tuple(self._seen),
         )
 
@@ -229,7 +231,10 @@ class _Columns:
     def _body(self, pose: PoseColumns) -> Body:
         path = self._sheet.path
         position = self._sheet.numbers(pose.position)
-        unit = self._length or pose.unit or "m"
+        unit = self._length or pose.unit
+        if not unit:
+            unit = guessed_length(self._sheet, position, self._given) if self._guessing else "m"
+        self._units[pose.prefix] = unit
         if self._length and pose.unit and self._length != pose.unit:
             raise ForeignFileError(
                 f"columns named as {pose.unit}, with --unit {self._length}",
@@ -246,11 +251,11 @@ class _Columns:
             numbers = from_deg(numbers)
         elif angles and not (self._angle or pose.angle):
             most = float(np.nanmax(np.abs(numbers), initial=0.0))
-            if most > _FEW_TURNS / 2:
-                if GUESS not in self._given:
-                    raise self._degrees("angles of an orientation", most)
-                numbers = from_deg(numbers)
-                self._seen.append(f"Angles up to {most:.4g} were taken for degrees.")
+            if self._guessing:
+                unit = guessed_angle(self._sheet, pose.form, numbers, self._given)
+                numbers = from_deg(numbers) if unit == "deg" else numbers
+            elif most > _FEW_TURNS / 2:
+                raise self._degrees("angles of an orientation", most)
             else:
                 self._seen.append(f"Angles up to {most:.4g} were taken for rad; --unit says else.")
         return Body(position, rotations_from(pose.form, numbers, path, self._sheet.lines))
@@ -258,8 +263,10 @@ class _Columns:
     def _question(self, position: FloatArray, pose: PoseColumns) -> None:
         """Lengths of an odd size: refused where nobody said their unit, noted where one did."""
         said = self._length or pose.unit
+        if self._guessing and not said:
+            return
         note = distance_note(position, f"lengths in {said or 'm'}")
-        if note and not said and GUESS not in self._given:
+        if note and not said:
             raise ForeignFileError(
                 f"{note[0].lower()}{note[1:]}",
                 "the unit",
@@ -282,7 +289,7 @@ class _Columns:
                 continue
             bare, unit = plain_name(name)
             if k in joints:
-                self._angles_used |= unit not in _LENGTHS
+                self._angles_used |= unit not in LENGTHS
                 numbers = sheet.numbers([k])[:, 0]
                 whole &= np.isfinite(numbers)
                 of = replace(readings, unit=self._angle or unit or "rad")
@@ -331,7 +338,7 @@ class _Columns:
                 )
 
     def _joint(self, readings: Readings, joint: str, numbers: FloatArray, unit: str) -> FloatArray:
-        if unit in _LENGTHS:  # a joint that slides
+        if unit in LENGTHS:  # a joint that slides
             return from_mm(numbers) if unit == "mm" else numbers
         angles = readings.angles(joint, numbers)
         most = float(np.nanmax(np.abs(angles), initial=0.0))
@@ -340,9 +347,9 @@ class _Columns:
         if self._angle or unit:
             self._notes.append(f"Readings of {joint} reach {most:.0f} rad: are they degrees?")
             return angles
-        if GUESS not in self._given:
+        if not self._guessing or most > _MOST_DEGREES:
             raise self._degrees(f"readings of {joint}", most)
-        self._seen.append(f"Readings of {joint}, up to {most:.4g}, were taken for degrees.")
+        self._given.note_guess(UNIT, "deg", f"readings of {joint} up to {most:.4g}")
         return replace(readings, unit="deg").angles(joint, numbers)
 
     def _degrees(self, of: str, most: float) -> ForeignFileError:
@@ -356,7 +363,7 @@ class _Columns:
 
     def _told(self, pose: PoseColumns) -> str:
         names = [self._names[k] for k in (*pose.position, *pose.rotation)]
-        unit = self._length or pose.unit or "m"
+        unit = self._units[pose.prefix]
         form = f", --rotation {pose.form}" if pose.form else ""
         return f"Taken for a pose: columns {', '.join(names)}; --unit {unit}{form}."
 

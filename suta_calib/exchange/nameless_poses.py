@@ -1,0 +1,195 @@
+"""Which pose rows of numbers without names are: seen by the numbers, or asked."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.option import Given
+from suta_calib.exchange.plausible import open_forms, plausible_readings
+from suta_calib.exchange.rotations import NUMBERS, is_rotation
+from suta_calib.exchange.sheet import Sheet
+from suta_calib.exchange.table_roles import (
+    ANGLES,
+    FIRST,
+    GUESS,
+    LENGTHS,
+    ROTATION,
+    UNIT,
+    UNIT_LENGTH,
+    PoseColumns,
+    open_units,
+    settled,
+)
+
+
+def nameless_pose(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet]:
+    """The pose that rows of so many numbers without names are.
+
+    Three numbers are a position; six are one with angles; seven are one with a quaternion; twelve
+    and sixteen are the rows of a transform, one below the other or side by side; four are rows of
+    4x4 matrices stacked in a column. Numbers in front, such as a row's own, are not looked for.
+
+    Args:
+        sheet: without a header.
+        given: `ROLE_OPTIONS`.
+
+    Returns:
+        The columns, and the sheet they are of: that of stacked matrices has a row for each. None
+        where so many numbers are no pose.
+
+    Raises:
+        ForeignFileError: numbers that leave open what they are, or cells that are none.
+    """
+    count = len(sheet.names)
+    if count not in (3, 4, 6, 7, 12, 16):
+        return None, sheet
+    numbers = sheet.numbers(range(count))
+    known = numbers[np.isfinite(numbers).all(axis=1)]
+    if count == 3:
+        return PoseColumns("", (0, 1, 2)), sheet
+    if count == 4:
+        return _stacked(sheet, known, len(numbers))
+    if count in (6, 7):
+        return _position_and_rotation(sheet, known, count - 3, given), sheet
+    return _matrix(sheet, known, given), sheet
+
+
+def _position_and_rotation(
+    sheet: Sheet, numbers: FloatArray, count: int, given: Given
+) -> PoseColumns:
+    ahead, behind = tuple(range(count)), tuple(range(3, 3 + count))
+    orders = {"position": behind, "rotation": ahead}
+    if count == 4:
+        lengths = {name: np.linalg.norm(numbers[:, k], axis=1) for name, k in orders.items()}
+        fitting = [name for name, one in lengths.items() if np.all(np.abs(one - 1.0) < UNIT_LENGTH)]
+        if not fitting:
+            said = "seven numbers a row, no four of which, first or last, are a quaternion"
+            raise ForeignFileError(
+                said,
+                "a position and a quaternion",
+                file=sheet.path,
+                line=sheet.lines[0],
+                hint="say which columns are what with --columns 1=x,2=y,…",
+            )
+        seen = "seven numbers a row, of which the first and the last four may be a quaternion"
+        first = settled(sheet, given, FIRST, fitting, seen)
+        seen = "seven numbers a row, a quaternion whose scalar may be its first or its last number"
+        choices = ["xyzw", "wxyz"] if first == "position" else ["wxyz", "xyzw"]
+        # Many programs turn the sign so that the scalar is never negative.
+        four = numbers[:, list(orders[first])]
+        positive = {"xyzw": np.all(four[:, 3] >= 0.0), "wxyz": np.all(four[:, 0] >= 0.0)}
+        choices.sort(key=lambda name: not positive[name])
+        form = settled(sheet, given, ROTATION, choices, seen)
+    else:
+        seen = "six numbers a row, of which three are a position and three may be any angles"
+        if GUESS in given:
+            return _guessed_pose(sheet, numbers, seen, given)
+        asked = [each for each, numbers_ in NUMBERS.items() if numbers_ == 3]
+        form = settled(sheet, given, ROTATION, asked, seen)
+        first = given.text(FIRST, "position")
+    position = (0, 1, 2) if first == "position" else tuple(range(count, count + 3))
+    return PoseColumns("", position, orders[first], form)
+
+
+def _guessed_pose(sheet: Sheet, numbers: FloatArray, seen: str, given: Given) -> PoseColumns:
+    """The only reading of six numbers a row that is plausible.
+
+    Args:
+        sheet: for messages.
+        numbers: (n, 6), of rows in which none is missing.
+        seen: what leaves the reading open.
+        given: what the options settle.
+
+    Raises:
+        ForeignFileError: several readings are plausible, or none is.
+    """
+    firsts = [given.text(FIRST)] if FIRST in given else ["position", "rotation"]
+    forms = [given.text(ROTATION)] if ROTATION in given else open_forms()
+    units = open_units(given, LENGTHS), open_units(given, ANGLES)
+    readings = plausible_readings(numbers, firsts, forms, *units) if len(numbers) else []
+    if len(readings) != 1:
+        said = "; ".join(map(str, readings)) or "none that an arm or a tracker would have"
+        raise ForeignFileError(
+            f"{seen}: plausible are {said}",
+            "one that is plausible",
+            file=sheet.path,
+            line=sheet.lines[0],
+            hint=f"say {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg",
+        )
+    first, form, length, angle = readings[0]
+    for option, value in ((FIRST, first), (ROTATION, form), (UNIT, f"{length},{angle}")):
+        if option not in given:
+            given.note_guess(option, value, seen)
+    ahead, behind = (0, 1, 2), (3, 4, 5)
+    if first == "rotation":
+        ahead, behind = behind, ahead
+    return PoseColumns("", ahead, behind, form, length, angle)
+
+
+def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
+    """Twelve or sixteen numbers: a transform row by row or column by column."""
+    width = numbers.shape[1] // 4
+    by_rows = (
+        tuple(4 * row + column for row in range(3) for column in range(3)),
+        (3, 7, 11),
+    )
+    by_columns = (
+        tuple(width * column + row for row in range(3) for column in range(3)),
+        tuple(3 * width + row for row in range(3)),
+    )
+    flat = (tuple(range(9)), (9, 10, 11))
+    arranged = {"rows": by_rows, "columns": by_columns}
+    if width == 3:
+        # Nine numbers of a rotation by rows and a position behind them are as usual.
+        arranged["rotation-position"] = flat
+    fitting = [
+        name
+        for name, (rotation, _) in arranged.items()
+        if is_rotation(numbers[:, rotation].reshape(-1, 3, 3))
+    ]
+    if width == 4:
+        last = {"rows": (12, 13, 14, 15), "columns": (3, 7, 11, 15)}
+        fitting = [n for n in fitting if np.allclose(numbers[:, last[n]], [0, 0, 0, 1], atol=1e-6)]
+    if not fitting:
+        raise ForeignFileError(
+            f"{4 * width} numbers a row, which are no transform by rows or by columns",
+            "a rotation matrix with a position",
+            file=sheet.path,
+            line=sheet.lines[0],
+        )
+    same = {name: numbers[:, arranged[name][0] + arranged[name][1]].tobytes() for name in fitting}
+    if ROTATION in given and given.text(ROTATION) == "rows" and "rows" not in fitting:
+        fitting = [name for name in fitting if name == "rotation-position"] or fitting
+    if len(set(same.values())) == 1:
+        chosen = fitting[0]
+    elif ROTATION in given:
+        chosen = next((n for n in fitting if n.startswith(given.text(ROTATION))), fitting[0])
+    else:
+        seen = f"{4 * width} numbers a row, which are a transform as {' and as '.join(fitting)}"
+        asked = ["columns" if n == "columns" else "rows" for n in fitting]
+        answer = settled(sheet, given, ROTATION, list(dict.fromkeys(asked)), seen)
+        chosen = next(n for n, a in zip(fitting, asked, strict=True) if a == answer)
+    rotation, position = arranged[chosen]
+    return PoseColumns("", position, rotation, "rows")
+
+
+def _stacked(sheet: Sheet, numbers: FloatArray, rows: int) -> tuple[PoseColumns | None, Sheet]:
+    """4x4 matrices one below the other: a row for each, in which they stand by rows."""
+    if len(numbers) != rows or rows % 4:
+        return None, sheet
+    blocks = numbers.reshape(-1, 4, 4)
+    told = "4x4 matrices, stacked."
+    if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
+        blocks, told = blocks.swapaxes(1, 2), "4x4 matrices, stacked, each by columns."
+    if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
+        return None, sheet
+    names = tuple(str(k + 1) for k in range(16))
+    columns = tuple(blocks.reshape(-1, 16).T)
+    seen = (*sheet.seen, told)
+    whole = replace(sheet, names=names, lines=sheet.lines[::4], values=columns, seen=seen)
+    rotation = tuple(4 * row + column for row in range(3) for column in range(3))
+    return PoseColumns("", (3, 7, 11), rotation, "rows"), whole

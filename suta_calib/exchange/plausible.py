@@ -1,0 +1,146 @@
+"""What six numbers of a pose may be, by what an arm or a tracker can do: for ``import --guess``.
+
+A guess is taken where one reading of the numbers is plausible and no other: angles within a turn,
+rotation vectors of a norm within half a turn, positions at a distance at which arms and trackers
+work, and rotations that do not change more from row to row than in another form.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from itertools import product
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.exchange.rotations import EULER
+from suta_calib.units import from_deg
+
+VECTOR: Final = "vector"
+# Of Euler angles whose order nobody says: roll, pitch, yaw of URDF and ROS.
+RPY: Final = "xyz"
+# Median distance from the origin, in the unit, of positions that are an arm's or a tracker's.
+_DISTANCES: Final = {"m": (0.003, 10.0), "mm": (100.0, 10_000.0)}
+_TURNS: Final = {"rad": math.tau, "deg": 360.0}
+# Rounding of what is written.
+_ROUNDED: Final = 1.005
+# A form of rotation fits its neighbours worse than another where its largest step from row to row
+# is so many times as large, and larger than steps of recorded motions are, rad.
+_WORSE: Final = 3.0
+_STEP: Final = 0.5
+# Rows that are looked at for steps, and that tell something.
+_ROWS: Final = 2000
+_LEAST_ROWS: Final = 5
+
+
+class Reading(NamedTuple):
+    """How six numbers may be read.
+
+    Attributes:
+        first: ``position`` or ``rotation``.
+        form: ``vector``, or an order of Euler angles.
+        length: ``m`` or ``mm``.
+        angle: ``rad`` or ``deg``.
+    """
+
+    first: str
+    form: str
+    length: str
+    angle: str
+
+    def __str__(self) -> str:
+        kind = "a rotation vector" if self.form == VECTOR else "Euler angles"
+        parts = [f"a position in {self.length}", f"{kind} in {self.angle}"]
+        return " and ".join(parts if self.first == "position" else reversed(parts))
+
+
+def plausible_lengths(position: FloatArray, units: Sequence[str]) -> list[str]:
+    """Units in which positions (n, 3) are at a plausible distance."""
+    distance = float(np.median(np.linalg.norm(position, axis=1)))
+    return [unit for unit in units if _DISTANCES[unit][0] <= distance <= _DISTANCES[unit][1]]
+
+
+def plausible_rotations(
+    numbers: FloatArray, forms: Sequence[str], units: Sequence[str]
+) -> list[tuple[str, str]]:
+    """Forms and units in which three numbers (n, 3) are plausible rotations.
+
+    Of several orders of Euler angles the first that is left stands for all; degrees are none where
+    they are so few that they may be rad, and of rotation vectors only where Euler angles are none.
+
+    Args:
+        numbers: of the rotation in each row.
+        forms: that are to be considered, in their order of preference.
+        units: the same.
+    """
+    most, norm = np.abs(numbers).max(), np.linalg.norm(numbers, axis=1).max()
+    found = list[tuple[str, str]]()
+    for unit in units:
+        if unit == "deg" and "rad" in units and most <= _TURNS["rad"]:
+            continue
+        turn = _TURNS[unit] * _ROUNDED
+        within = [form for form in forms if (2 * norm if form == VECTOR else most) <= turn]
+        fitting = _fitting_neighbours(numbers, within, unit)
+        euler = [form for form in fitting if form != VECTOR][:1]
+        vector = [VECTOR] if VECTOR in fitting and not (euler and unit == "deg") else []
+        found += [(form, unit) for form in (*euler, *vector)]
+    return found
+
+
+def _fitting_neighbours(numbers: FloatArray, forms: Sequence[str], unit: str) -> list[str]:
+    """Forms of which no step from row to row is far larger than the largest of another form.
+
+    Where a motion passes half a turn, numbers jump, and are near each other in the right form only.
+    """
+    if len(numbers) < _LEAST_ROWS or len(forms) < 2:
+        return list(forms)
+    angles = from_deg(numbers[:_ROWS]) if unit == "deg" else numbers[:_ROWS]
+    steps = {form: _largest_step(form, angles) for form in forms}
+    most = max(_STEP, _WORSE * min(steps.values()))
+    return [form for form in forms if steps[form] <= most]
+
+
+def _largest_step(form: str, angles: FloatArray) -> float:
+    """Angle, rad, of the largest turn between neighbouring rows of angles (n, 3), rad."""
+    from scipy.spatial.transform import Rotation
+
+    if form == VECTOR:
+        rotation = Rotation.from_rotvec(angles)
+    else:
+        rotation = Rotation.from_euler(form, angles)
+    return float((rotation[:-1].inv() * rotation[1:]).magnitude().max())
+
+
+def plausible_readings(
+    numbers: FloatArray,
+    firsts: Sequence[str],
+    forms: Sequence[str],
+    lengths: Sequence[str],
+    angles: Sequence[str],
+) -> list[Reading]:
+    """Readings of six numbers (n, 6) a row that are plausible, the likeliest first.
+
+    Args:
+        numbers: rows in which none is missing, at least one.
+        firsts: whether the first three may be the ``position`` or the ``rotation``.
+        forms: what the rotation may be.
+        lengths: units of the position that are possible.
+        angles: units of the rotation that are possible.
+    """
+    found = list[Reading]()
+    for first in firsts:
+        position, rotation = numbers[:, :3], numbers[:, 3:]
+        if first == "rotation":
+            position, rotation = rotation, position
+        each = product(
+            plausible_rotations(rotation, forms, angles), plausible_lengths(position, lengths)
+        )
+        found += [Reading(first, form, length, angle) for (form, angle), length in each]
+    return found
+
+
+def open_forms() -> tuple[str, ...]:
+    """Every form of three numbers, roll, pitch and yaw before the others."""
+    return (RPY, *(form for form in EULER if form != RPY), VECTOR)
