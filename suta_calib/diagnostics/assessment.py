@@ -25,15 +25,12 @@ from suta_calib.diagnostics.odd_readings import (
 )
 from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
 from suta_calib.diagnostics.repeats import lack_of_fit
-from suta_calib.diagnostics.score_tests import (
-    LOOKS_LIKE,
-    geometry_is_held,
-    score_tests,
-)
+from suta_calib.diagnostics.score_tests import geometry_is_held, score_tests
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
-from suta_calib.trust.extended import effective_unknowns
+from suta_calib.trust.extended import LOOKS_LIKE, effective_unknowns
+from suta_calib.trust.hypothesis import strongest_cause
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 
@@ -65,6 +62,9 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     found = judge("contradictions", lambda: contradictions(solution, accuracy), failed)
     # A fit that other readings explain far better has residuals that say nothing of joints.
     cause = judge("other readings", lambda: _cause(solution), failed) if found else []
+    named = [] if cause else judge("the model", lambda: _named_cause(fit, accuracy), failed)
+    # What explains residuals that are far too large is said before them.
+    first = named if any(each.bad for each in found) else []
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     nothing = PriorNotes()
@@ -75,6 +75,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
         solution.sentence,
         bad=[
             *cause,
+            *first,
             *([worse] if is_worse else []),
             *(each.sentence for each in found if each.bad),
             *priors.bad,
@@ -88,10 +89,13 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *(each.sentence for each in beliefs),
             *judge("parameters", lambda: _on_parameters(solution), failed),
             *judge("redundancy", lambda: _on_redundancy(solution), failed),
+            *([] if first else named),
             *judge(
                 "residuals",
                 lambda: _beside_geometry(
-                    solution, fit, accuracy, suspect=not (cause or priors.bad)
+                    *(solution, fit, accuracy),
+                    named=bool(named),
+                    suspect=not (cause or priors.bad),
                 ),
                 failed,
             ),
@@ -225,8 +229,24 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
+def _named_cause(solution: Solution, accuracy: Accuracy) -> list[str]:
+    """What explains the residuals better than a change while the rows were measured, if anything.
+
+    Where parameters describe it, it stands here only if estimating them predicts left-out rows
+    better.
+    """
+    cause = strongest_cause(solution)
+    if cause is None or any(c.share >= cause.evidence.share for c in changes(solution)):
+        return []
+    names = cause.evidence.effect.parameters
+    if not names:
+        return [cause.sentence]
+    gain = best_extension(solution, accuracy.validation, [names])
+    return [] if gain is None else [f"{cause.sentence} {_with_it(gain)}."]
+
+
 def _beside_geometry(
-    solution: Solution, fewer: Solution, accuracy: Accuracy, *, suspect: bool
+    solution: Solution, fewer: Solution, accuracy: Accuracy, *, named: bool, suspect: bool
 ) -> list[str]:
     """What a URDF cannot hold, and what the residuals look like, held geometry last.
 
@@ -236,6 +256,7 @@ def _beside_geometry(
         solution: converged.
         fewer: the same over part of many rows.
         accuracy: its errors.
+        named: whether the cause of the residuals was said.
         suspect: whether the residuals tell of the arm, and of no other reading of the data.
     """
     notes = []
@@ -247,6 +268,8 @@ def _beside_geometry(
             "is right only with the corrections in result.json (track and validate apply them "
             "with --result)."
         )
+    if named:
+        return notes
     if changed := changes(fewer):
         return [*notes, *(change.sentence for change in changed)]
     if arm is None or not suspect:

@@ -76,6 +76,7 @@ class Change:
         size, std: by how much, and its standard deviation: rad of a slip, and of a drift until the
             last row; a number of a travel; metres of what was moved or crept until the last row.
         p: chance of residuals so suspicious, allowing for the number of tests.
+        share: of the squared residuals that it explains.
     """
 
     kind: str
@@ -86,6 +87,7 @@ class Change:
     p: float
     until: str = ""
     instead: tuple[str, ...] = ()
+    share: float = 0.0
 
     @property
     def sentence(self) -> str:
@@ -148,7 +150,8 @@ def changes(solution: Solution, options: ChangeOptions = ChangeOptions()) -> tup
     # A large change saturates residuals of what is like it too: what it leaves tells them apart,
     # each at the row where it explains most.
     (where, done), *others = _told_apart(fit, telling[: options.tried], options)
-    lowered = followed(fit).left - done.left
+    before = followed(fit).left
+    lowered = before - done.left
     if where.suspect.kind == "model" or lowered < _needed(fit, where, options):
         return ()
     p = min(1.0, tried * _chance(fit, where))
@@ -160,7 +163,8 @@ def changes(solution: Solution, options: ChangeOptions = ChangeOptions()) -> tup
         for each in others
         if each[0].suspect.kind != "model" and each[1].left < done.left + options.alike * noise
     )
-    return (replace(_change(fit, where, done, p), instead=instead),)
+    share = lowered / max(before, 1e-300)
+    return (replace(_change(fit, where, done, p), instead=instead, share=share),)
 
 
 def _needed(fit: Following, each: Telling, options: ChangeOptions) -> float:

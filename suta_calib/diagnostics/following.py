@@ -16,7 +16,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.held_out import robust_level
-from suta_calib.model.parameters import Family
+from suta_calib.model.parameters import COUPLING, Family
 from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_threshold, huber_weight
@@ -102,8 +102,10 @@ def everything_follows(solution: Solution) -> Following:
         for key, names in offered_names(arm).items()
     }
     known = np.concatenate([*offered.values(), np.zeros(0, dtype=np.intp)])
-    # A gain is the travel of an encoder, which is looked for as such.
-    lacking = {key: at for key, at in offered.items() if len(at) and key[1] != "gain"}
+    # A gain is the travel of an encoder, which is looked for as such. Couplings of neighbours are
+    # a cause of their own (`trust.hypotheses.coupling`).
+    apart = ("gain", COUPLING)
+    lacking = {key: at for key, at in offered.items() if len(at) and key[1] not in apart}
     # The job's priors pull where the job's fit has ended.
     away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)
     rows = whitened_rows(problem, x, sigmas)

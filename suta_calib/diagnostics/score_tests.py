@@ -48,16 +48,6 @@ VERY_STRONG: Final = 10.0
 # Chance by touches that what the variance alone says must have.
 SUPPORTED: Final = 0.05
 
-LOOKS_LIKE: Final[dict[Family, str]] = {
-    "ecc_1": "an eccentric encoder",
-    "ecc_2": "an eccentric encoder",
-    "compliance": "a joint that yields to gravity",
-    "gain": "a reading of the wrong scale",
-    "backlash": "play that the joint is on either side of",
-    "expansion": "lengths that grow with warmth",
-    COUPLING: "a joint that another one's motor moves too",
-}
-
 
 @dataclass(frozen=True)
 class ScoreTest:
@@ -168,13 +158,15 @@ class Residuals:
             return ()
         groups = self._groups
         alone, beside = self._alone, self._beside_geometry
-        kept = {
-            key: np.array([self._order[n] for n in told], dtype=np.intp)
-            for key, names in groups.items()
-            if (told := [n for n in names if alone.telling[self._order[n]]])
-        }
+        kept = [
+            (joint, family, np.array([self._order[n] for n in told], dtype=np.intp))
+            for (joint, family), names in groups.items()
+            # Each coupling is a cause of its own; the two waves of a harmonic are one.
+            for some in ([[n] for n in names] if family == COUPLING else [names])
+            if (told := [n for n in some if alone.telling[self._order[n]]])
+        ]
         names, found = list(self._order), []
-        for (joint, family), index in kept.items():
+        for joint, family, index in kept:
             p = alone.p_by_touch(index, self._freedom)
             gain = self._gain(alone, index) - len(index) * float(np.log(alone.touches))
             p_variance = alone.p_variance(index, self._equations, self.free)

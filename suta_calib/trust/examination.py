@@ -11,12 +11,19 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.records import dataclass
-from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.evaluation import PoseTable
+from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import LinearFit
-from suta_calib.trust.extended import known_beforehand, offered_names, problem_beside, rows_beside
+from suta_calib.trust.extended import (
+    kept_rows,
+    known_beforehand,
+    offered_names,
+    problem_beside,
+    rows_beside,
+)
 
 # Step of numerical derivatives by something that a term was built with, relative to its unit size.
 STEP: Final = 1e-6
@@ -68,7 +75,7 @@ class Examination:
         """
         sigmas = solution.sigmas if sigmas is None else sigmas
         problem = solution.problem
-        rows = whitened_rows(problem, solution.x, sigmas)
+        rows = kept_rows(problem, solution.x, sigmas)
         free = solution.free
         return cls(solution, problem, solution.x, rows, free, sigmas, rows_per_independent_row)
 
@@ -131,14 +138,21 @@ class Examination:
         return self.problem.arm
 
     @property
+    def table(self) -> PoseTable:
+        """Poses and velocities of the tips at the solution."""
+        table = self.problem.evaluation.table
+        table.update(self.x[: self.problem.arm_count])
+        return table
+
+    @property
     def position(self) -> FloatArray:
         """(samples, 3) of the tips in the base, m."""
-        return self.problem.evaluation.table.position
+        return self.table.position
 
     @property
     def rotation(self) -> FloatArray:
         """(samples, 3, 3) ``R_base_tip``."""
-        return np.swapaxes(self.problem.evaluation.table.rotation.reshape(-1, 3, 3), 1, 2)
+        return np.swapaxes(self.table.rotation.reshape(-1, 3, 3), 1, 2)
 
     @cached_property
     def q(self) -> FloatArray:
@@ -153,7 +167,7 @@ class Examination:
         """
         assert self.arm is not None
         index = [self.problem.names.index(name) for name in self.arm.offsets]
-        velocity = self.problem.evaluation.table.velocity[:, index]
+        velocity = self.table.velocity[:, index]
         return velocity.reshape(-1, 6, len(index))
 
     @property

@@ -7,7 +7,9 @@ an eccentric encoder.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 
@@ -19,12 +21,37 @@ from suta_calib.solver.information import Rows, robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 
+LOOKS_LIKE: Final[dict[Family, str]] = {
+    "ecc_1": "an eccentric encoder",
+    "ecc_2": "an eccentric encoder",
+    "compliance": "a joint that yields to gravity",
+    "gain": "a reading of the wrong scale",
+    "backlash": "play that the joint is on either side of",
+    "expansion": "lengths that grow with warmth",
+    COUPLING: "a joint that another one's motor moves too",
+}
+
+
+def neighbours(arm: ArmModel) -> dict[str, tuple[str, str]]:
+    """Couplings to look for, by name: which joint is moved, and by whose motor.
+
+    Those of neighbours in the chain, in either direction, and those that a ``<transmission>`` of
+    the URDF says: any two joints together would explain any error.
+    """
+    order = [segment.owner for segment in arm.movers]
+    pairs = {}
+    for name, other in arm.couplings.items():
+        moved = arm.nongeometric[name].owner
+        beside = other in order and abs(order.index(moved) - order.index(other)) == 1
+        if beside or other in arm.chain.coupled.get(moved, ()):
+            pairs[name] = (moved, other)
+    return pairs
+
 
 def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
     """Names by joint and family that this arm can be given; no compliance without masses.
 
-    Of all joints whose readings might move another's, those are offered that a ``<transmission>``
-    of the URDF couples: any two would explain any error.
+    Of couplings those of `neighbours`.
     """
     found: dict[tuple[str, Family], tuple[str, ...]] = {}
     for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
@@ -38,14 +65,8 @@ def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
                 except UrdfError:
                     continue
             found[joint, family] = names
-    for joint, others in arm.chain.coupled.items():
-        moved = tuple(
-            name
-            for name, other in arm.couplings.items()
-            if arm.nongeometric[name].owner == joint and other in others
-        )
-        if moved:
-            found[joint, COUPLING] = moved
+    for name, (joint, _) in neighbours(arm).items():
+        found[joint, COUPLING] = (*found.get((joint, COUPLING), ()), name)
     return found
 
 
@@ -63,7 +84,18 @@ def problem_beside(solution: Solution) -> tuple[Problem, FloatArray]:
 def rows_beside(solution: Solution) -> list[Rows]:
     """Whitened rows of `problem_beside`, at the solution."""
     problem, x = problem_beside(solution)
-    return whitened_rows(problem, x, solution.sigmas)
+    return kept_rows(problem, x, solution.sigmas)
+
+
+def kept_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
+    """`whitened_rows` that stay as they are when the problem is evaluated elsewhere."""
+    rows = whitened_rows(problem, x, sigmas)
+    return [
+        replace(
+            r, line=replace(r.line, residual=r.line.residual.copy(), by_pose=r.line.by_pose.copy())
+        )
+        for r in rows
+    ]
 
 
 def extended_problem(

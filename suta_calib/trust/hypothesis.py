@@ -14,6 +14,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.records import dataclass
+from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Rule, weigh_effects
 from suta_calib.trust.examination import Examination
@@ -108,6 +109,29 @@ class Finding:
     def sentence(self) -> str:
         """What was found, its size with ±, and what to do."""
         return self.hypothesis.sentence(self.evidence)
+
+
+# Of joints it is said more carefully (`diagnostics.score_tests`): this test says whether what
+# explains the residuals best is one of them.
+LEFT_TO_SCORE_TESTS: Final = "joint error"
+
+
+def strongest_cause(solution: Solution) -> Finding | None:
+    """What explains the residuals of a calibration best beside all of the geometry.
+
+    Args:
+        solution: a converged one.
+
+    Returns:
+        None without an arm, where nothing is supported, or where errors of one joint explain the
+        residuals best.
+    """
+    if solution.problem.arm is None:
+        return None
+    first = next(iter(examine(Examination.of(solution))), None)
+    if first is None or first.hypothesis.name == LEFT_TO_SCORE_TESTS:
+        return None
+    return first
 
 
 @cache

@@ -6,62 +6,14 @@ its fault; otherwise `SCENES` says which data can.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
-
 import numpy as np
 import pytest
-from simulated import PLAIN, Scene, Spread, arm_named, perturbed, tracked_scene
+from sound_sets import MOVING, TRACKED, TRUTH, Sound
 
-from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
-from suta_calib.terms import Term
-from suta_calib.trust import (
-    AddedVariable,
-    Examination,
-    Hypothesis,
-    Rule,
-    examine,
-    known_hypotheses,
-)
+from suta_calib.trust import AddedVariable, Hypothesis, Rule, examine, known_hypotheses
 
-ARM = arm_named("ur5")
-UNKNOWN: ParameterSet = ARM.select("geometric", Selection("*.offset", bound_rad=0.2))
-TRUTH = perturbed(UNKNOWN, 3, length=1e-3, angle=3e-3)
-NOISE = Spread(position=1e-4, rotation=2e-4)
-
-
-@dataclass(frozen=True, eq=False)
-class Sound:
-    """Sound data of one sort, simulated anew with every seed.
-
-    Attributes:
-        make: the term of a seed.
-        values: the truth.
-        unknown: parameters of the arm that are estimated; none for measured poses.
-    """
-
-    make: Callable[[int], Term]
-    values: dict[str, float]
-    unknown: ParameterSet = field(default_factory=ParameterSet)
-
-    def examined(self, term: Term) -> Examination:
-        solution = solve(Problem([term], self.unknown), SolverOptions(starts=1, confirm=False))
-        assert solution.converged
-        if len(self.unknown):
-            return Examination.of(solution)
-        return Examination.of_poses(solution)
-
-
-def of_scene(scene: Scene) -> Sound:
-    def make(seed: int) -> Term:
-        return scene.term(scene.samples(NOISE, seed)[0], PLAIN, PLAIN)
-
-    return Sound(make, TRUTH, UNKNOWN)
-
-
-TRACKED = of_scene(tracked_scene(ARM, TRUTH, 80, oriented=True))
 # Data that can have the fault, by the hypothesis's name, where an arm that is tracked cannot.
-SCENES: dict[str, Sound] = {}
+SCENES: dict[str, Sound] = {"time offset": MOVING}
 SORTS = {"tracked": TRACKED, **SCENES}
 
 

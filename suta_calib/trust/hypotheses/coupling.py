@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from typing import Any, ClassVar
 
 import numpy as np
 
-from suta_calib.model.arm import ArmModel
-from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
+from suta_calib.trust.extended import neighbours
 from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.spoiling import arm_of, with_readings
 
 
 class Coupling(AddedVariable):
@@ -52,34 +51,16 @@ class Coupling(AddedVariable):
         return (
             f"The residuals look like a coupling of two joints: {moved} moves by {ratio:+.4f} ± "
             f"{std:.4f} of what {other} moves (1:{1.0 / abs(ratio):.0f}). Run suta-calib extend, "
-            f"which says whether {evidence.effect.name} predicts left-out data better."
+            f"which says what to add to the job: {evidence.effect.name}."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
         """Readings of one joint that lack what its neighbour moves it by: 1:100."""
         del values
-        term: Term = data
-        arm = term.poses.arm  # type: ignore[attr-defined]
+        arm, ratio = arm_of(data), 0.01
         pairs = neighbours(arm)
         name = str(rng.choice([*pairs]))
         moved, other = (arm.joints.index(joint) for joint in pairs[name])
-        samples, ratio = term.poses.samples, 0.01
-        q = samples.q.copy()
+        q = data.poses.samples.q.copy()
         q[:, moved] -= ratio * q[:, other]
-        spoilt = term.over_poses(term.poses.with_samples(replace(samples, q=q)))
-        return Spoilt(spoilt, np.array([ratio]), name)
-
-
-def neighbours(arm: ArmModel) -> dict[str, tuple[str, str]]:
-    """Couplings of neighbouring joints by name: which joint is moved, and by whose motor.
-
-    Neighbours in the chain; pairs that a transmission couples are tested as the URDF says
-    (`extended.offered_names`).
-    """
-    order = [segment.owner for segment in arm.movers]
-    pairs = {}
-    for name, other in arm.couplings.items():
-        moved = arm.nongeometric[name].owner
-        if other in order and abs(order.index(moved) - order.index(other)) == 1:
-            pairs[name] = (moved, other)
-    return pairs
+        return Spoilt(with_readings(data, q), np.array([ratio]), name)

@@ -1,0 +1,57 @@
+"""A joint's own error beside geometry: what the families of `model.parameters` describe."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+
+from suta_calib.model.parameters import COUPLING
+from suta_calib.trust.evidence import Effect, Evidence
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.extended import LOOKS_LIKE, offered_names
+from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.spoiling import arm_of, with_readings
+
+
+class JointError(AddedVariable):
+    """Eccentric encoders, wrong gains, joints that yield, backlash, thermal expansion."""
+
+    name: ClassVar[str] = "joint error"
+    about: ClassVar[str] = "An encoder is eccentric, a joint yields, has backlash or a wrong gain."
+
+    def effects(self, answer: Examination) -> Iterator[Effect]:
+        """One for each joint and family that the answer does not estimate."""
+        assert answer.arm is not None
+        fitted = answer.solution.problem.parameters
+        place = {name: k for k, name in enumerate(answer.problem.names)}
+        plausible = answer.problem.parameters.array("plausible")
+        for (joint, family), offered in offered_names(answer.arm).items():
+            at = [place[name] for name in offered if name in place and name not in fitted]
+            if not at or family == COUPLING:
+                continue
+            columns = np.vstack([r.jacobian[:, at] for r in answer.rows])
+            names = tuple(answer.problem.names[k] for k in at)
+            name = f"{joint} {family}"
+            yield Effect(name, columns, plausible[at], parameters=names, about=(joint, family))
+
+    def sentence(self, evidence: Evidence) -> str:
+        """The joint, and what its residuals look like."""
+        joint, family = evidence.effect.about
+        return (
+            f"The residuals of {joint} look like {LOOKS_LIKE[family]}: "
+            "run suta-calib extend, which says whether such a term predicts left-out data better."
+        )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """An encoder disc off its axis: 0.2° once a turn."""
+        del values
+        arm = arm_of(data)
+        turning = [k for k, joint in enumerate(arm.joints) if arm.units[joint] == "rad"]
+        joint = int(rng.choice(turning))
+        size = np.radians(0.2) * np.array([0.6, 0.8])
+        q = data.poses.samples.q.copy()
+        # The reading misses what the parameters add to it.
+        q[:, joint] -= size @ [np.cos(q[:, joint]), np.sin(q[:, joint])]
+        return Spoilt(with_readings(data, q), size, f"{arm.joints[joint]} ecc_1")

@@ -1,0 +1,92 @@
+"""Readings and observations of a moving arm that were not taken at the same moment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.trust.evidence import Effect, Evidence
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.spoiling import arm_of, with_readings
+
+# How alike two steps from row to row must be that follow one another (their mean correlation), for
+# rows of an arm that moves: 1 for a straight path, 0.5 for turns of 60° from step to step. Rows at
+# any postures have -0.5, those that go to and fro -1.
+SMOOTH: Final = 0.5
+# Rows that a motion needs.
+FEWEST: Final = 10
+# Rows by which they may be late, at most: more is looked for by reading them again
+# (`diagnostics.other_readings`).
+PLAUSIBLE: Final = 1.0
+
+
+class LateRows(AddedVariable):
+    """The tip is where it will be, or was, a part of a row later: its own motion, times the delay.
+
+    Needs rows in the order of time, of an arm that moves smoothly.
+    """
+
+    name: ClassVar[str] = "time offset"
+    about: ClassVar[str] = "Readings and observations of a moving arm were taken at other moments."
+
+    def effects(self, answer: Examination) -> Iterator[Effect]:
+        """One for each term whose arm moved smoothly."""
+        arm = answer.arm
+        assert arm is not None
+        # The tip's motion by each reading.
+        motion = answer.motion @ arm.gearing
+        for k, (first, end) in enumerate(pairwise(answer.boundaries.tolist())):
+            files = np.array([file for file, _ in answer.problem.terms[k].poses.samples.files()])
+            steps = per_row(answer.q[first:end], files)
+            if steps is None:
+                continue
+            velocity = np.zeros((len(answer.q), 6, 1))
+            velocity[first:end, :, 0] = np.einsum("nvj,nj->nv", motion[first:end], steps)
+            kind = answer.problem.terms[k].kind.replace("_", " ")
+            columns = answer.by_motion(velocity)
+            yield Effect(f"term {k + 1}", columns, np.array([PLAUSIBLE]), about=kind)
+
+    def sentence(self, evidence: Evidence) -> str:
+        """Who is late, by what part of a row."""
+        late, std = float(evidence.size[0]), float(evidence.std[0])
+        who = "readings were taken before" if late > 0 else "readings were taken after"
+        return (
+            f"The arm moved while the rows of {evidence.effect.about} were measured, and its {who} "
+            f"what was observed beside them, by {abs(late):.3f} ± {std:.3f} of the time from row "
+            "to row: set both clocks right, shift one column by this much, or let the arm rest at "
+            "every row."
+        )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """Readings that are 0.2 rows old."""
+        del values, rng
+        arm_of(data)
+        q, late = data.poses.samples.q, 0.2
+        rows = np.arange(len(q), dtype=float)
+        older = np.stack([np.interp(rows - late, rows, column) for column in q.T], axis=1)
+        return Spoilt(with_readings(data, older), np.array([late]))
+
+
+def per_row(q: FloatArray, files: Any) -> FloatArray | None:
+    """(n, joints) motion of readings from row to row; None where the arm did not move smoothly.
+
+    Args:
+        q: (n, joints) in the order of the rows.
+        files: (n,) numbers of the files that rows are of: each is a motion by itself.
+    """
+    ends = [0, *(1 + np.flatnonzero(np.diff(files))).tolist(), len(q)]
+    found, alike, total = np.zeros_like(q), 0.0, 0.0
+    for first, end in pairwise(ends):
+        if end - first < FEWEST:
+            continue
+        part = q[first:end]
+        found[first:end] = np.gradient(part, axis=0)
+        step = np.diff(part, axis=0)
+        alike += float(np.sum(step[1:] * step[:-1]))
+        total += 0.5 * float(np.sum(step[1:] ** 2) + np.sum(step[:-1] ** 2))
+    return found if total > 0.0 and alike > SMOOTH * total else None

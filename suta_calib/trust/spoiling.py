@@ -1,0 +1,62 @@
+"""Faults put into sound terms: what `Hypothesis.spoil` of several hypotheses has in common."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.model.arm import ArmModel
+from suta_calib.terms.poses import ArmPoses, MeasuredPoses
+from suta_calib.terms.term import Term
+
+
+def arm_of(term: Term) -> ArmModel:
+    """The arm of a term.
+
+    Raises:
+        SamplesError: it is over measured poses.
+    """
+    if not isinstance(term.poses, ArmPoses):
+        raise SamplesError("poses that were measured", "readings of an arm", where=term.kind)
+    return term.poses.arm
+
+
+def with_readings(term: Term, q: FloatArray) -> Term:
+    """The term with other readings (n, joints), and all else as it was observed."""
+    samples = term.poses.samples
+    return term.over_poses(term.poses.with_samples(replace(samples, q=q)))
+
+
+def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Term:
+    """The term as it is observed when the tips are elsewhere; the noise stays as it is.
+
+    Args:
+        term: of a kind whose instrument or camera watches.
+        values: the truth, with the term's own unknowns or without them.
+        twist: (n, 6) displacement, m, and turn, rad, of every tip about itself, base axes.
+
+    Raises:
+        SamplesError: a kind that touches.
+    """
+    if term.medium == "touch":
+        raise SamplesError(f"the kind {term.kind}", "one that an instrument watches")
+    known = term.start_values(values) | dict(values)
+    rotation, position = term.poses.at(values)
+    samples, changed = term.poses.samples, dict[str, Any]()
+    moved = rotation_from_vector(twist[:, 3:]) @ rotation, position + twist[:, :3]
+    before, after = (
+        term.observed(known, MeasuredPoses(*pose, samples))
+        for pose in ((rotation, position), moved)
+    )
+    if samples.position is not None:
+        changed["position"] = samples.position + after.position - before.position
+    if samples.rotation is not None and before.rotation is not None and after.rotation is not None:
+        turn = np.swapaxes(before.rotation, 1, 2) @ after.rotation
+        changed["rotation"] = samples.rotation @ turn
+    return term.over_poses(term.poses.with_samples(replace(samples, **changed)))

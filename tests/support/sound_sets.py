@@ -1,0 +1,63 @@
+"""Sound data with known truth, new with every seed: an arm that an instrument watches."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from simulated import PLAIN, Scene, Spread, arm_named, perturbed, tracked_scene
+
+from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
+from suta_calib.terms import ArmPoses, Term
+from suta_calib.trust import Examination
+
+ARM = arm_named("ur5")
+UNKNOWN: ParameterSet = ARM.select("geometric", Selection("*.offset", bound_rad=0.2))
+TRUTH = perturbed(UNKNOWN, 3, length=1e-3, angle=3e-3)
+NOISE = Spread(position=1e-4, rotation=2e-4)
+
+
+@dataclass(frozen=True, eq=False)
+class Sound:
+    """Sound data of one sort, simulated anew with every seed.
+
+    Attributes:
+        make: the term of a seed.
+        values: the truth.
+        unknown: parameters of the arm that are estimated; none for measured poses.
+    """
+
+    make: Callable[[int], Term]
+    values: dict[str, float]
+    unknown: ParameterSet = field(default_factory=ParameterSet)
+
+    def examined(self, term: Term) -> Examination:
+        solution = solve(Problem([term], self.unknown), SolverOptions(starts=1, confirm=False))
+        assert solution.converged
+        if len(self.unknown):
+            return Examination.of(solution)
+        return Examination.of_poses(solution)
+
+
+def of_scene(scene: Scene) -> Sound:
+    def make(seed: int) -> Term:
+        return scene.term(scene.samples(NOISE, seed)[0], PLAIN, PLAIN)
+
+    return Sound(make, TRUTH, UNKNOWN)
+
+
+def moving_scene(n: int = 150) -> Scene:
+    """The arm moves smoothly through its range while an instrument follows the tip."""
+    rest, time = tracked_scene(ARM, TRUTH, n, oriented=True), np.arange(n)[:, None]
+    rng = np.random.default_rng(11)
+    phase, period = rng.uniform(0, 2 * np.pi, 6), rng.uniform(20, 60, 6)
+    q = 1.5 * np.sin(2 * np.pi * time / period + phase)
+    values = TRUTH | rest.exact().start_values(TRUTH)
+    seen = rest.exact().observed(values, ArmPoses(ARM, replace(rest.samples()[0], q=q)))
+    assert seen.rotation is not None
+    return replace(rest, q=q, position=seen.position, rotation=seen.rotation)
+
+
+TRACKED = of_scene(tracked_scene(ARM, TRUTH, 80, oriented=True))
+MOVING = of_scene(moving_scene())

@@ -1,0 +1,101 @@
+"""The cause of known faults is named with its size, and no other cause."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from simulated import PLAIN, Spread, arm_named, artefact, artefact_scene, perturbed, placements
+from sound_sets import MOVING, TRACKED, UNKNOWN
+
+from suta_calib import Problem, Selection, SolverOptions, assess, solve
+from suta_calib.analysis.model_selection.selection import choose_model
+from suta_calib.assessment import Assessment
+from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.terms import Term
+from suta_calib.trust.hypotheses.late_rows import per_row
+from suta_calib.trust.spoiling import with_readings
+
+
+def judged(term: Term) -> Assessment:
+    solution = solve(Problem([term], UNKNOWN), SolverOptions(starts=1, confirm=False))
+    return assess_calibration(solution, assess(solution, []))
+
+
+def dragged(term: Term, ratio: float = 0.01) -> Term:
+    """wrist_1 drags wrist_2 along."""
+    q = term.poses.samples.q.copy()
+    q[:, 4] -= ratio * q[:, 3]
+    return with_readings(term, q)
+
+
+def old(term: Term, late: float) -> Term:
+    """Readings that are older than what the instrument saw, by so much of a row."""
+    q = term.poses.samples.q
+    rows = np.arange(len(q), dtype=float)
+    return with_readings(term, np.stack([np.interp(rows - late, rows, c) for c in q.T], axis=1))
+
+
+@pytest.mark.parametrize(
+    ("make", "said", "size"),
+    [
+        (lambda: dragged(TRACKED.make(1)), "a coupling of two joints: wrist_2_joint moves", 0.01),
+        (lambda: old(MOVING.make(1), 0.2), "taken before what was observed", 0.2),
+        (lambda: old(MOVING.make(1), -0.1), "taken after what was observed", 0.1),
+    ],
+    ids=["coupling", "late", "early"],
+)
+def test_the_cause_is_said_alone_with_its_size(
+    make: Callable[[], Term], said: str, size: float
+) -> None:
+    answer = judged(make())
+    assert answer.level != "good"
+    (sentence,) = (note for note in answer.notes if said in note)
+    (found,) = re.findall(r" by \+?([\d.]+) ± ", sentence)
+    assert float(found) == pytest.approx(size, rel=0.03)
+    others = ("look like", "encoder slip", "was moved", "drifted", "crept")
+    rest = [note for note in answer.notes if note != sentence]
+    assert not any(word in note for note in rest for word in others)
+
+
+@pytest.mark.parametrize("sound", [TRACKED, MOVING], ids=["at rest", "moving"])
+def test_of_sound_data_nothing_is_said(sound: object) -> None:
+    notes = judged(TRACKED.make(2) if sound is TRACKED else MOVING.make(2)).notes
+    assert not [n for n in notes if "validation data" not in n and "scale" not in n]
+
+
+def test_extend_frees_the_coupling_and_no_other() -> None:
+    term = dragged(TRACKED.make(3))
+    chosen = choose_model([term], UNKNOWN, families=False)
+    assert chosen.added == ("wrist_2_joint.coupling[wrist_1_joint]",)
+    found = chosen.solution.estimates[chosen.added[0]]
+    assert found.std is not None
+    assert abs(found.value - 0.01) < 3 * found.std
+
+
+def test_a_coupling_is_found_where_an_artefact_is_touched() -> None:
+    """Also through distances, whose rows share touches."""
+    arm = arm_named("suta")
+    unknown = arm.select(Selection(("*.offset",), bound_rad=0.26))
+    truth = perturbed(unknown, 3, angle=5e-3) | {"joint_5.coupling[joint_4]": 0.01}
+    for kind in ("landmark", "pairwise_distance"):
+        scene = artefact_scene(kind, arm, truth, artefact(8), placements(5), 2, tilt=0.4)
+        term = scene.term(scene.samples(Spread(position=1e-4), 1)[0], PLAIN, PLAIN)
+        solution = solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False))
+        notes = assess_calibration(solution, assess(solution, [])).notes
+        assert any("joint_5 moves by +0.01" in note for note in notes), notes
+
+
+def test_only_an_arm_that_moves_smoothly_has_a_time_offset() -> None:
+    rng, one_file = np.random.default_rng(1), np.zeros(60)
+    time = np.linspace(0, 6, 60)[:, None]
+    path = np.sin(time + np.arange(6))
+    steps = per_row(path, one_file)
+    assert steps is not None
+    np.testing.assert_allclose(steps[1:-1], np.cos(time + np.arange(6))[1:-1] * 0.1017, atol=2e-3)
+    assert per_row(rng.uniform(-2, 2, (60, 6)), one_file) is None
+    to_and_fro = path * np.where(np.arange(60) % 2, 1.0, -1.0)[:, None]
+    assert per_row(to_and_fro, one_file) is None
+    assert per_row(path[:6], one_file[:6]) is None
