@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import gc
+import io
 import os
 import signal
 import sys
@@ -27,6 +28,7 @@ def main() -> None:
     # Modules are a hundred thousand objects that all live on: to look through them for garbage, as
     # often as Python does, takes a twelfth of the time of a short command.
     gc.set_threshold(200_000, 20, 20)
+    _complete_streams()
     try:
         # Here, for importing takes long enough to be interrupted.
         from suta_calib.cli._app import run
@@ -61,6 +63,50 @@ def _leave(code: int) -> NoReturn:
         pass
     gc.freeze()
     sys.exit(code)
+
+
+class _Forgiving(io.FileIO):
+    """A file that swallows what cannot be written to it."""
+
+    def write(self, data: bytes) -> int:  # type: ignore[override]
+        """Write, if it can be."""
+        try:
+            written = super().write(data)
+        except OSError:
+            written = None
+        return len(data) if written is None else written
+
+
+def _complete_streams() -> None:
+    """Have a standard input, output and error, whatever the process was started with.
+
+    Where one is closed (``>&-``), the next file that is opened would take its number, and be
+    written to by whoever prints. A message that cannot be written, the disk being full or the
+    reader gone, changes nothing of how the command ends.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest number that is free
+    if sys.stdin is None:
+        sys.stdin = open(0, closefd=False)  # noqa: SIM115 (as long as the process)
+    if sys.stdout is None:
+        sys.stdout = open(1, "w", closefd=False)  # noqa: SIM115
+    encoding = "utf-8" if sys.stderr is None else sys.stderr.encoding
+    sys.stderr = io.TextIOWrapper(
+        io.BufferedWriter(_Forgiving(2, "wb", closefd=False)),
+        encoding=encoding,
+        errors="backslashreplace",
+        line_buffering=True,
+    )
+
+
+def discard_stdout() -> None:
+    """From now on what is printed goes nowhere: its reader went away, as ``| head`` does."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, sys.stdout.fileno())
+    os.close(nowhere)
 
 
 def say_interrupted() -> None:

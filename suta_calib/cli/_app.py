@@ -8,7 +8,6 @@ from __future__ import annotations
 import codecs
 import importlib
 import io
-import os
 import sys
 import warnings
 from collections.abc import Sequence
@@ -20,7 +19,7 @@ import click
 
 from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
-from suta_calib.cli import INTERRUPTED, PROGRAM, say_interrupted
+from suta_calib.cli import INTERRUPTED, PROGRAM, discard_stdout, say_interrupted
 from suta_calib.errors import SutaCalibError, did_you_mean
 
 # What --help says of each; the module of its name holds the click command.
@@ -121,6 +120,7 @@ def run(arguments: Sequence[str] | None = None) -> int:
         warnings.showwarning = _show_warning
         try:
             code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
+            sys.stdout.flush()
         except SutaCalibError as error:
             click.echo(f"{PROGRAM}: error: {_one_line(error)}", err=True)
             return error.exit_code
@@ -134,9 +134,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
             say_interrupted()
             return INTERRUPTED
         except BrokenPipeError:
-            # The reader went away, as `| head` does; Python would complain again while closing.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return 1
+            # What was to be done is done, or is of use to nobody any more.
+            discard_stdout()
+            return 0
         except OSError as error:
             click.echo(f"{PROGRAM}: error: {_of_system(error)}", err=True)
             return 2

@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING, Any, Self
 import click
 
 from suta_calib.atomic import note_input
+from suta_calib.cli import discard_stdout
 from suta_calib.cli._options import PATH, json_option
+from suta_calib.errors import OutputError
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,7 +29,27 @@ def console(*, stderr: bool = False) -> Console:
     """A console that keeps names and numbers as they are."""
     from rich.console import Console
 
-    return Console(stderr=stderr, highlight=False, markup=False, emoji=False)
+    class Plain(Console):
+        def on_broken_pipe(self) -> None:
+            """Rich would end the process, with a code that means a bad answer."""
+            raise BrokenPipeError
+
+    return Plain(stderr=stderr, highlight=False, markup=False, emoji=False)
+
+
+@contextmanager
+def printing() -> Iterator[None]:
+    """Within it a reader of stdout may go away: what is printed then goes nowhere.
+
+    The files of a command and its exit code do not depend on who reads what it prints.
+    """
+    try:
+        yield
+        sys.stdout.flush()
+    except BrokenPipeError:
+        discard_stdout()
+    except OSError as error:
+        raise OutputError(f"standard output: not written: {error.strerror or error}") from None
 
 
 def print_json(data: Mapping[str, Any]) -> None:
@@ -58,21 +80,26 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
             from suta_calib.report.files import write_document
 
             written = write_document(answer, out, inputs)
-        if as_json:
-            print_json(answer.json() if written is None else written)
-        else:
-            from suta_calib.report.console import rendered
-
-            to = console()
-            to.print(rendered(answer), crop=False)
-            if written is not None:
-                files = written["files"]
-                to.print(f"Written to {out}: {', '.join(files)}", soft_wrap=True)
-                if answer.written == "opening":
-                    to.print(f"Report: {files['report.html']}", soft_wrap=True)
+        with printing():
+            if as_json:
+                print_json(answer.json() if written is None else written)
+            else:
+                _print_answer(answer, out, written)
         context.exit(answer.assessment.exit_code)
 
     return json_option(shown)
+
+
+def _print_answer(answer: Document, out: Path | None, written: dict[str, Any] | None) -> None:
+    from suta_calib.report.console import rendered
+
+    to = console()
+    to.print(rendered(answer), crop=False)
+    if written is not None:
+        files = written["files"]
+        to.print(f"Written to {out}: {', '.join(files)}", soft_wrap=True)
+        if answer.written == "opening":
+            to.print(f"Report: {files['report.html']}", soft_wrap=True)
 
 
 def _inputs(context: click.Context) -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from contextlib import ExitStack
 from dataclasses import fields
 from typing import Any, Final
@@ -10,7 +9,7 @@ from typing import Any, Final
 import click
 
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, job_argument, json_option
-from suta_calib.cli._output import console, ended_by_sigterm, print_json
+from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
 
 INCOMPLETE: Final = 1
 
@@ -139,14 +138,15 @@ def measure(context: click.Context, /, **options: Any) -> None:
             show = stack.enter_context(to.status("waiting for readings")).update
 
         def say(line: str) -> None:
-            """Now: through a pipe, what is confirmed must not wait in a buffer."""
-            to.print(line, soft_wrap=True)
-            (sys.stderr if as_json else sys.stdout).flush()
+            """At once: through a pipe, what is confirmed must not wait in a buffer."""
+            with printing():
+                to.print(line, soft_wrap=True)
 
         stack.enter_context(ended_by_sigterm())
         measured = run(chosen, say=say, show=show, port=port)
     if as_json:
-        print_json(measured.as_dict())
+        with printing():
+            print_json(measured.as_dict())
     if measured.status == "interrupted":
         raise KeyboardInterrupt
     if measured.status == "incomplete":

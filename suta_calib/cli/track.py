@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 import click
 
 from suta_calib.cli._options import PATH, POSITIVE, anyway_option, json_option
-from suta_calib.cli._output import console, ended_by_sigterm, print_json
+from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
 from suta_calib.units import deg, mm
 
 if TYPE_CHECKING:
@@ -113,14 +113,13 @@ def track(context: click.Context, /, **options: Any) -> None:
     tracking.on_event = view.say
     with tracking, ended_by_sigterm():
         tracking.run(view, lambda: view.broken)
-    if as_json:
-        print_json(tracking.as_dict())
-    else:
-        _print_end(tracking, stats=stats)
+    with printing():
+        if as_json:
+            print_json(tracking.as_dict())
+        else:
+            _print_end(tracking, stats=stats)
     if tracking.interrupted:
         raise KeyboardInterrupt
-    if view.broken:
-        raise BrokenPipeError
     if not tracking.session.valid:
         click.echo("suta-calib: no valid pose in all that time", err=True)
         context.exit(NO_POSE)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, anyway_option, json_option
-from suta_calib.cli._output import LateProgress, console, ended_by_sigterm, print_json
+from suta_calib.cli._output import LateProgress, console, ended_by_sigterm, print_json, printing
 
 if TYPE_CHECKING:
     from suta_calib.device import DeviceSpec
@@ -96,13 +96,14 @@ def _calibrated(job: Path, *, anyway: bool) -> Calibrated:
 
 
 def _say(calibrated: Calibrated, told: dict[str, Any], where: str, *, as_json: bool) -> None:
-    if as_json:
-        print_json(told)
-        return
-    verdict, to = calibrated.assessment, console()
-    to.print(f"{calibrated.title}: {calibrated.summary}", soft_wrap=True)
-    to.print(f"{verdict.word}: {verdict.sentence}", soft_wrap=True)
-    to.print(where, soft_wrap=True)
+    with printing():
+        if as_json:
+            print_json(told)
+            return
+        verdict, to = calibrated.assessment, console()
+        to.print(f"{calibrated.title}: {calibrated.summary}", soft_wrap=True)
+        to.print(f"{verdict.word}: {verdict.sentence}", soft_wrap=True)
+        to.print(where, soft_wrap=True)
 
 
 def _serve(

@@ -11,9 +11,12 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from cli_job import cli
 from hostile_scene import GIVEN, command_line
+from pose_answers import XYZ
+from pose_scenes import write_csv
 from rich.console import Console
 
 from suta_calib import atomic
@@ -242,3 +245,44 @@ def test_a_user_without_a_home(scene: Path, tmp_path: Path) -> None:
     done = subprocess.run(process, env=environment, capture_output=True, check=False, text=True)
     assert done.returncode == 0, done.stderr
     assert "Traceback" not in done.stderr
+
+
+@pytest.fixture(scope="module")
+def unlike(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Points of which the second file has nothing to do with the first."""
+    folder, random = tmp_path_factory.mktemp("unlike"), np.random.default_rng(0)
+    for name in ("a.csv", "b.csv"):
+        write_csv(folder / name, XYZ, random.standard_normal((12, 3)))
+    return folder
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
+@pytest.mark.parametrize(
+    ("streams", "answer", "code"),
+    [
+        (">&- 2>/dev/null", "good", 0),
+        ("<&- >&- 2>&-", "bad", 1),
+        ("2>&- >/dev/null", "refused", 2),
+        ("2>/dev/full >/dev/null", "refused", 2),
+        ("| true", "good", 0),
+        ("| true", "bad", 1),
+        (">/dev/full", "good", 2),
+    ],
+)
+def test_streams_that_cannot_be_written_change_no_exit_code(
+    streams: str, answer: str, code: int, scene: Path, unlike: Path
+) -> None:
+    """But for a full one that holds the answer: where that is lost, the command has failed."""
+    folder = scene if answer == "good" else unlike
+    second = folder / ("gone.csv" if answer == "refused" else "b.csv")
+    line = f"{sys.executable} -m suta_calib register {folder / 'a.csv'} {second}"
+    done = subprocess.run(
+        ["bash", "-c", f"{line} {streams}; exit ${{PIPESTATUS[0]}}"],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        check=False,
+        text=True,
+    )
+    assert done.returncode == code, done.stderr
+    full = "suta-calib: error: standard output: not written: No space left on device\n"
+    assert done.stderr == (full if streams == ">/dev/full" else "")
