@@ -10,12 +10,14 @@ import importlib
 import io
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from keyword import iskeyword
 from pathlib import Path
 from typing import Any, Final
 
 import click
+from click.exceptions import Exit
 
 from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
@@ -58,8 +60,30 @@ COMMANDS: Final = {
 ALIASES: Final = {"dynamics": "path-accuracy", "baseline": "zero-offsets"}
 
 
+@contextmanager
+def _ended_by_reader() -> Iterator[None]:
+    """Within it a reader of stdout that goes away, as ``| head`` does, ends the command well.
+
+    What was to be done is done, or is of use to nobody any more. Click would end with 1, which
+    means an answer that must not be used.
+    """
+    try:
+        yield
+    except BrokenPipeError:
+        discard_stdout()
+        raise Exit(0) from None
+
+
 class LazyGroup(click.Group):
     """A group that imports a command's module when the command is asked for."""
+
+    def make_context(self, *args: Any, **extra: Any) -> click.Context:
+        with _ended_by_reader():
+            return super().make_context(*args, **extra)
+
+    def invoke(self, ctx: click.Context) -> Any:
+        with _ended_by_reader():
+            return super().invoke(ctx)
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         del ctx
@@ -134,7 +158,6 @@ def run(arguments: Sequence[str] | None = None) -> int:
             say_interrupted()
             return INTERRUPTED
         except BrokenPipeError:
-            # What was to be done is done, or is of use to nobody any more.
             discard_stdout()
             return 0
         except OSError as error:
