@@ -80,7 +80,8 @@ def exchange_files(
     """Write files that belong together: nothing is replaced before all of them are on the disk.
 
     The last file is the record of the others: it goes first and comes last, so that whoever finds
-    it finds the files it tells of, at whatever moment the computer stops.
+    it finds the files it tells of, at whatever moment the computer stops. Where it stops in the
+    middle, whoever writes or reads there next finishes it (`staging.recover`).
 
     Args:
         folder: exists.
@@ -93,44 +94,20 @@ def exchange_files(
             the folder is why, what was there before is untouched, and neither a temporary file nor
             a new folder is left.
     """
+    # Who prints help writes no file.
+    from suta_calib.staging import exchange
+
     files = {folder / name: data for name, data in contents.items()}
     refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
-    # Not tempfile: it makes files only their owner may read, and the rename would keep that.
-    staged = {
-        path: path.with_name(f".{path.name[:40]}.{os.urandom(6).hex()}.tmp")
-        for path in (folder / name for name in contents)
-    }
-    inner = {path.parent: None for path in staged if path.parent != folder}
-    made = [each for each in inner if not os.path.lexists(each)]
-    at = folder
     try:
-        for at in made:
-            at.mkdir()
-        for name, data in contents.items():
-            at = folder / name
-            with staged[at].open("xb") as file:
-                file.write(data)
-                file.flush()
-                # Without this a power cut after the rename can leave a name on an empty file.
-                os.fsync(file.fileno())
-        gone = [folder / name for name in stale]
-        for path in (at, *gone) if gone or len(staged) > 1 else ():
-            path.unlink(missing_ok=True)
-        for at, temporary in staged.items():
-            os.replace(temporary, at)  # noqa: PTH105
+        exchange(folder, contents, stale)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         if not folder.is_dir():
             reason = f"there is no folder {folder}"
-        raise OutputError(f"{at}: not written: {reason}; nothing half-written was left") from error
-    finally:
-        for temporary in staged.values():
-            with contextlib.suppress(OSError, ValueError):
-                temporary.unlink(missing_ok=True)
-        # Only where nothing came into them.
-        for each in made:
-            with contextlib.suppress(OSError):
-                each.rmdir()
+        place = getattr(error, "filename2", None) or next(iter(files))
+        message = f"{place}: not written: {reason}; nothing half-written was left"
+        raise OutputError(message) from error
 
 
 def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:

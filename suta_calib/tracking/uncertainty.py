@@ -34,6 +34,7 @@ from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
 from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
+from suta_calib.staging import recover
 from suta_calib.units import FARTHEST
 
 Source = Literal["covariance", "correlations", "std"]
@@ -305,9 +306,12 @@ def _unfolded(joint: ChainJoint, vector: FloatArray, offset: float) -> ChainJoin
 def read_json_object(path: Path) -> dict[str, Any]:
     """The one JSON object in a file.
 
+    Where a run was killed while it replaced the files of the folder, that is finished first.
+
     Raises:
         InputError: no such file, not JSON (with the line), or something else than an object.
     """
+    recover(path.parent)
     try:
         data = json.loads(read_text(path))
     except json.JSONDecodeError as error:
