@@ -11,12 +11,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 from cli_job import cli
 from hostile_scene import GIVEN, command_line
 from pose_answers import XYZ
-from pose_scenes import write_csv
+from pose_scenes import point_numbers, write_csv
 from rich.console import Console
 
 from suta_calib import atomic
@@ -248,11 +247,11 @@ def test_a_user_without_a_home(scene: Path, tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def unlike(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Points of which the second file has nothing to do with the first."""
-    folder, random = tmp_path_factory.mktemp("unlike"), np.random.default_rng(0)
-    for name in ("a.csv", "b.csv"):
-        write_csv(folder / name, XYZ, random.standard_normal((12, 3)))
+def in_mm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Points in mm where metres are expected: an answer that must not be used."""
+    folder = tmp_path_factory.mktemp("in_mm")
+    for name, points in zip(("a.csv", "b.csv"), point_numbers(12), strict=True):
+        write_csv(folder / name, XYZ, 1e3 * points)
     return folder
 
 
@@ -270,10 +269,10 @@ def unlike(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_streams_that_cannot_be_written_change_no_exit_code(
-    streams: str, answer: str, code: int, scene: Path, unlike: Path
+    streams: str, answer: str, code: int, scene: Path, in_mm: Path
 ) -> None:
     """But for a full one that holds the answer: where that is lost, the command has failed."""
-    folder = scene if answer == "good" else unlike
+    folder = scene if answer == "good" else in_mm
     second = folder / ("gone.csv" if answer == "refused" else "b.csv")
     line = f"{sys.executable} -m suta_calib register {folder / 'a.csv'} {second}"
     done = subprocess.run(
@@ -284,5 +283,7 @@ def test_streams_that_cannot_be_written_change_no_exit_code(
         text=True,
     )
     assert done.returncode == code, done.stderr
+    assert "Traceback" not in done.stderr
+    assert "Exception" not in done.stderr
     full = "suta-calib: error: standard output: not written: No space left on device\n"
-    assert done.stderr == (full if streams == ">/dev/full" else "")
+    assert (full in done.stderr) is (streams == ">/dev/full")
