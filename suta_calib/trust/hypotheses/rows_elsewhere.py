@@ -1,0 +1,166 @@
+"""Rows that saw another target, or saw it from another place: one displacement, in part of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from scipy.special import gammaln
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import Effect, Evidence, Rule
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+
+# Rows of the smaller part: fewer are single mishaps, which a robust loss leaves out.
+FEWEST: Final = 5
+# Distance of the two parts over the scatter inside them. Normal noise that is cut in two at its
+# middle has 2.6; what a model lacks passes from one part to the other without a gap.
+APART: Final = 5.0
+# How often rows are assigned anew, and rows from which a search begins.
+ROUNDS: Final = 20
+SEEDS: Final = 12
+
+
+class RowsElsewhere(AddedVariable):
+    """``seen = expected + d`` in some rows that nothing else names, with one d for all of them.
+
+    Which rows these are is found from the residuals, in the axes of the base (the instrument was
+    bumped, read in another frame) and in those of the tip (another target was seen). To find one
+    part of k among n rows is to choose among n over k windows, and the p-value allows for it
+    (Bonferroni): normal noise, however it is cut, never passes.
+    """
+
+    name: ClassVar[str] = "rows elsewhere"
+    about: ClassVar[str] = "Some rows saw another target, or saw it from another place."
+
+    def effects(self, answer: Examination) -> Iterator[Effect]:
+        """The likelier of the two sorts of axes, where residuals fall into two parts."""
+        count = len(answer.position)
+        if count < 2 * FEWEST or any(b.samples.shape[1] > 1 for b in answer.problem.blocks):
+            return
+        best: tuple[float, str, FloatArray, BoolArray] | None = None
+        for frame, axes in (("base", np.eye(3)), ("tip", answer.rotation)):
+            velocity = np.zeros((count, 6, 3))
+            velocity[:, :3] = axes
+            columns = answer.by_motion(velocity)
+            found = _two_parts(_displacements(answer, columns))
+            if found is not None and (best is None or found[0] < best[0]):
+                best = found[0], frame, columns, found[1]
+        if best is not None:
+            _, frame, columns, some = best
+            window = answer.row_of_sample(some.astype(float))
+            yield Effect(frame, columns, windows=[window], about=(some, answer))
+
+    def sentence(self, evidence: Evidence) -> str:
+        """How many rows, by how much and in whose axes, and what to do."""
+        some, answer = evidence.effect.about
+        origin = [row for term in answer.problem.terms for row in term.poses.samples.origin]
+        first = origin[int(np.argmax(some))] if origin else f"row {int(np.argmax(some)) + 1}"
+        length, std = evidence.length()
+        axes = {"base": "one direction in space", "tip": "one direction on the tip"}
+        return (
+            f"{int(some.sum())} of {len(some)} rows, {first} the first, stand "
+            f"{1e3 * length:.3g} ± {1e3 * std:.2g} mm from the others, all in "
+            f"{axes[evidence.effect.name]}. Was another target seen there, or from another place? "
+            "Give these rows a label of their own, or leave them out."
+        )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """A fourth of the rows saw a point that is 4 mm off on the tip."""
+        del values
+        term: Term = data
+        samples = term.poses.samples
+        assert samples.position is not None
+        assert samples.rotation is not None
+        by = rng.standard_normal(3)
+        by *= 4e-3 / np.linalg.norm(by)
+        some = rng.permutation(len(samples)) < len(samples) // 4
+        position = samples.position + some[:, None] * (samples.rotation @ by)
+        moved = term.over_poses(term.poses.with_samples(replace(samples, position=position)))
+        return Spoilt(moved, by, "tip")
+
+
+def _displacements(answer: Examination, columns: FloatArray) -> FloatArray:
+    """(samples, 3) by which each tip seems to be displaced, m; NaN where its rows do not tell.
+
+    Args:
+        answer: of rows that look at one sample each.
+        columns: (m, 3) whitened, by displacement.
+    """
+    count = len(answer.position)
+    sample = np.concatenate(
+        [
+            np.repeat(
+                r.line.view.block.samples[:, 0] + r.line.view.first_sample,
+                r.line.residual.shape[1],
+            )
+            for r in answer.rows
+        ]
+    )
+    square, slope = np.zeros((count, 3, 3)), np.zeros((count, 3))
+    np.add.at(square, sample, columns[:, :, None] * columns[:, None, :])
+    np.add.at(slope, sample, columns * answer.fit.settled[:, None])
+    displacement = np.full((count, 3), np.nan)
+    told = np.linalg.cond(square) < 1e6
+    displacement[told] = -np.linalg.solve(square[told], slope[told][..., None])[..., 0]
+    return displacement
+
+
+def _two_parts(points: FloatArray) -> tuple[float, BoolArray] | None:
+    """The split of points (n, 3) into two parts that chance does not make.
+
+    Returns:
+        The logarithm of its p-value, all splits of this size allowed for, and (n,) which points
+        are in the smaller part; None where there is no such split.
+    """
+    known = np.flatnonzero(np.isfinite(points).all(axis=1))
+    cloud = points[known]
+    if len(cloud) < 2 * FEWEST:
+        return None
+    middle = np.median(cloud, axis=0)
+    farthest = np.argsort(np.linalg.norm(cloud - middle, axis=1))[::-1]
+    best: tuple[float, BoolArray] | None = None
+    for seed in farthest[np.linspace(0, len(cloud) // 2, SEEDS).astype(int)]:
+        found = _split(cloud, middle, cloud[seed])
+        if found is not None and (best is None or found[0] < best[0]):
+            best = found
+    if best is None or best[0] > math.log(Rule().false_alarm):
+        return None
+    some = np.zeros(len(points), dtype=np.bool_)
+    some[known[best[1]]] = True
+    return best[0], some
+
+
+def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float, BoolArray] | None:
+    """Points (n, 3) by which of two middles they are nearer to, from given middles on."""
+    some = np.zeros(len(cloud), dtype=np.bool_)
+    for _ in range(ROUNDS):
+        nearer = np.linalg.norm(cloud - other, axis=1) < np.linalg.norm(cloud - one, axis=1)
+        if min(nearer.sum(), (~nearer).sum()) < FEWEST:
+            return None
+        if np.array_equal(nearer, some):
+            break
+        some = nearer
+        one, other = np.median(cloud[~some], axis=0), np.median(cloud[some], axis=0)
+    if some.sum() > len(some) / 2:
+        some = ~some
+    parts = (cloud[some], cloud[~some])
+    # By the median, so that mishaps hide no gap; of three normal components, its square is 2.366.
+    scatter = max(
+        float(np.sqrt(np.median(np.sum((p - np.median(p, axis=0)) ** 2, axis=1)) / 2.366))
+        for p in parts
+    )
+    if np.linalg.norm(one - other) < APART * max(scatter, 1e-12):
+        return None
+    whole = float(np.sum((cloud - cloud.mean(axis=0)) ** 2))
+    inside = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)
+    n, k = len(cloud), int(some.sum())
+    ways = float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+    # Of the likelihood ratio; two sorts of axes were tried.
+    chance = 0.5 * (3 * n - 6) * math.log(max(inside / max(whole, 1e-300), 1e-300))
+    return chance + ways + math.log(2.0), some
