@@ -6,6 +6,7 @@ import re
 import zipfile
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -26,6 +27,7 @@ from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.sheet import RawRow, Sheet, sheet_of
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import number_in
+from suta_calib.measurements.files import lines_of
 from suta_calib.words import listed
 
 _SEPARATORS: Final = {
@@ -46,6 +48,8 @@ SPREADSHEETS: Final = (".xlsx", ".xlsm")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 # Rows that tell how a file is laid out.
 _ENOUGH: Final = 200
+# Characters in which the comments above the rows are.
+_LONGEST_HEAD: Final = 100_000
 _MOST_ROWS: Final = 2_000_000
 _MOST_COLUMNS: Final = 10_000
 
@@ -106,8 +110,27 @@ def read_sheet(path: Path, given: Given) -> Sheet:
         numbers = _plain_numbers(text, _SEPARATORS[separator], begin, len(names))
     if numbers is not None:
         lines = range(begin, begin + len(numbers))
-        return Sheet(path, names, lines, tuple(numbers.T), data, headed, (*seen, said))
-    return sheet_of(path, names, data, headed=headed, seen=(*seen, said))
+        sheet = Sheet(path, names, lines, tuple(numbers.T), data, headed, (*seen, said))
+    else:
+        sheet = sheet_of(path, names, data, headed=headed, seen=(*seen, said))
+    if headed or not text or HEADER in given:
+        return sheet
+    return replace(sheet, comment=_comment(text, begin, _SEPARATORS[separator], len(names)))
+
+
+def _comment(text: str, begin: int, separator: str, width: int) -> tuple[str, ...]:
+    """Cells of the comment right above line ``begin``, if they are names of so many columns."""
+    above = [line.strip() for line in lines_of(text[:_LONGEST_HEAD])[: begin - 1]]
+    line = next((line for line in reversed(above) if line), "")
+    if not line.startswith(("#", "%")):
+        return ()
+    content = line.lstrip("#% ")
+    for cells in (content.split(None if separator == " " else separator), content.split()):
+        names = tuple(cell.strip() for cell in cells)
+        numbers = [number_in(name) for name in names]
+        if len(names) == width == len(set(names)) and all(n != n for n in numbers):
+            return names
+    return ()
 
 
 def _plain_numbers(text: str, separator: str, begin: int, width: int) -> FloatArray | None:

@@ -40,6 +40,8 @@ class Sheet:
         headed: whether the names are the file's.
         seen: how it was taken apart, one sentence each.
         ahead: columns of ``rows`` in front of the first.
+        comment: cells of the comment above the rows, where it has one for each column and no row
+            names them; empty otherwise.
     """
 
     path: Path
@@ -50,15 +52,23 @@ class Sheet:
     headed: bool
     seen: tuple[str, ...]
     ahead: int = 0
+    comment: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    def named_by_comment(self) -> Sheet:
+        """With the names that the comment above the rows has."""
+        seen = (*self.seen[:-1], "The comment above the rows names the columns.")
+        return replace(self, names=self.comment, headed=True, seen=seen)
 
     def from_column(self, first: int) -> Sheet:
         """Without the columns in front of one, which is counted from 1."""
         left = first - 1
         names, values = self.names[left:], self.values[left:]
-        return replace(self, names=names, values=values, ahead=self.ahead + left)
+        comment = self.comment[left:]
+        ahead = self.ahead + left
+        return replace(self, names=names, values=values, ahead=ahead, comment=comment)
 
     def cells(self, column: int) -> list[str]:
         """(n,) cells of a column."""

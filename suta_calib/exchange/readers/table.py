@@ -12,9 +12,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.errors import ForeignFileError, did_you_mean
+from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import is_plain_file
+from suta_calib.exchange.column_names import (
+    COLUMNS,
+    JOINT_NAMES,
+    is_joint,
+    refuse_numbered,
+    renamed,
+    seconds_in,
+)
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
 from suta_calib.exchange.imported import (
     ImportedRows,
@@ -44,19 +52,12 @@ from suta_calib.measurements.csv_table import SIGMA, SIGMAS
 from suta_calib.units import from_deg, from_mm
 from suta_calib.words import listed
 
-COLUMNS: Final = Option(
-    "columns",
-    "Columns by name or number that have other names here.",
-    "q1=joint_1,7=x,…",
-    several=True,
-)
 JOINTS: Final = Option(
     "joints", "Which columns are joint readings; globs.", "joint_*,…", several=True
 )
 FROM: Final = Option(
     "pose_from", "Number of the first column of the pose; those in front are left out.", "N"
 )
-_JOINTS: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
 # Behind the name of a joint: which way it came, which is no reading.
 _DIRECTION: Final = ".direction"
 # What a column with the time of its row is called.
@@ -112,10 +113,18 @@ def _understood(path: Path, given: Given) -> _Columns:
         if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= count):
             raise given.refuse(FROM, repr(text), f"the number of a column, from 1 to {count}")
         sheet = sheet.from_column(int(text))
-    names = _renamed(sheet, given)
+    if sheet.comment:
+        by_comment = sheet.named_by_comment()
+        names = renamed(by_comment, given)
+        if named_poses(by_comment, names, given) or any(map(is_joint, names)):
+            sheet = by_comment
+    names = renamed(sheet, given)
     poses = named_poses(sheet, names, given)
     told = COLUMNS in given or JOINTS in given
-    bare = not sheet.headed or FROM in given or len(names) in OF_MATRIX
+    joints = any(map(is_joint, names))
+    bare = not sheet.headed or FROM in given or (len(names) in OF_MATRIX and not joints)
+    if not poses and not told and sheet.headed:
+        refuse_numbered(sheet, names)
     if not poses and not told and bare:
         pose, sheet = nameless_pose(sheet, given)
         names, poses = list(sheet.names), [pose] if pose is not None else []
@@ -302,6 +311,8 @@ class _Columns:
                 found[bare.lower()] = _metres(length) * numbers
                 continue
             values = sheet.values[k]
+            if values is not None and (per_second := seconds_in(name)):
+                name, values = "time", values / per_second
             known = values is not None and bool(np.isfinite(values).all())
             found[name] = np.array(sheet.cells(k)) if values is None or not known else values
         return found, whole
@@ -315,7 +326,7 @@ class _Columns:
         found = set()
         for k, name in enumerate(self._names):
             bare = plain_name(name)[0]
-            patterns = said if JOINTS in self._given else (*_JOINTS, *said)
+            patterns = said if JOINTS in self._given else (*JOINT_NAMES, *said)
             meant = any(fnmatchcase(each, p) for p in patterns for each in (name, bare))
             if (meant or name in renamed) and not name.endswith(_DIRECTION):
                 found.add(k)
@@ -406,28 +417,3 @@ def _labels() -> set[str]:
         columns = kind.columns
         found |= {*columns.labels, *columns.optional_labels, *columns.common_labels}
     return found
-
-
-def _renamed(sheet: Sheet, given: Given) -> list[str]:
-    """Names of the columns as ``--columns`` has them."""
-    names = list(sheet.names)
-    for source, target in given.pairs(COLUMNS).items():
-        if source in sheet.names:
-            k = sheet.names.index(source)
-        elif source.isascii() and source.isdigit() and 1 <= int(source) <= len(names):
-            k = int(source) - 1
-        else:
-            raise ForeignFileError(
-                f"no column {source!r}",
-                f"one of {listed(list(sheet.names), 16)}, or a number from 1 to {len(names)}",
-                file=sheet.path,
-                where=COLUMNS.switch,
-                hint=did_you_mean(source, sheet.names),
-            )
-        names[k] = target
-    for name in names:
-        if name and names.count(name) > 1:
-            raise ForeignFileError(
-                f"{name!r} for several columns", "each once", file=sheet.path, where=COLUMNS.switch
-            )
-    return names

@@ -1,0 +1,114 @@
+"""What the columns of a foreign table are called, and what that says."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from fnmatch import fnmatchcase
+from typing import Final
+
+from suta_calib.errors import ForeignFileError, did_you_mean
+from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.sheet import Sheet
+from suta_calib.exchange.table_roles import UNIT, plain_name
+from suta_calib.words import listed
+
+COLUMNS: Final = Option(
+    "columns",
+    "Columns by name or number that have other names here.",
+    "q1=joint_1,7=x,…",
+    several=True,
+)
+JOINT_NAMES: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
+# A time with its unit behind it, and how many of it make a second.
+_TIME: Final = re.compile(r"(?:time|timestamp|t)\s*[\[(](s|ms|us|µs|ns)[\])]", re.IGNORECASE)
+_PER_SECOND: Final = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9}
+# As EuRoC calls them: the position of S from R in the axes of R, and the quaternion of S in R.
+_WITH_FRAMES: Final = re.compile(r"(p_([A-Z]+)_[A-Z]+|q_([A-Z]+))_([wxyz])(\s*[\[(].*)?")
+# TUM's trajectories: seconds, metres, scalar last.
+_TUM: Final = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+_ANGLES: Final = ("roll", "pitch", "yaw")
+
+
+def is_joint(name: str) -> bool:
+    """Whether a column is called as joints are."""
+    return any(fnmatchcase(plain_name(name)[0], pattern) for pattern in JOINT_NAMES)
+
+
+def seconds_in(name: str) -> float:
+    """How many of a time's unit make a second, by a column's name; 0 where it names no such."""
+    match = _TIME.fullmatch(name)
+    return 0.0 if match is None else _PER_SECOND[match[1].lower()]
+
+
+def usual_names(names: Sequence[str]) -> list[str]:
+    """Names without the frames in them: ``p_RS_R_x [m]`` is x [m], and ``q_RS_w []`` is qw.
+
+    Only where there is one such pose. The clock of TUM's trajectories is in s: a time.
+    """
+    if tuple(names) == _TUM:
+        return ["time", *names[1:]]
+    found = {name: _WITH_FRAMES.fullmatch(name) for name in names}
+    if len({match[2] or match[3] for match in found.values() if match}) != 1:
+        return list(names)
+    plain = []
+    for name, match in found.items():
+        if match is None:
+            plain.append(name)
+        elif match[2]:
+            plain.append(match[4] + (match[5] or ""))
+        else:
+            plain.append("q" + match[4])
+    return plain if len(set(plain)) == len(plain) else list(names)
+
+
+def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
+    """Refuse positions with a number behind their names: whose they are only the user knows.
+
+    Raises:
+        ForeignFileError: there are columns such as x1, y1, z1.
+    """
+    numbered = dict.fromkeys(name[1:] for name in names if name[:1] == "x" and name[1:].isdigit())
+    for number in numbered:
+        if {f"{axis}{number}" for axis in "xyz"} <= {*names}:
+            others = [
+                n for n in names if n.endswith(number) and not is_joint(n) and n[1:] != number
+            ]
+            found = [*(f"{axis}{number}" for axis in "xyz"), *others]
+            renamed = [f"{axis}{number}={axis}" for axis in "xyz"]
+            angles = ""
+            if len(others) == len(_ANGLES):
+                renamed += [f"{a}={b}" for a, b in zip(others, _ANGLES, strict=True)]
+                angles = f" {UNIT.switch} rad --rotation xyz"
+            raise ForeignFileError(
+                f"columns {', '.join(found)}, which are no names of a pose",
+                "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw",
+                file=sheet.path,
+                line=max(1, sheet.lines[0] - 1),
+                hint=f"say {COLUMNS.switch} {','.join(renamed)}{angles}, or what else they are",
+            )
+
+
+def renamed(sheet: Sheet, given: Given) -> list[str]:
+    """Names of the columns as ``--columns`` has them."""
+    names = usual_names(sheet.names)
+    for source, target in given.pairs(COLUMNS).items():
+        if source in sheet.names:
+            k = sheet.names.index(source)
+        elif source.isascii() and source.isdigit() and 1 <= int(source) <= len(names):
+            k = int(source) - 1
+        else:
+            raise ForeignFileError(
+                f"no column {source!r}",
+                f"one of {listed(list(sheet.names), 16)}, or a number from 1 to {len(names)}",
+                file=sheet.path,
+                where=COLUMNS.switch,
+                hint=did_you_mean(source, sheet.names),
+            )
+        names[k] = target
+    for name in names:
+        if name and names.count(name) > 1:
+            raise ForeignFileError(
+                f"{name!r} for several columns", "each once", file=sheet.path, where=COLUMNS.switch
+            )
+    return names
