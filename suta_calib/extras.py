@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from suta_calib.errors import MissingExtraError
@@ -28,6 +29,16 @@ def load(module: str, extra: str) -> Any:
         if name.partition(".")[0] != module.partition(".")[0]:
             raise  # installed, but broken: that is not for the user to mend with an extra
         raise missing(name, extra) from None
+
+
+def require(package: str, extra: str) -> None:
+    """Check that a package is installed, which another process will import.
+
+    Raises:
+        MissingExtraError: it is not installed; the message is the command that installs it.
+    """
+    if find_spec(package) is None:
+        raise missing(package, extra)
 
 
 def missing(package: str, extra: str) -> MissingExtraError:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio as pin
@@ -19,8 +19,9 @@ from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.model.chain import Chain, read_chain
+from suta_calib.model.chain import Chain, chain_of
 from suta_calib.model.gravity import Load, beyond
+from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.kinematics import Segment, Told, forward_kinematics
 from suta_calib.model.parameters import (
     COMPLIANCE,
@@ -35,16 +36,13 @@ from suta_calib.model.parameters import (
 )
 from suta_calib.model.segments import geometric_parameters, nongeometric_parameters, segment_of
 from suta_calib.model.urdf import folded_origin, urdf_bytes
-from suta_calib.model.xacro_file import plain_urdf
+from suta_calib.model.urdf_tree import read_tree
 from suta_calib.showing import Shown
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
     from suta_calib.model.skeleton import Skeleton
     from suta_calib.plotting.scene import Scene
-
-# Before a link's name, for as long as joints may be called the same.
-_LINK: Final = "link "
 
 
 class ArmModel(Shown):
@@ -56,7 +54,7 @@ class ArmModel(Shown):
 
     Attributes:
         chain: the joints as the URDF's text gives them, base → tip, fixed ones included.
-        model: `pin.Model` with every joint off the chain locked at its neutral position.
+        model: `pin.Model` in which the chain's joints move, and all others are fixed.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
         nongeometric: gain of its joints, and coupling of each to every other of its kind;
@@ -72,8 +70,10 @@ class ArmModel(Shown):
         tip = {} if last.moving or last.climbed else {last.name: chain.tip}
         columns = {joint.name: k for k, joint in enumerate(chain.moving)}
         sliding = {joint.name for joint in chain.moving if joint.type == "prismatic"}
+        data = model.createData()
         self.segments = tuple(
-            segment_of(model, j, tip.get(j.name, j.name), columns, sliding) for j in chain.joints
+            segment_of(model, data, j, tip.get(j.name, j.name), columns, sliding)
+            for j in chain.joints
         )
         self.parameters = ParameterSet(p for s in self.segments for p in geometric_parameters(s))
         beside = [p for s in self.segments for p in nongeometric_parameters(s)]
@@ -92,18 +92,9 @@ class ArmModel(Shown):
             UrdfError: no such file, link or chain, or a chain with a joint that is not revolute,
                 continuous, prismatic or fixed (`chain.read_chain`).
         """
-        chain = read_chain(path, tip, base)
-        try:
-            with plain_urdf(Path(path)) as file:
-                model = pin.buildModelFromUrdf(str(file))
-        except (ValueError, RuntimeError) as error:
-            raise UrdfError(
-                f"a model Pinocchio refuses ({str(error).strip().splitlines()[0]})",
-                "a URDF that Pinocchio can load",
-                file=path,
-            ) from error
-        reduced, _ = reduced_model(model, {j.name for j in chain.joints if j.moving})
-        return cls(chain, reduced)
+        tree = read_tree(path)
+        chain = chain_of(tree, tip, base)
+        return cls(chain, pinocchio_model(tree, {j.name for j in chain.joints if j.moving}))
 
     def at(self, values: Mapping[str, float]) -> ArmModel:
         """The same arm with these values as its nominal ones, those of no geometry included.
@@ -394,27 +385,6 @@ class ArmModel(Shown):
             offset = float(x[6]) if joint.moving else 0.0
             found[joint.name] = folded_origin(joint, x[:3], x[3:6], offset)
         return found
-
-
-def reduced_model(
-    model: pin.Model, moving: Collection[str], shapes: Sequence[Any] = ()
-) -> tuple[pin.Model, list[Any]]:
-    """A model in which only some joints move and all others are locked at neutral.
-
-    Args:
-        model: of a whole robot.
-        moving: names of the joints that go on moving.
-        shapes: `pin.GeometryModel` of it, which are reduced with it.
-    """
-    # Pinocchio looks for frames by name, and refuses a joint that is called as a link is.
-    links = [frame for frame in model.frames if frame.type == pin.FrameType.BODY]
-    for link in links:
-        link.name = _LINK + link.name
-    locked = [i for i in range(1, model.njoints) if model.names[i] not in moving]
-    reduced, left = pin.buildReducedModel(model, list(shapes), locked, pin.neutral(model))
-    for link in (*links, *(f for f in reduced.frames if f.type == pin.FrameType.BODY)):
-        link.name = link.name.removeprefix(_LINK)
-    return reduced, list(left)
 
 
 @lru_cache(maxsize=16)

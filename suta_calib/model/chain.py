@@ -11,7 +11,6 @@ that is above both, against the direction of the joints, and descends from there
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Final
@@ -20,6 +19,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
+from suta_calib.model.kinematic_urdf import notes
 from suta_calib.model.transmissions import coupled_joints
 from suta_calib.model.urdf_tree import (
     Element,
@@ -27,10 +27,12 @@ from suta_calib.model.urdf_tree import (
     UrdfTree,
     attribute,
     children,
+    finite_numbers,
     quoted,
     read_tree,
     refusal,
     suggestion,
+    unexpanded,
 )
 from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
@@ -40,8 +42,8 @@ from suta_calib.words import listed
 _MOST_ENDS: Final = 12
 _MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 _SUPPORTED_TYPES: Final = (*_MOVING_TYPES, "fixed")
-# float() takes more than a URDF may say: 'nan', '1_000', digits of other scripts.
-_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+# Couplings of every two joints are offered: of 200 joints 40,000, for which a second is enough.
+_MOST_JOINTS: Final = 250
 _SHORTEST_AXIS: Final = 1e-12
 
 
@@ -115,6 +117,7 @@ class Chain:
             those of `joints` that follow nobody, and those that others of `joints` follow, which
             need not be on the chain.
         coupled: by joint of the robot, those that move it too by a ``<transmission>``.
+        notes: what the file has that other readers may refuse, and no pose depends on.
     """
 
     path: Path
@@ -126,6 +129,7 @@ class Chain:
     joints: tuple[ChainJoint, ...]
     moving: tuple[ChainJoint, ...]
     coupled: Mapping[str, tuple[str, ...]]
+    notes: tuple[str, ...] = ()
 
 
 def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
@@ -144,10 +148,17 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
             reading, has unusable numbers, or follows a joint that is not there, has no reading,
             or follows it.
     """
-    tree = read_tree(path)
+    return chain_of(read_tree(path), tip, base)
+
+
+def chain_of(tree: UrdfTree, tip: str, base: str | None = None) -> Chain:
+    """`read_chain` of a URDF that was read."""
     base_link = tree.root if base is None else _known_link(tree, base, "base")
     tip_link = _known_link(tree, tip, "tip")
     climbed, descended = _joints_between(tree, base_link, tip_link)
+    inside = {joint.element for joint in (*climbed, *descended)}
+    if problem := unexpanded(tree.path, [e for e in tree.leftover if e.getparent() in inside]):
+        raise problem
     joints = (
         *(_chain_joint(tree, joint, climbed=True) for joint in climbed),
         *(_chain_joint(tree, joint) for joint in descended),
@@ -159,8 +170,14 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
     own = {joint.name: joint for joint in joints}
     read = dict.fromkeys(j.mimic.joint if j.mimic else j.name for j in joints if j.moving)
     moving = tuple(own.get(name) or _chain_joint(tree, tree.joints[name]) for name in read)
+    if len(moving) > _MOST_JOINTS:
+        found = f"{len(moving)} joints that move between {quoted(base_link)} and {quoted(tip)}"
+        raise UrdfError(found, f"at most {_MOST_JOINTS}", file=tree.path, where="tip")
     coupled = coupled_joints(tree.element)
-    return Chain(tree.path, tree.robot, base_link, tip, tip_link, top, joints, moving, coupled)
+    remarks = notes(tree, [*climbed, *descended])
+    return Chain(
+        *(tree.path, tree.robot, base_link, tip, tip_link, top, joints, moving, coupled, remarks)
+    )
 
 
 def _known_link(tree: UrdfTree, name: str, where: str) -> str:
@@ -168,6 +185,8 @@ def _known_link(tree: UrdfTree, name: str, where: str) -> str:
         return name
     if name in tree.joints:
         return tree.joints[name].child
+    if (problem := unexpanded(tree.path, tree.leftover)) is not None:
+        raise problem
     hint = suggestion(name, (*tree.links, *tree.joints), "links and joints")
     if where == "tip":
         hint += f"; {ends(tree)}"
@@ -272,20 +291,14 @@ def _limits(path: Path, element: Element, kind: str, where: str) -> tuple[float,
     if kind == "fixed":
         return 0.0, 0.0
     given = children(element, "limit")[:1]
-    if not given and kind in ("revolute", "prismatic"):
-        expected = "<limit lower=… upper=… effort=… velocity=…>, which URDF asks for"
-        hint = "add it, or make a revolute joint continuous"
-        raise refusal(path, element, f"a {kind} joint without <limit>", expected, where, hint)
     if kind == "continuous" or not given or not {"lower", "upper"} & set(given[0].keys()):
         return -math.inf, math.inf
     place = f"{where}: <limit>"
     lower, upper = (
         float(_numbers(path, given[0], key, place, (0.0,))[0]) for key in ("lower", "upper")
     )
-    if lower > upper:
-        found = f"lower={lower!r} above upper={upper!r}"
-        raise refusal(path, given[0], found, "lower at most upper", place)
-    return lower, upper
+    # Public files say so that a joint has no limit.
+    return (lower, upper) if lower <= upper else (-math.inf, math.inf)
 
 
 def _numbers(
@@ -295,9 +308,8 @@ def _numbers(
     text = element.get(key)
     if text is None:
         return np.array(default)
-    words = text.split()
-    numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
-    if len(words) == len(numbers) == len(default) and all(map(math.isfinite, numbers)):
+    numbers = finite_numbers(text)
+    if len(numbers) == len(default):
         return np.array(numbers)
     expected = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
     hint = "run xacro first" if "${" in text or "$(" in text else ""

@@ -32,6 +32,9 @@ _ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 # What xacro puts a text in place of.
 _EXPRESSION: Final = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
 _OTHERWISE: Final = "the formats xacro and xacro-yaml tell joints apart by their whole names"
+# Picometres: what is less comes of the rounding of sines and products, not of a measurement.
+_DECIMALS: Final = 12
+_ROUNDING: Final = 0.5 * 10.0**-_DECIMALS
 _TAG: Final = re.compile(rb"""<[^\s<>"'/]+(?:[^<>"']|"[^"]*"|'[^']*')*>""")
 
 
@@ -105,9 +108,8 @@ def _urdf_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
 def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
     """A URDF byte for byte, with new numbers in the ``<origin>`` of the named joints.
 
-    A number that keeps its value keeps its spelling; a new one is written with the digits that
-    give back exactly that double. A joint without ``<origin>`` gets one. Relative mesh paths are
-    copied as they stand.
+    A number that keeps its value, to 1e-12, keeps its spelling; a new one is rounded to that. A
+    joint without ``<origin>`` gets one. Relative mesh paths are copied as they stand.
 
     Args:
         source: the user's URDF, in UTF-8, Latin-1 or another one-byte encoding it declares.
@@ -243,7 +245,7 @@ def _origin_splices(
     data: bytes, tags: _JointTags, values: Mapping[bytes, list[float]]
 ) -> Iterator[_Splice]:
     if tags.origin is None:
-        if any(map(any, values.values())):
+        if any(abs(number) > _ROUNDING for three in values.values() for number in three):
             yield _new_origin(data, tags.joint, values)
         return
     start, stop = _tag_span(data, tags.origin)
@@ -255,7 +257,7 @@ def _origin_splices(
             first, last = written[key].span(2)
             text = _numbers_text(numbers, data[first + 1 : last - 1])
             yield first + 1, last - 1, text
-        elif any(numbers):
+        elif any(abs(number) > _ROUNDING for number in numbers):
             yield end, end, b" " + _attribute_text(key, numbers)
 
 
@@ -286,9 +288,20 @@ def _numbers_text(numbers: list[float], old: bytes) -> bytes:
         before = [float(word) for word in words]
     except ValueError:
         before = []
-    if before == numbers:
-        return old
     if len(before) != len(numbers):
-        return " ".join(map(repr, numbers)).encode()
-    kept = zip(words, before, numbers, strict=True)
-    return b" ".join(word if was == new else repr(new).encode() for word, was, new in kept)
+        return " ".join(map(number_text, numbers)).encode()
+    same = [abs(was - new) <= _ROUNDING for was, new in zip(before, numbers, strict=True)]
+    if all(same):
+        return old
+    kept = zip(words, same, numbers, strict=True)
+    return b" ".join(word if is_same else number_text(new).encode() for word, is_same, new in kept)
+
+
+def number_text(value: float) -> str:
+    """A length or an angle as a description has it: to 1e-12 m or rad, beyond which is rounding."""
+    return repr(rounded(value))
+
+
+def rounded(value: float) -> float:
+    """A length or an angle to 1e-12 m or rad, and never -0.0."""
+    return round(float(value), _DECIMALS) + 0.0

@@ -7,7 +7,9 @@ their own. Format: http://wiki.ros.org/urdf/XML.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,14 +17,16 @@ from lxml import etree
 
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
-from suta_calib.model.xacro_file import expanded, is_xacro
 from suta_calib.records import dataclass
 
 # lxml ships without type information.
 Element = Any
 
 _XACRO_HINT: Final = "run xacro first, or name the file .xacro: then it is run here"
+_XACRO: Final = ".xacro"
 _LONGEST_QUOTE: Final = 60
+# float() takes more than a URDF may say: 'nan', '1_000', digits of other scripts.
+_NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,7 @@ class UrdfTree:
         into: the joint into each link, by the link's name; the root link has none.
         root: the link that is no joint's child.
         element: ``<robot>`` itself, for what is no part of the tree.
+        leftover: elements that xacro has not expanded; none of them makes a link or joint here.
     """
 
     path: Path
@@ -70,6 +75,7 @@ class UrdfTree:
     into: Mapping[str, TreeJoint]
     root: str
     element: Element
+    leftover: tuple[Element, ...] = ()
 
     @property
     def leaves(self) -> tuple[str, ...]:
@@ -86,8 +92,12 @@ class UrdfTree:
         return passed
 
 
-def read_tree(path: str | Path) -> UrdfTree:
+def read_tree(path: str | Path, data: bytes | None = None) -> UrdfTree:
     """Read a URDF, or what xacro makes of one, and check that its joints and links make one tree.
+
+    Args:
+        path: of the file.
+        data: its content, where that is known.
 
     Raises:
         UrdfError: the file cannot be read or is not XML, its root is not ``<robot>``, xacro was
@@ -95,7 +105,24 @@ def read_tree(path: str | Path) -> UrdfTree:
             declared, or the joints make a loop, a cycle or several trees.
     """
     path = Path(path)
-    robot = read_robot(path)
+    robot = _robot(path, data)
+    leftover = tuple(e for e in robot.iter() if tag_of(e).startswith("xacro:"))
+    try:
+        return _tree_of(path, robot, leftover)
+    except UrdfError as problem:
+        # What is wrong may be what xacro would have made right.
+        raise unexpanded(path, leftover) or problem from None
+
+
+def unexpanded(path: Path, leftover: Sequence[Element]) -> UrdfError | None:
+    """The error that xacro was not run, where something of it is left in a file."""
+    for element in leftover[:1]:
+        found = f"<{tag_of(element)[:_LONGEST_QUOTE]}>, which xacro has not expanded"
+        return refusal(path, element, found, "plain URDF", hint=_XACRO_HINT)
+    return None
+
+
+def _tree_of(path: Path, robot: Element, leftover: tuple[Element, ...]) -> UrdfTree:
     links = _by_name(path, robot, "link")
     elements = _by_name(path, robot, "joint")
     if not elements:
@@ -119,7 +146,7 @@ def read_tree(path: str | Path) -> UrdfTree:
         found += ", …" if len(others) > 1 else ""
         hint = "connect them by joints or remove what is not used: base and tip are in one tree"
         raise refusal(path, links[others[0]], found, "one root link", hint=hint)
-    return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root, robot)
+    return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root, robot, leftover)
 
 
 def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:
@@ -165,20 +192,16 @@ def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
 
 
 # ── elements ─────────────────────────────────────────────────────────────────────────────────
-def read_robot(path: Path) -> Element:
+def _robot(path: Path, data: bytes | None) -> Element:
     """The ``<robot>`` element of a URDF file.
 
     Raises:
-        UrdfError: the file cannot be read (`read_urdf_bytes`) or is not XML, its root is not a
-            ``<robot>`` with a name, or xacro was not run.
+        UrdfError: the file cannot be read (`read_urdf_bytes`) or is not XML, or its root is not a
+            ``<robot>`` with a name.
     """
-    root = _parsed(path, read_urdf_bytes(path))
+    root = _parsed(path, read_urdf_bytes(path) if data is None else data)
     if tag_of(root) != "robot":
         raise refusal(path, root, f"the root element <{tag_of(root)[:_LONGEST_QUOTE]}>", "<robot>")
-    for element in root.iter():
-        if tag_of(element).startswith("xacro:"):
-            found = f"<{tag_of(element)[:_LONGEST_QUOTE]}>, which xacro has not expanded"
-            raise refusal(path, element, found, "plain URDF", hint=_XACRO_HINT)
     attribute(path, root, "name", "<robot>")
     return root
 
@@ -192,7 +215,10 @@ def read_urdf_bytes(path: str | Path) -> bytes:
         MissingExtraError: a ``.xacro`` file, without the package that expands it.
     """
     path = Path(path)
-    if is_xacro(path):
+    if path.suffix.lower() == _XACRO:
+        # Few URDFs are generated.
+        from suta_calib.model.xacro_file import expanded
+
         return expanded(path)
     try:
         note_input(path)
@@ -234,6 +260,13 @@ def attribute(path: Path, element: Element, name: str, where: str) -> str:
         found = f"no {name}" if text is None else f"an empty {name}"
         raise refusal(path, element, found, f'{name}="…"', where)
     return str(text)
+
+
+def finite_numbers(text: str) -> list[float]:
+    """The numbers of an attribute, as a URDF may write them; none where one of its words is not."""
+    words = text.split()
+    numbers = [float(word) for word in words if _NUMBER.fullmatch(word)]
+    return numbers if len(words) == len(numbers) and all(map(math.isfinite, numbers)) else []
 
 
 def refusal(

@@ -10,7 +10,7 @@ from typing import Any, Final
 
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
-from suta_calib.extras import load
+from suta_calib.extras import require
 from suta_calib.records import dataclass
 
 _CHILD: Final = "suta_calib.model.xacro_child"
@@ -71,7 +71,7 @@ def _expand(path: Path) -> _Expansion:
     # Few URDFs are generated.
     from suta_calib.confined import ConfinedError, run_confined
 
-    load("xacro", "formats")
+    require("xacro", "formats")
     try:
         found = run_confined(_CHILD, str(path))
     except ConfinedError as problem:

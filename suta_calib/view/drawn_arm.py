@@ -9,7 +9,8 @@ import numpy as np
 import pinocchio as pin
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.model.arm import ArmModel, reduced_model
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.records import dataclass
 
@@ -81,9 +82,9 @@ class DrawnArm:
 
     @cached_property
     def _model(self) -> pin.Model:
-        model = pin.buildModelFromXML(self.arm.calibrated_urdf(self.values).decode())
+        tree = read_tree(self.arm.chain.path, self.arm.calibrated_urdf(self.values))
         moving = {joint.name for joint in self.arm.chain.joints if joint.moving}
-        return reduced_model(model, moving)[0]
+        return pinocchio_model(tree, moving)
 
     @cached_property
     def links(self) -> tuple[str, ...]:

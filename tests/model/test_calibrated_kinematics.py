@@ -15,6 +15,9 @@ from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.model.chain import Chain, ChainJoint, read_chain
 from suta_calib.model.urdf import folded_origin, write_urdf
 
+# Numbers of a written URDF are rounded to 1e-12 m or rad; along a chain that adds up.
+WRITTEN = 1e-11
+
 AWKWARD = (Path(__file__).parents[1] / "data" / "awkward.urdf").read_bytes().decode()
 
 ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"
@@ -115,7 +118,7 @@ def assert_calibrated(source: Path, base: str | None, tip: str, seed: int) -> No
         expected = calibrated_pose(chain, changes, q)
         for poses in (pinocchio_pose, yourdfpy_pose):
             found = poses(calibrated, chain.base, chain.tip_link, q)
-            np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12, err_msg=str(poses))
+            np.testing.assert_allclose(found, expected, rtol=0, atol=WRITTEN, err_msg=str(poses))
 
 
 def test_pinocchio_and_yourdfpy_load_the_calibrated_arm(awkward: Path) -> None:
@@ -151,7 +154,7 @@ def test_in_other_peoples_files_only_origins_of_the_chain_change(
     assert all("<origin" in line for line in changed)
     reread = read_chain(calibrated, tip, base)
     for nominal, joint in zip(chain.joints, reread.joints, strict=True):
-        np.testing.assert_array_equal(joint.xyz, nominal.xyz + 0.125)
+        np.testing.assert_allclose(joint.xyz, nominal.xyz + 0.125, rtol=0, atol=0.51e-12)
         np.testing.assert_array_equal(joint.rpy, nominal.rpy)
 
 

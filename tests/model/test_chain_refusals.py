@@ -88,7 +88,6 @@ REPLACEMENTS = {
     "substitution": ("0 1.5 .5", "0 0 ${pi/2}", "run xacro first", "<origin"),
     "axis": ("0 3 -4", "0 x 1", "joint 'turn': <axis>: found xyz='0 x 1'", "<axis"),
     "no axis": ("0 3 -4", "0 0 0.0", "xyz='0 0 0.0'; expected a direction", "<axis"),
-    "limits": ('upper="2"', 'upper="-2"', "lower=-1.0 above upper=-2.0", "<limit"),
     "limit": ('upper="2"', 'upper="two"', "upper='two'; expected a finite number", "<limit"),
 }
 

@@ -21,6 +21,9 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.parameters import COMPLIANCE, Selection
 
+# Numbers of a written URDF are rounded to 1e-12 m or rad; along a chain that adds up.
+WRITTEN = 1e-11
+
 AXES = ("x", "y", "z")
 GEOMETRIES = {"nominal": 0.0, "perturbed": 0.15}
 
@@ -193,7 +196,7 @@ def test_the_written_urdf_is_the_calibrated_arm_for_raw_readings(
     again = ArmModel.from_urdf(tmp_path / "calibrated.urdf", arm.tip)
     readings = random_readings(arm, np.random.default_rng(5), 20)
     for found, expected in zip(again.forward(readings), arm.forward(readings, values), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(found, expected, rtol=0, atol=WRITTEN)
 
 
 def test_an_offset_is_added_to_the_reading(arm: ArmModel) -> None:

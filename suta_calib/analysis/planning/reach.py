@@ -25,7 +25,9 @@ from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import JobError
 from suta_calib.measurements import Artefact
-from suta_calib.model.arm import ArmModel, reduced_model
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.kinematic_urdf import pinocchio_model
+from suta_calib.model.urdf_tree import read_tree
 from suta_calib.model.xacro_file import plain_urdf
 from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
@@ -284,9 +286,7 @@ def _shapes(arm: ArmModel, kind: Any) -> Any:
     """Geometry of the reduced model; meshes are looked for beside the URDF and above it."""
     path = arm.chain.path
     folders = [str(folder) for folder in path.resolve().parents]
+    model = pinocchio_model(read_tree(path), set(arm.model.names))
     with warnings.catch_warnings(), plain_urdf(path) as file:
         warnings.simplefilter("ignore")
-        model = pin.buildModelFromUrdf(str(file))
-        geometry = pin.buildGeomFromUrdf(model, str(file), kind, folders)
-    _, (shapes,) = reduced_model(model, set(arm.model.names), [geometry])
-    return shapes
+        return pin.buildGeomFromUrdf(model, str(file), kind, folders)

@@ -1,0 +1,135 @@
+"""The part of a URDF that is kinematics, for Pinocchio, and notes on the rest.
+
+URDF readers refuse a whole file for what no chain depends on: a limit of effort below zero, a
+material that is declared twice, a shape without a size. So Pinocchio gets the chain's joints as the
+file writes them, every other joint fixed where it is, and the links with their masses.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import Any, Final
+from xml.sax.saxutils import quoteattr
+
+from suta_calib.errors import UrdfError
+from suta_calib.model.urdf_tree import Element, TreeJoint, UrdfTree, children, finite_numbers
+from suta_calib.words import listed
+
+# Nothing here asks for limits, and URDF readers do.
+_LIMIT: Final = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+# Places that a note names.
+_MOST: Final = 3
+
+
+def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
+    """The `pin.Model` in which these joints move, and all others are fixed.
+
+    Args:
+        tree: the URDF.
+        moving: names of revolute, continuous and prismatic joints, whose numbers were checked.
+
+    Raises:
+        UrdfError: Pinocchio refuses even that.
+    """
+    # Whoever only asks for the file's links needs no Pinocchio.
+    import pinocchio as pin
+
+    try:
+        return pin.buildModelFromXML("\n".join(_lines(tree, moving)))
+    except (ValueError, RuntimeError) as error:
+        said = str(error).strip().splitlines()[0]
+        raise UrdfError(
+            f"a model Pinocchio refuses ({said})", "a URDF that Pinocchio can load", file=tree.path
+        ) from error
+
+
+def _lines(tree: UrdfTree, moving: Collection[str]) -> Iterator[str]:
+    yield f'<?xml version="1.0" encoding="utf-8"?>\n<robot name={quoteattr(tree.robot)}>'
+    inertial = {link.get("name"): _inertial(link) for link in children(tree.element, "link")}
+    for link in tree.links:
+        yield f"<link name={quoteattr(link)}>{inertial[link]}</link>"
+    for joint in tree.joints.values():
+        kind = str(joint.element.get("type")) if joint.name in moving else "fixed"
+        axis = _element(joint.element, "axis", "xyz") if kind != "fixed" else ""
+        yield (
+            f"<joint name={quoteattr(joint.name)} type={quoteattr(kind)}>"
+            f"<parent link={quoteattr(joint.parent)}/><child link={quoteattr(joint.child)}/>"
+            f"{_element(joint.element, 'origin', 'xyz', 'rpy')}{axis}"
+            f"{_LIMIT if kind in ('revolute', 'prismatic') else ''}</joint>"
+        )
+    yield "</robot>"
+
+
+def _element(parent: Element, tag: str, *names: str) -> str:
+    """The first child of a tag with those of its attributes that are three finite numbers."""
+    for element in children(parent, tag)[:1]:
+        kept = [n for n in names if len(finite_numbers(element.get(n, ""))) == 3]
+        return f"<{tag} {' '.join(f'{n}={quoteattr(element.get(n))}' for n in kept)}/>"
+    return ""
+
+
+def _mass(inertial: Element) -> float | None:
+    """The mass of a link, kg; None where it is no number, or below zero."""
+    masses = [finite_numbers(e.get("value", "")) for e in children(inertial, "mass")[:1]]
+    return masses[0][0] if masses and len(masses[0]) == 1 and masses[0][0] >= 0 else None
+
+
+def _inertial(link: Element) -> str:
+    """Mass and centre; moments of inertia turn nothing that is at rest."""
+    for inertial in children(link, "inertial")[:1]:
+        if mass := _mass(inertial):
+            return (
+                f"<inertial>{_element(inertial, 'origin', 'xyz', 'rpy')}<mass value='{mass!r}'/>"
+                '<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/></inertial>'
+            )
+    return ""
+
+
+def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
+    """What the file has that other readers may refuse, and that no pose of the chain depends on.
+
+    Args:
+        tree: the URDF.
+        chain: its joints that were checked; of others nothing but their place in the tree is used.
+    """
+    checked = {joint.name for joint in chain}
+    places: dict[str, list[Element]] = {}
+    for element in tree.leftover:
+        tag = f"<{element.prefix}:{element.tag.rpartition('}')[2].rpartition(':')[2]}>"
+        places.setdefault(f"{tag}, which xacro has not expanded, is ignored", []).append(element)
+    for joint in tree.joints.values():
+        kind = joint.element.get("type")
+        limits = children(joint.element, "limit")[:1]
+        if kind in ("revolute", "prismatic") and not limits and joint.name in checked:
+            said = "a joint without <limit> is taken to have none"
+            places.setdefault(said, []).append(joint.element)
+        for limit in limits:
+            values = {n: finite_numbers(limit.get(n, "0")) for n in limit.keys()}  # noqa: SIM118
+            one = {name: v[0] for name, v in values.items() if len(v) == 1}
+            if one.get("lower", 0.0) > one.get("upper", 0.0) and joint.name in checked:
+                said = "a joint whose lower limit is above its upper one is taken to have none"
+                places.setdefault(said, []).append(limit)
+            for name in ("effort", "velocity"):
+                if one.get(name, 0.0) < 0 or (name in values and name not in one):
+                    places.setdefault(f"an impossible limit of {name} is not used", []).append(
+                        limit
+                    )
+        origins = children(joint.element, "origin")[:1]
+        if any(
+            origin.get(n) is not None and len(finite_numbers(origin.get(n))) != 3
+            for origin in origins
+            for n in ("xyz", "rpy")
+        ):
+            said = "the <origin> of a joint off the chain is no three numbers, and is not used"
+            places.setdefault(said, []).append(origins[0])
+    for link in children(tree.element, "link"):
+        for inertial in children(link, "inertial")[:1]:
+            if _mass(inertial) is None:
+                said = "an impossible mass is not used"
+                places.setdefault(said, []).append(inertial)
+    return tuple(f"{said} ({_lines_of(elements)})" for said, elements in places.items())
+
+
+def _lines_of(elements: list[Element]) -> str:
+    lines = list(dict.fromkeys(str(element.sourceline) for element in elements))
+    return f"line{'s' * (len(lines) > 1)} {listed(lines, _MOST)}"
