@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign_samples import skip_unread
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -88,7 +87,6 @@ WAYS = [
 def test_an_arm_is_read_back_as_it_was_written(
     form: str, way: dict[str, Any], data: st.DataObject, scratch: Path
 ) -> None:
-    skip_unread(form)
     folder = scratch.parent
     arm = arm_of(data.draw(joints()), folder / "drawn.urdf")
     moved = (p for p in arm.offered.values() if p.geometric or p.key == OFFSET)

@@ -11,8 +11,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import pinocchio as pin
-import pytest
 from foreign import poses, transforms
 from ros_recordings import JOINTS as RECORDED
 from ros_recordings import motion, write_recording
@@ -282,14 +280,7 @@ def rapid(folder: Path) -> Sample:
 PROGRAMS: dict[str, Callable[[Path], Sample]] = {"ur-script": ur_script, "krl": krl, "rapid": rapid}
 
 
-def skip_unread(form: str) -> None:
-    """Skip the test where the oldest libraries that are allowed do not read the format."""
-    if form == "mjcf" and not hasattr(pin, "buildModelFromMJCF"):
-        pytest.skip("Pinocchio 2 reads no MJCF")
-
-
 def mjcf(folder: Path) -> Sample:
-    skip_unread("mjcf")
     path = folder / "arm.xml"
     path.write_text(
         '<mujoco model="two"><compiler angle="radian"/><worldbody>'

@@ -1,9 +1,9 @@
-"""MuJoCo's MJCF as a URDF, through Pinocchio's reader."""
+"""MuJoCo's MJCF as a URDF, as MuJoCo itself reads it."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar, Final
 from xml.sax.saxutils import quoteattr
@@ -12,31 +12,42 @@ import numpy as np
 from lxml import etree
 
 from suta_calib.arrays import FloatArray
+from suta_calib.confined import ConfinedError, run_confined
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_bounded
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
-from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.extras import require
+from suta_calib.geometry.numbers import (
+    homogeneous,
+    rotation_from_quaternion,
+    rotation_from_vector,
+    rpy_from_rotation,
+)
+from suta_calib.model.urdf import number_text
 from suta_calib.words import listed
 
-# What Pinocchio calls joints of one axis that turn, and that slide.
-_TURN: Final = ("JointModelR", "JointModelH")
-_SLIDE: Final = "JointModelP"
+_CHILD: Final = "suta_calib.exchange.mjcf_child"
+# MuJoCo's mjtJoint.
+_FREE, _BALL, _SLIDE, _HINGE = range(4)
 # URDF asks for limits of a slide, m.
 _FAR: Final = 10.0
-_WORLD: Final = "world"
-# Characters of a name that a message shows.
-_LONGEST: Final = 80
+# How far the URDF may be from MuJoCo's kinematics, m and as a cosine: numbers of 1e-12 along a long
+# chain, and rotations as roll, pitch and yaw.
+_AGREE: Final = 1e-9
+# Characters of a name, and of what MuJoCo says, that a message shows.
+_LONGEST, _LONGEST_REASON = 80, 200
 
 
 class MjcfReader(Reader):
-    """Bodies, joints of one axis and sites: the kinematics, without shapes and masses."""
+    """Bodies, joints and sites: the kinematics, without shapes and masses."""
 
     name: ClassVar[str] = "mjcf"
-    summary: ClassVar[str] = "MuJoCo model (MJCF), bodies with at most one joint each: a URDF"
+    summary: ClassVar[str] = "MuJoCo model (MJCF), bodies, joints of one axis and sites: a URDF"
     example: ClassVar[str] = "arm.xml --format mjcf --out arm.urdf"
     suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf")
+    extra: ClassVar[str] = "formats"
 
     def recognises(self, path: Path, head: str) -> bool:
         """Its root element."""
@@ -44,35 +55,42 @@ class MjcfReader(Reader):
         return "<mujoco" in head
 
     def read(self, path: Path, given: Given) -> ImportedFile:
-        """A URDF with a link for each body and each site, and the joints by their names."""
+        """A URDF with a link for each body and each named site, and the joints by their names.
+
+        MuJoCo reads the file, in a process with bounded time and memory. Before it is returned, the
+        URDF is held against MuJoCo's own kinematics in random postures.
+        """
         del given
         _check(path, read_bounded(path))
-        import pinocchio as pin
-
-        if not hasattr(pin, "buildModelFromMJCF"):
-            found = f"Pinocchio {pin.__version__}, which reads no MJCF"
-            raise ForeignFileError(found, "3.0 or newer: pip install 'pin>=3'", file=path)
+        require("mujoco", self.extra)
         try:
-            model = pin.buildModelFromMJCF(str(path))
-        except (ValueError, RuntimeError, IndexError) as problem:
-            said = " ".join(str(problem).split())[:160]
-            expected = "a model that Pinocchio can load"
-            raise ForeignFileError(f"a model it refuses ({said})", expected, file=path) from None
-        text = "\n".join(_urdf(path, model, pin))
-        slides = [n for n, j in zip(model.names, model.joints, strict=True) if _slides(j)]
-        note = f"The limits of {listed(slides)} are not the model's: ±{_FAR:g} m."
+            found = run_confined(_CHILD, str(path))
+        except ConfinedError as problem:
+            said = f"a model that takes {problem} to read"
+            raise ForeignFileError(said, "a model of an arm", file=path) from None
+        if "refused" in found:
+            raise _refusal(path, str(found["refused"]))
+        if not any(joint["kind"] in (_SLIDE, _HINGE) for joint in found["joints"]):
+            said = "a model without a joint that turns or slides"
+            raise ForeignFileError(said, "an arm: bodies with joints", file=path)
+        tree = _Tree(path, found)
+        text = "\n".join(tree.lines()) + "\n"
+        tree.compare(text)
+        count = len(found["joints"])
+        joints = "1 joint" if count == 1 else f"{count} joints"
         return ImportedFile(
             source=path,
             form=self.name,
-            content=text + "\n",
-            what=f"a URDF of {model.njoints - 1} joints",
+            content=text,
+            what=f"a URDF of {joints}, as MuJoCo {found['version']} reads it",
             kind=".urdf",
-            notes=(note,) if slides else (),
+            notes=tuple(tree.care()),
+            seen=tuple(tree.known()),
         )
 
 
 def _check(path: Path, data: bytes) -> None:
-    """Refuse what is no MJCF, or has entities, which Pinocchio's reader would expand."""
+    """Refuse what is no MJCF, or has entities, which MuJoCo would ignore."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise ForeignFileError("a document type or an entity", "a plain MJCF file", file=path)
     parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
@@ -87,59 +105,185 @@ def _check(path: Path, data: bytes) -> None:
         raise ForeignFileError(found, "<mujoco>", file=path, line=root.sourceline)
 
 
-def _slides(joint: Any) -> bool:
-    return bool(joint.shortname().startswith(_SLIDE)) and joint.nv == 1
+def _refusal(path: Path, reason: str) -> ForeignFileError:
+    """What MuJoCo refuses, with its line where it can be no line of an included file."""
+    at = re.search(r"line (\d+)", reason)
+    whole = b"<include" not in path.read_bytes() and b"<model" not in path.read_bytes()
+    return ForeignFileError(
+        f"a model that MuJoCo refuses ({reason[:_LONGEST_REASON]})",
+        "a file that MuJoCo loads, with the files that it includes",
+        file=path,
+        line=int(at[1]) if at and whole and int(at[1]) else None,
+    )
 
 
-def _urdf(path: Path, model: Any, pin: Any) -> Iterator[str]:
-    """The lines of a URDF.
+class _Tree:
+    """A compiled model as links and joints of a URDF."""
 
-    A link stands where its joint does; a body or a site that stands elsewhere is fixed to it.
-    """
-    kinds = (pin.FrameType.BODY, pin.FrameType.OP_FRAME)
-    frames = [frame for frame in model.frames if frame.type in kinds]
-    link = {0: _WORLD}
-    for frame in frames:
-        joint = frame.parentJoint
-        if joint and joint not in link and frame.placement.isIdentity():
-            link[joint] = frame.name
-    names = [link.setdefault(k, f"{model.names[k]}_link") for k in range(model.njoints)]
-    names += [frame.name for frame in frames if frame.name not in names]
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise ForeignFileError(f"the body {twice[:_LONGEST]!r} twice", "each name once", file=path)
-    yield f'<?xml version="1.0" encoding="utf-8"?>\n<robot name={quoteattr(model.name or "arm")}>'
-    yield from (f"  <link name={quoteattr(name)}/>" for name in names)
-    data, neutral = model.createData(), pin.neutral(model)
-    for k in range(1, model.njoints):
-        joint = model.joints[k]
-        kind = joint.shortname()
-        if joint.nv != 1 or not kind.startswith((*_TURN, _SLIDE)):
-            raise ForeignFileError(
-                f"the joint {model.names[k][:_LONGEST]!r} ({kind.removeprefix('JointModel')})",
-                "joints of one axis, one in each body",
-                file=path,
+    def __init__(self, path: Path, found: Mapping[str, Any]) -> None:
+        self.path, self.found = path, found
+        self.bodies: Sequence[Any] = found["bodies"]
+        self.joints: Sequence[Any] = found["joints"]
+        self.sites = [site for site in found["sites"] if site["name"]]
+        for joint in self.joints:
+            if joint["kind"] == _BALL:
+                said = f"the joint {joint['name'][:_LONGEST]!r}, which turns about any axis (ball)"
+                expected = "joints of one axis, as URDF has them"
+                raise ForeignFileError(said, expected, file=path)
+        numbers = [n for e in (*self.bodies, *self.sites) for n in (*e["pos"], *e["quat"])]
+        for joint in self.joints:
+            numbers += [*joint["pos"], *joint["axis"], joint["ref"], *(joint["range"] or ())]
+        if not np.isfinite(numbers).all():
+            raise ForeignFileError("numbers that are not finite", "a model of an arm", file=path)
+        # Bodies keep their names, which are unique in MuJoCo; so do sites and joints, unless a body
+        # or a site has the name already.
+        self._links, self._joints = set[str](), set[str]()
+        self.body_names = [
+            self._link(body["name"] or f"body_{k}") for k, body in enumerate(self.bodies)
+        ]
+        self.site_names = [self._link(site["name"], f"{site['name']}_site") for site in self.sites]
+        self.joint_names = [
+            self._joint(joint["name"] or f"{self.body_names[joint['body']]}_joint")
+            for joint in self.joints
+        ]
+
+    def _link(self, name: str, otherwise: str = "") -> str:
+        return _unique(name, otherwise or name, self._links)
+
+    def _joint(self, name: str) -> str:
+        return _unique(name, name, self._joints)
+
+    def care(self) -> Iterator[str]:
+        """What the model moves by otherwise than each joint by its own reading."""
+        if self.found["coupled"]:
+            yield (
+                "The model has equality constraints, which couple joints or close loops; in the "
+                "URDF each joint has its own reading."
             )
-        jacobian = pin.computeJointJacobian(model, data, neutral, k)
-        subspace = jacobian.reshape(6, model.nv)[:, joint.idx_v]
-        axis = subspace[:3] + subspace[3:]
-        lower, upper = -_FAR, _FAR
-        limited = False
-        if not _slides(joint) and joint.nq == 1:
-            lower, upper = (
-                float(limits[joint.idx_q])
-                for limits in (model.lowerPositionLimit, model.upperPositionLimit)
-            )
-            limited = math.isfinite(upper - lower) and abs(upper - lower) > 0
-        motion = "prismatic" if _slides(joint) else "revolute" if limited else "continuous"
-        limits = (lower, upper) if motion != "continuous" else None
-        parent, child = link[model.parents[k]], link[k]
-        yield _joint(model.names[k], motion, parent, child, model.jointPlacements[k], axis, limits)
-    for frame in frames:
-        if frame.name not in link.values():
-            parent, name = link[frame.parentJoint], f"{frame.name}_fixed"
-            yield _joint(name, "fixed", parent, frame.name, frame.placement)
-    yield "</robot>"
+
+    def known(self) -> Iterator[str]:
+        """What the URDF says otherwise than the model."""
+        for k, joint in enumerate(self.joints):
+            if joint["kind"] == _FREE:
+                name = self.body_names[joint["body"]]
+                yield f"{name} floats freely ({self.joint_names[k]}): a chain may start there."
+        far = [n for n, j in self._named() if j["kind"] == _SLIDE and j["range"] is None]
+        if far:
+            yield f"The limits of {listed(far)} are not the model's: ±{_FAR:g} m."
+        for name, body in zip(self.body_names, self.bodies, strict=True):
+            if body["mocap"]:
+                yield f"{name} is moved from outside (mocap); in the URDF it is fixed."
+        for name, site in zip(self.site_names, self.sites, strict=True):
+            if site["name"] != name:
+                yield f"The site {site['name']} is called as a body; in the URDF it is {name}."
+
+    def _named(self) -> Iterator[tuple[str, Any]]:
+        return zip(self.joint_names, self.joints, strict=True)
+
+    def lines(self) -> Iterator[str]:
+        """The lines of the URDF.
+
+        A body whose joint is not in its origin gets a link of its own there, and one with several
+        joints a link for each. MuJoCo turns a body about the joint's ``pos``, by its reading less
+        its ``ref``: in URDF the turn by ``-ref`` is part of the origin.
+        """
+        joints = [line for k in range(1, len(self.bodies)) for line in self._body(k)]
+        for site, name in zip(self.sites, self.site_names, strict=True):
+            parent, pose = self.body_names[site["body"]], _pose(site)
+            joints.append(_joint(self._joint(f"{name}_fixed"), "fixed", parent, name, pose))
+        yield '<?xml version="1.0" encoding="utf-8"?>'
+        yield f"<robot name={quoteattr(self.found['model'] or 'arm')}>"
+        in_order = (*self.body_names, *self.site_names)
+        further = sorted(self._links - set(in_order))
+        yield from (f"  <link name={quoteattr(name)}/>" for name in (*in_order, *further))
+        yield from joints
+        yield "</robot>"
+
+    def _body(self, k: int) -> Iterator[str]:
+        """The joints from a body's parent to the body."""
+        body, name = self.bodies[k], self.body_names[k]
+        parent, pose = self.body_names[body["parent"]], _pose(body)
+        own = [(n, joint) for n, joint in self._named() if joint["body"] == k]
+        for place, (joint_name, joint) in enumerate(own):
+            if joint["kind"] == _FREE:
+                x, y, z, *quat = joint["pose"]
+                pose = _pose({"pos": (x, y, z), "quat": quat})
+                yield _joint(joint_name, "floating", parent, name, pose)
+                return
+            axis = np.array(joint["axis"])
+            if joint["kind"] == _HINGE:
+                turned = rotation_from_vector(-joint["ref"] * axis)
+                pose = pose @ homogeneous(turned, joint["pos"])
+                back = homogeneous(np.eye(3), -np.array(joint["pos"]))
+            else:
+                pose = pose @ homogeneous(np.eye(3), -joint["ref"] * axis)
+                back = np.eye(4)
+            last = place == len(own) - 1 and np.array_equal(back, np.eye(4))
+            child = name if last else self._link(f"{joint_name}_link")
+            yield _joint(joint_name, _motion(joint), parent, child, pose, axis, _limits(joint))
+            parent, pose = child, back
+        if parent != name:
+            yield _joint(self._joint(f"{name}_fixed"), "fixed", parent, name, pose)
+
+    def compare(self, text: str) -> None:
+        """Hold the URDF, as Pinocchio reads it, against where MuJoCo has the bodies and sites.
+
+        Raises:
+            ForeignFileError: they differ; nothing is imported then.
+        """
+        import pinocchio as pin
+
+        model = pin.buildModelFromXML(text)
+        data = model.createData()
+        names = (*self.body_names, *self.site_names)
+        frames = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
+        kept = [k for k, site in enumerate(self.found["sites"]) if site["name"]]
+        for posture in self.found["postures"]:
+            q = pin.neutral(model)
+            for (name, joint), reading in zip(self._named(), posture["readings"], strict=True):
+                if joint["kind"] not in (_SLIDE, _HINGE):
+                    continue
+                of = model.joints[model.getJointId(name)]
+                both = (np.cos(reading), np.sin(reading)) if of.nq == 2 else (reading,)
+                q[of.idx_q : of.idx_q + of.nq] = both
+            pin.framesForwardKinematics(model, data, q)
+            expected = [*posture["bodies"], *(posture["sites"][k] for k in kept)]
+            for name, frame, numbers in zip(names, frames, expected, strict=True):
+                pose = data.oMf[frame]
+                ours = np.concatenate([pose.translation, pose.rotation.ravel()])
+                apart = np.abs(ours - numbers).max() / max(1.0, float(np.abs(numbers).max()))
+                if not apart <= _AGREE:
+                    raise ForeignFileError(
+                        f"a model whose {name[:_LONGEST]!r} the URDF has off by {apart:.2g}",
+                        f"agreement with MuJoCo's own kinematics to {_AGREE:g}",
+                        file=self.path,
+                        hint="please report this file",
+                    )
+
+
+def _unique(name: str, otherwise: str, taken: set[str]) -> str:
+    chosen, k = name, 1
+    while chosen in taken:
+        chosen, k = otherwise if k == 1 else f"{otherwise}_{k}", k + 1
+    taken.add(chosen)
+    return chosen
+
+
+def _pose(element: Mapping[str, Any]) -> FloatArray:
+    w, x, y, z = element["quat"]
+    return homogeneous(rotation_from_quaternion([x, y, z, w]), element["pos"])
+
+
+def _motion(joint: Mapping[str, Any]) -> str:
+    if joint["kind"] == _SLIDE:
+        return "prismatic"
+    return "continuous" if joint["range"] is None else "revolute"
+
+
+def _limits(joint: Mapping[str, Any]) -> tuple[float, float] | None:
+    if joint["range"] is not None:
+        return joint["range"][0], joint["range"][1]
+    return (-_FAR, _FAR) if joint["kind"] == _SLIDE else None
 
 
 def _joint(
@@ -147,15 +291,15 @@ def _joint(
     motion: str,
     parent: str,
     child: str,
-    placement: Any,
+    pose: FloatArray,
     axis: FloatArray | None = None,
     limits: tuple[float, float] | None = None,
 ) -> str:
     xyz, rpy, along = (
-        " ".join(repr(float(value)) for value in numbers)
+        " ".join(map(number_text, numbers))
         for numbers in (
-            placement.translation,
-            rpy_from_rotation(placement.rotation),
+            pose[:3, 3],
+            rpy_from_rotation(pose[:3, :3]),
             np.zeros(0) if axis is None else axis,
         )
     )
