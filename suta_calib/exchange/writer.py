@@ -50,6 +50,11 @@ class Writer(Described, ABC):
         """Names of the arm's values that differ from nominal and that the format cannot hold."""
         return [] if self.holds_everything else list(arm.known.beside_geometry)
 
+    def care(self, arm: CalibratedArm) -> tuple[str, ...]:
+        """What of this arm the user must do by hand, one sentence each."""
+        del arm
+        return ()
+
 
 @dataclass(frozen=True, eq=False)
 class Exported:
@@ -63,6 +68,7 @@ class Exported:
         left_out: what the format cannot hold, as JSON; empty where it holds all.
         lost: names of values that it cannot hold.
         notes: what whoever uses the file must know, one sentence each.
+        care: what whoever uses it must do by hand, one sentence each.
     """
 
     result: Result
@@ -72,6 +78,7 @@ class Exported:
     left_out: Mapping[str, Any]
     lost: Sequence[str]
     notes: tuple[str, ...] = ()
+    care: tuple[str, ...] = ()
 
     @cached_property
     @judged
@@ -83,6 +90,7 @@ class Exported:
         if self.lost:
             names = listed(list(self.lost))
             care.append(f"{self.form} cannot hold {names}: without it the arm is another.")
+        care.extend(self.care)
         known = list(self.notes)
         if "covariance" in self.left_out:
             known.append(f"{self.form} has no place for the covariance.")
@@ -131,13 +139,14 @@ def write_foreign(result: Result, form: str, **options: Any) -> Exported:
     content = writer.content(result, Given(writer.options, options, writer.name))
     left_out: dict[str, Any] = {}
     lost: list[str] = []
+    care: tuple[str, ...] = ()
     if result.arm is not None:
-        lost = writer.lost(result.arm)
+        lost, care = writer.lost(result.arm), writer.care(result.arm)
         left_out = {name: result.arm.values[name] for name in lost}
         left_out = {"parameters": left_out} if lost else {}
         if not writer.holds_covariance and result.arm.known.names:
             left_out["covariance"] = covariance_record(result.arm)
-    return Exported(result, form, content, writer.file, left_out, lost, writer.notes)
+    return Exported(result, form, content, writer.file, left_out, lost, writer.notes, care)
 
 
 def covariance_record(arm: CalibratedArm) -> dict[str, Any]:

@@ -19,9 +19,11 @@ from suta_calib.device import read_device
 from suta_calib.device.formats import decoder_for
 from suta_calib.errors import InputError
 from suta_calib.exchange import Result, read_foreign, write_foreign
+from suta_calib.exchange.result import CalibratedArm
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.job.dh_file import read_dh_table
 from suta_calib.model.arm import ArmModel
+from suta_calib.tracking.uncertainty import CalibrationUncertainty
 
 # m and, of a rotation matrix, its elements.
 SAME = 1e-9
@@ -107,22 +109,97 @@ def as_xacro(result: Result, include: str) -> etree._Element:
 
 
 def test_xacro_yaml(result: Result, tmp_path: Path) -> None:
-    path = exported(result, "xacro-yaml", tmp_path)
+    """Keys are child links of joints that move; what fixed joints changed by is said."""
+    found = write_foreign(result, "xacro-yaml")
+    path = found.write(tmp_path / found.file)[0]
+    assert result.arm is not None
+    chain = result.arm.model.chain
+    links = {
+        joint.child.removesuffix("_link"): joint.name for joint in chain.joints if joint.moving
+    }
     origins = yaml.safe_load(path.read_text())["kinematics"]
+    assert list(origins) == [*links, "hash"]
     assert origins["hash"].startswith("calib_")
     root = as_xacro(result, "")
     file = etree.Element("{http://www.ros.org/wiki/xacro}property", name="k")
     file.set("value", f"${{xacro.load_yaml('{path}')['kinematics']}}")
     root.insert(0, file)
-    for joint in root.iterchildren("joint"):
-        origin = joint.find("origin")
-        if joint.get("name") in origins and origin is not None:
-            for key, names in (("xyz", ("x", "y", "z")), ("rpy", ("roll", "pitch", "yaw"))):
-                words = (f"${{k['{joint.get('name')}']['{name}']}}" for name in names)
-                origin.set(key, " ".join(words))
+    names = {joint.get("name"): joint for joint in root.iterchildren("joint")}
+    for link, joint in links.items():
+        origin = names[joint].find("origin")
+        if origin is None:
+            origin = etree.SubElement(names[joint], "origin")
+        for key, numbers in (("xyz", ("x", "y", "z")), ("rpy", ("roll", "pitch", "yaw"))):
+            origin.set(key, " ".join(f"${{k['{link}']['{number}']}}" for number in numbers))
+    # What the file has no place for is written by hand, as the sentences say.
+    for sentence in found.care:
+        said = re.search(r"fixed joint (\S+), which .*: write (<origin .*/>) into", sentence)
+        assert said is not None
+        joint = names[said[1]]
+        for origin in joint.findall("origin"):
+            joint.remove(origin)
+        joint.append(etree.fromstring(said[2]))
     (tmp_path / "arm.xacro").write_bytes(etree.tostring(root))
     poses = through_pinocchio(result, expanded(tmp_path / "arm.xacro"))
     np.testing.assert_allclose(poses, wanted(result), atol=SAME)
+
+
+UR = (("shoulder_pan", "shoulder"), ("shoulder_lift", "upper_arm"), ("elbow", "forearm"))
+UR += tuple((f"wrist_{k}", f"wrist_{k}") for k in (1, 2, 3))
+
+
+@pytest.mark.parametrize("prefix", ["", "left_"])
+def test_xacro_yaml_as_universal_robots_loads_it(prefix: str, tmp_path: Path) -> None:
+    """A description of that shape, with its names: it reads six links, and a prefix is its own."""
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    links = ["base_link", *(f"{link}_link" for _, link in UR), "flange", "tool0"]
+    text = "".join(f'<link name="${{tf}}{link}"/>' for link in links)
+    for parent, (joint, link) in zip(links, UR, strict=False):
+        xyz, rpy = (
+            " ".join(f"${{k['{link}']['{number}']}}" for number in numbers)
+            for numbers in (("x", "y", "z"), ("roll", "pitch", "yaw"))
+        )
+        text += (
+            f'<joint name="${{tf}}{joint}_joint" type="revolute"><parent link="${{tf}}{parent}"/>'
+            f'<child link="${{tf}}{link}_link"/><origin xyz="{xyz}" rpy="{rpy}"/>'
+            '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+        )
+    for parent, child in (("wrist_3_link", "flange"), ("flange", "tool0")):
+        text += (
+            f'<joint name="${{tf}}{parent}-{child}" type="fixed"><parent link="${{tf}}{parent}"/>'
+            f'<child link="${{tf}}{child}"/><origin xyz="0 0 0.01"/></joint>'
+        )
+    arm_file, kinematics = tmp_path / "ur.xacro", tmp_path / "kin.yaml"
+    arm_file.write_text(
+        f'<robot name="ur" {space}><xacro:property name="tf" value="{prefix}"/>'
+        "<xacro:property name=\"k\" value=\"${xacro.load_yaml('kin.yaml')['kinematics']}\"/>"
+        f"{text}</robot>"
+    )
+    drawn = {"x": 0.1, "y": 0.0, "z": 0.2, "roll": 1.57, "pitch": 0.0, "yaw": 0.0}
+    nominal = {"kinematics": {link: dict(drawn) for _, link in UR}}
+    kinematics.write_text(yaml.safe_dump(nominal))
+    arm = ArmModel.from_urdf(arm_file, f"{prefix}tool0")
+    random = np.random.default_rng(0)
+    moving = {joint.name for joint in arm.chain.joints if joint.moving}
+    geometry = [p for p in arm.parameters.values() if p.owner in moving]
+    values = {p.name: p.nominal + random.normal(0, 0.01) for p in geometry}
+    values[f"{prefix}tool0.y"] = 0.0025
+    known = CalibrationUncertainty(tmp_path, (), np.zeros((0, 0)), values, "none", (), {})
+    found = write_foreign(Result(tmp_path, CalibratedArm(arm, known), ()), "xacro-yaml")
+    q = random.uniform(-2, 2, (5, 6))
+    expected = arm.forward(q, {n: v for n, v in values.items() if "tool0" not in n})
+    found.write(kinematics)
+    assert list(yaml.safe_load(kinematics.read_text())["kinematics"]) == [
+        *(link for _, link in UR),
+        "hash",
+    ]
+    loaded = ArmModel.from_urdf(arm_file, f"{prefix}tool0").forward(q)
+    for mine, theirs in zip(loaded, expected, strict=True):
+        np.testing.assert_allclose(mine, theirs, rtol=0, atol=1e-10)
+    assert found.assessment.level == "care"
+    assert f"the fixed joint {prefix}flange-tool0, which changed by 2.500 mm and 0.000°" in str(
+        found.assessment.notes
+    )
 
 
 def test_xacro_macro(result: Result, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from suta_calib.errors import InputError
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import Result
 from suta_calib.exchange.writer import Writer
+from suta_calib.model.urdf import number_text
 
 _HEAD = """\
 <?xml version="1.0" encoding="utf-8"?>
@@ -29,14 +30,14 @@ class XacroWriter(Writer):
     file: ClassVar[str] = "exported_origins.xacro"
 
     def content(self, result: Result, given: Given) -> bytes:
-        """One condition for each joint, numbers with all their digits."""
+        """One condition for each joint, numbers to 1e-12."""
         del given
         arm = result.need_arm(self.name)
         parts = [_HEAD]
         for name, (xyz, rpy) in arm.model.origins(arm.values).items():
             if not set(name).isdisjoint("'\"\\$"):
                 raise InputError(f"a joint {name!r}", "names without quotes, \\ and $ in a xacro")
-            numbers = [" ".join(repr(float(v)) for v in three) for three in (xyz, rpy)]
+            numbers = [" ".join(map(number_text, three)) for three in (xyz, rpy)]
             condition = quoteattr("${joint == '" + name + "'}")
             parts.append(
                 f"    <xacro:if value={condition}>\n"
