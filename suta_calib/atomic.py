@@ -11,6 +11,8 @@ from pathlib import Path
 
 from suta_calib.errors import OutputError
 
+# What was read so far, as it was named, for whoever asks (`inputs_listed`).
+_listed: ContextVar[dict[Path, None] | None] = ContextVar("listed", default=None)
 # Real paths: of what the running command has read (None outside of one), and of what it edits.
 _inputs: ContextVar[set[str] | None] = ContextVar("inputs", default=None)
 _edited: ContextVar[frozenset[str]] = ContextVar("edited", default=frozenset())
@@ -30,8 +32,21 @@ def inputs_kept() -> Iterator[None]:
         _inputs.reset(token)
 
 
+@contextlib.contextmanager
+def inputs_listed() -> Iterator[dict[Path, None]]:
+    """Gives what is read within it, by the names it is read by, in that order."""
+    files: dict[Path, None] = {}
+    token = _listed.set(files)
+    try:
+        yield files
+    finally:
+        _listed.reset(token)
+
+
 def note_input(path: Path) -> None:
     """Say that a file is read; whoever opens one does, so that `inputs_kept` knows it."""
+    if (listed := _listed.get()) is not None:
+        listed[path] = None
     if (inputs := _inputs.get()) is not None:
         inputs.add(os.path.realpath(path))
 

@@ -23,9 +23,9 @@ def result_page() -> Iterator[str]:
         "What `suta-calib calibrate` writes, and prints with `--json`: here as "
         f"`{RESULT_JOB.relative_to(ROOT)}` gives it, with the first rows of each list. Values that "
         "are parameters are in SI and say their `unit`; others say it in their key. Beside it are "
-        "`calibrated.urdf`, `residuals.csv` (one row per residual) and `report.html`. `run` is "
-        "added when the files are written: the SHA-256 of each input, and of each file that "
-        "belongs to the run.\n\n"
+        "`calibrated.urdf`, `residuals.csv` (one row per residual), `inputs.zip` (what it "
+        "was made of) and `report.html`. `run` is added when the files are written: the SHA-256 "
+        "of each input, and of each file that belongs to the run.\n\n"
     )
     if lacking := answer.keys() ^ RESULT_KEYS.keys():
         raise LookupError(f"{', '.join(sorted(lacking))} of result.json: say them in RESULT_KEYS")

@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._options import PATH, anyway_option, job_argument
+from suta_calib.cli._options import PATH, anyway_option
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import JobError
 from suta_calib.report.document import Document
 
+if TYPE_CHECKING:
+    from suta_calib.job.calibration import CalibrationJob
+
 
 @answer_command
 @click.argument("urdf", type=PATH, metavar="URDF")
-@job_argument
+@click.argument("job", type=PATH, metavar="JOB|RESULT")
 @click.option(
     "--result",
     type=PATH,
@@ -25,13 +29,14 @@ from suta_calib.report.document import Document
 def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Document:
     """Run the validation data of JOB through URDF, such as a calibrated.urdf.
 
-    The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given one.
+    In the job's place RESULT, a folder of results or its result.json, gives the data that it was
+    made with. The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given
+    one.
     """
     from suta_calib.analysis.comparison import check_calibrated, compare_arms
-    from suta_calib.job.calibration import CalibrationJob
     from suta_calib.report.comparison import comparison_document
 
-    loaded = CalibrationJob.load(job)
+    loaded = _job(job)
     if not loaded.validation:
         raise JobError(
             "no validation data",
@@ -52,4 +57,22 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     compared = compare_arms(
         loaded.observations, loaded.validation, other, beside, uncertainty=uncertainty
     )
-    return comparison_document(compared, arm.urdf, urdf)
+    before = Path(arm.urdf.name) if _is_result(job) else arm.urdf
+    return comparison_document(compared, before, urdf)
+
+
+def _job(path: Path) -> CalibrationJob:
+    """A job, or that of a result."""
+    if _is_result(path):
+        from suta_calib.tracking.read_back import load_job
+        from suta_calib.tracking.uncertainty import read_json_object
+
+        file = path / "result.json" if path.is_dir() else path
+        return load_job(read_json_object(file), file)
+    from suta_calib.job.calibration import CalibrationJob
+
+    return CalibrationJob.load(path)
+
+
+def _is_result(path: Path) -> bool:
+    return path.is_dir() or path.suffix.lower() == ".json"

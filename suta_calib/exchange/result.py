@@ -14,18 +14,19 @@ import numpy as np
 from suta_calib.analysis.comparison import check_nominal
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable, says_usable
-from suta_calib.errors import ForeignFileError, InputError
+from suta_calib.errors import ForeignFileError, InputError, JobError
 from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.geometry.pinhole import INTRINSICS
-from suta_calib.job.schema import JobSpec, read_job
+from suta_calib.job.schema import JobSpec, read_arm, read_job
 from suta_calib.measurements.camera import Camera
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.records import dataclass
-from suta_calib.tracking.made_from import job_of
+from suta_calib.tracking.made_from import made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
     numbers,
@@ -179,7 +180,7 @@ def read_result(
         anyway: take an answer that says of itself that it must not be used.
 
     Raises:
-        InputError: unreadable, no answer of this package, of another arm, or its job is gone.
+        InputError: unreadable, no answer of this package, of another arm, or its inputs are gone.
         NotUsableError: it must not be used.
     """
     path = Path(path)
@@ -192,10 +193,16 @@ def read_result(
             expected = "the answer of calibrate, hand-eye, pivot or register"
             raise InputError("no answer that can be exported", expected, file=path)
         return Result(path, None, found, None, data)
-    made_from = "the nominal arm with --urdf and --tip"
-    job = None if urdf is not None else read_job(job_of(data, path, made_from))
-    if job is not None:
-        model = job.arm.model()
+    job = None
+    if urdf is None:
+        origin = made_from(data, path, "the nominal arm with --urdf and --tip")
+        if origin.lacking:
+            # The arm needs no samples, which were too large to be copied.
+            arm_of_job = read_arm(YamlSection(read_yaml(origin.path, JobError), JobError))
+        else:
+            job = read_job(origin.path)
+            arm_of_job = job.arm
+        model = arm_of_job.model()
     else:
         if tip is None:
             raise InputError("no tip", "the link or frame of the tip", where="--tip")

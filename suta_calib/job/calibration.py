@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final, Literal
 
 from suta_calib.assessment import Assessment, judge, judged, refuse_unusable
+from suta_calib.atomic import inputs_listed
 from suta_calib.diagnostics.accuracy import (
     Accuracy,
     TermAccuracy,
@@ -63,6 +64,7 @@ class CalibrationJob(Shown):
         parameters: its unknowns.
         observations: terms to fit.
         validation: terms that are never fitted.
+        files: what was read for it, itself first.
     """
 
     spec: JobSpec
@@ -70,6 +72,7 @@ class CalibrationJob(Shown):
     parameters: ParameterSet
     observations: tuple[Term, ...]
     validation: tuple[Term, ...]
+    files: tuple[Path, ...] = ()
 
     @classmethod
     def load(cls, path: str | Path) -> CalibrationJob:
@@ -79,7 +82,13 @@ class CalibrationJob(Shown):
             InputError: the first thing that cannot be used: file, line or key, what was found,
                 what was expected.
         """
-        spec = read_job(Path(path))
+        with inputs_listed() as files:
+            job = cls._read(Path(path))
+        return replace(job, files=tuple(files))
+
+    @classmethod
+    def _read(cls, path: Path) -> CalibrationJob:
+        spec = read_job(path)
         arm = spec.arm.model()
         try:
             parameters = arm.select(*spec.parameters)

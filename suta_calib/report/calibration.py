@@ -19,6 +19,7 @@ from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
+from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.lazy import later
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
@@ -371,7 +372,7 @@ def _computation(result: CalibrationResult) -> Iterator[Part]:
 
 def _files(result: CalibrationResult) -> list[File]:
     """A solution that did not converge has none; one not to be used has another URDF's name."""
-    solution = result.solution
+    solution, job = result.solution, result.job
     if not solution.converged:
         return []
     return [
@@ -382,6 +383,8 @@ def _files(result: CalibrationResult) -> list[File]:
         File(
             "residuals.csv", lambda: csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
         ),
+        # With what it was made of the folder can go elsewhere.
+        File(inputs_copy.NAME, lambda: inputs_copy.packed(job.spec.path, job.files)),
     ]
 
 

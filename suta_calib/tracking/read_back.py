@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ from suta_calib.assessment import read_assessment
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.tracking.made_from import job_of
+from suta_calib.tracking.made_from import made_from
 from suta_calib.tracking.uncertainty import numbers, read_json_object, read_uncertainty
 from suta_calib.units import from_mm
 from suta_calib.view.calibrated import Calibrated, term_sets
@@ -33,7 +34,7 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         said = "an answer that is no calibration of an arm"
         expected = "the result of suta-calib calibrate"
         raise InputError(said, expected, file=file, hint="the report beside it has its pictures")
-    job = CalibrationJob.load(job_of(data, file, "the job itself"))
+    job = load_job(data, file)
     known = read_uncertainty(file, job.arm, anyway=anyway)
     values = {
         name: float(numbers(entry.get("value"), (), file, name))
@@ -59,6 +60,29 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         _rms(data, file),
         read_assessment(data),
     )
+
+
+def load_job(data: Mapping[str, Any], file: Path) -> CalibrationJob:
+    """The job of a result with all it was made of, by the name that it had when it ran.
+
+    Args:
+        data: of the ``result.json``.
+        file: it came from.
+
+    Raises:
+        InputError: as `made_from`; or measurements were too large to be copied and are gone.
+    """
+    origin = made_from(data, file, "the job itself")
+    if origin.lacking:
+        name, size = next(iter(origin.lacking.items()))
+        raise InputError(
+            f"no {name}, which was too large to be copied into the results ({size >> 20} MB)",
+            f"it beside the job {origin.named}, as it was",
+            file=file,
+            hint="put the files back, or calibrate again",
+        )
+    job = CalibrationJob.load(origin.path)
+    return replace(job, spec=replace(job.spec, path=origin.named))
 
 
 def _rms(data: Mapping[str, Any], file: Path) -> dict[str, tuple[float, float]]:

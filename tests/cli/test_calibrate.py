@@ -23,7 +23,7 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
 
-RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "report.html"}
+RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "inputs.zip", "report.html"}
 
 
 @pytest.fixture
@@ -423,7 +423,7 @@ def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(
     assert (verdict["level"], verdict["usable"]) == ("bad", False)
     folder = job.parent / "results"
     result, urdf = folder / "result.json", folder / "not_usable.urdf"
-    assert files_below(folder) == {"not_usable.urdf", "result.json", "residuals.csv", "report.html"}
+    assert files_below(folder) == RESULTS - {"calibrated.urdf"} | {"not_usable.urdf"}
     assert json.loads(result.read_text())["verdict"] == verdict
     assert cli("validate", urdf, job, "--result", result) == 2
     said = capsys.readouterr().err

@@ -86,6 +86,7 @@ def test_a_job_that_was_changed_or_is_gone(job: Path, tmp_path: Path, capsys: Ca
     (_, hashed), *_ = data["run"]["inputs"].items()
     data["run"]["inputs"] = {"elsewhere/calibration.yaml": hashed}
     (job / "results/result.json").write_text(json.dumps(data))
+    (job / "results/inputs.zip").unlink()
     assert cli(*command) == 2
     assert "calibration.yaml, which was changed since" in capsys.readouterr().err
     assert cli(*command, "--urdf", job / "arm.urdf", "--tip", "tip") == 0

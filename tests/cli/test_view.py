@@ -176,6 +176,9 @@ def test_a_job_that_changed_since_is_not_taken_for_the_one_of_the_result(tmp_pat
     job = write_simulated_job(tmp_path / "job", SUTA_URDF)
     assert cli("calibrate", job, "--json") == 0
     job.write_text(job.read_text() + "# Something else.\n")
+    read_calibrated(job.parent / "results")
+    # Results of earlier versions have no copy of it.
+    (job.parent / "results" / "inputs.zip").unlink()
     with pytest.raises(InputError, match=r"changed since.*calibrate again"):
         read_calibrated(job.parent / "results")
 

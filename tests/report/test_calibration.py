@@ -244,12 +244,14 @@ def test_page_of_an_unconverged_run_shows_no_values(unconverged: CalibrationResu
 
 # files
 
+BESIDE = {"result.json", "residuals.csv", "inputs.zip", "report.html"}
+
 
 def test_results_are_written_and_the_urdf_is_the_solution(
     result: CalibrationResult, tmp_path: Path
 ) -> None:
     files = write_results(result, tmp_path / "a" / "results")
-    assert set(files) == {"calibrated.urdf", "result.json", "residuals.csv", "report.html"}
+    assert set(files) == {"calibrated.urdf", *BESIDE}
     assert {p.name for p in (tmp_path / "a" / "results").iterdir()} == set(files)
     calibrated = ArmModel.from_urdf(files["calibrated.urdf"], "tip")
     q = np.random.default_rng(4).uniform(-1, 1, (5, 6))
@@ -272,7 +274,7 @@ def test_the_urdf_of_a_calibration_that_made_it_worse_has_another_name(
     worse: CalibrationResult, tmp_path: Path
 ) -> None:
     files = write_results(worse, tmp_path)
-    assert set(files) == {"not_usable.urdf", "result.json", "residuals.csv", "report.html"}
+    assert set(files) == {"not_usable.urdf", *BESIDE}
     assert not json.loads(files["result.json"].read_text("utf-8"))["verdict"]["usable"]
     assert "not_usable.urdf holds what was found" in " ".join(told(worse).split())
     assert "No calibrated.urdf" in files["report.html"].read_text("utf-8")
