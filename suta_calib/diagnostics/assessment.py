@@ -120,6 +120,7 @@ def _not_converged(
     """Of a solution that did not converge: what may be the cause."""
     notes = [said for said, level in doubts.items() if level == "bad"]
     notes = notes or judge("other readings", lambda: _cause(solution), failed)
+    notes = notes or judge("the model", lambda: _cause_without_parameters(solution), failed)
     notes = notes or judge(
         "single rows", lambda: [each.sentence for each in gross_rows(solution)], failed
     )
@@ -227,6 +228,12 @@ def _on_redundancy(solution: Solution) -> list[str]:
         f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
         "tell little of the noise, and every ± may be several times too small. Measure more."
     ]
+
+
+def _cause_without_parameters(solution: Solution) -> list[str]:
+    """What may have spoilt a fit that did not converge; of joints its residuals say nothing."""
+    cause = strongest_cause(thinned(solution))
+    return [] if cause is None or cause.evidence.effect.parameters else [cause.sentence]
 
 
 def _named_cause(solution: Solution, accuracy: Accuracy) -> list[str]:

@@ -9,6 +9,7 @@ what neighbouring rows get wrong alike (`shared_errors`): order in time is mostl
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import lru_cache
@@ -49,6 +50,7 @@ class ChangeOptions:
         worth_a_look: times that share, from which on the row is looked for at which it happened:
             at the rows that are tried first, it seems to explain less.
         alike: squares, in units of the noise, by which what explains data as well differs at most.
+        times_std: standard deviations that a size must be away from zero to be said.
         tried: so many of what may have changed are told apart by what they leave.
         rounds: so often, at most, the row at which each of these happened is looked for anew.
     """
@@ -58,6 +60,7 @@ class ChangeOptions:
     share: float = 0.25
     worth_a_look: float = 0.3
     alike: float = 9.0
+    times_std: float = 3.0
     tried: int = 3
     rounds: int = 4
 
@@ -75,6 +78,7 @@ class Change:
         instead: sentences of what explains these data as well.
         size, std: by how much, and its standard deviation: rad of a slip, and of a drift until the
             last row; a number of a travel; metres of what was moved or crept until the last row.
+        turn, turn_std: what was moved or crept was turned by that, rad; NaN where it was not.
         p: chance of residuals so suspicious, allowing for the number of tests.
         share: of the squared residuals that it explains.
     """
@@ -88,6 +92,12 @@ class Change:
     until: str = ""
     instead: tuple[str, ...] = ()
     share: float = 0.0
+    turn: float = math.nan
+    turn_std: float = math.nan
+
+    def sized(self, options: ChangeOptions) -> bool:
+        """Whether its size, or its turn, is several times its standard deviation."""
+        return abs(self.size) > options.times_std * self.std or not math.isnan(self.turn)
 
     @property
     def sentence(self) -> str:
@@ -102,7 +112,12 @@ class Change:
                 "too much: does its encoder lose or double counts, or is a gear ratio wrong?"
             )
         unit: Unit = "rad" if self.kind in ("slip", "drift") else "m"
-        by = f"{text(self.size, unit)} ± {text(self.std, unit, with_unit=True)}"
+        by = _with_std(self.size, self.std, unit)
+        if not math.isnan(self.turn):
+            # A size that is hardly more than its ± says nothing beside a turn.
+            turned = _with_std(self.turn, self.turn_std, "rad")
+            shifted = self.size > ChangeOptions.times_std * self.std
+            by = f"{by} and {turned}" if shifted else turned
         if self.kind == "slip":
             when = f"from {self.since} to {self.until} than in other rows"
             if not self.until:
@@ -155,16 +170,18 @@ def changes(solution: Solution, options: ChangeOptions = ChangeOptions()) -> tup
     if where.suspect.kind == "model" or lowered < _needed(fit, where, options):
         return ()
     p = min(1.0, tried * _chance(fit, where))
-    if p >= options.level:
+    first = _change(fit, where, done, p)
+    if p >= options.level or not first.sized(options):
         return ()
     noise = done.scatter / max(fit.equations - done.spent, 1.0)
     instead = tuple(
-        _change(fit, *each, p).sentence
+        other.sentence
         for each in others
         if each[0].suspect.kind != "model" and each[1].left < done.left + options.alike * noise
+        if (other := _change(fit, *each, p)).sized(options)
     )
     share = lowered / max(before, 1e-300)
-    return (replace(_change(fit, where, done, p), instead=instead, share=share),)
+    return (replace(first, instead=instead, share=share),)
 
 
 def _needed(fit: Following, each: Telling, options: ChangeOptions) -> float:
@@ -233,9 +250,19 @@ def _chance(fit: Following, where: Telling) -> float:
 def _change(fit: Following, where: Telling, done: Followed, p: float) -> Change:
     suspect, first = where.suspect, fit.problem.evaluation.table.first
     size, std = done.size(fit)
+    turn, turn_std = math.nan, math.nan
+    if suspect.motion.shape[1] == 6:
+        turn, turn_std = done.size(fit, turn=True)
+        if turn < ChangeOptions.times_std * turn_std:
+            turn, turn_std = math.nan, math.nan
     since = until = ""
     if suspect.at_once:
         origin = [row for term in fit.problem.terms for row in term.poses.samples.origin]
         since = origin[where.first]
         until = "" if where.end in (first[where.term + 1], first[-1]) else origin[where.end - 1]
-    return Change(suspect.kind, suspect.joint, since, size, std, p, until)
+    name = suspect.kind, suspect.joint
+    return Change(*name, since, size, std, p, until, turn=turn, turn_std=turn_std)
+
+
+def _with_std(size: float, std: float, unit: Unit) -> str:
+    return f"{text(size, unit)} ± {text(std, unit, with_unit=True)}"

@@ -199,10 +199,12 @@ class Followed:
     scatter: float
     spent: float
 
-    def size(self, fit: Following) -> tuple[float, float]:
+    def size(self, fit: Following, *, turn: bool = False) -> tuple[float, float]:
         """Of what else there was a column for, and its standard deviation.
 
-        A number, or the length of the first three.
+        Args:
+            fit: where it began.
+            turn: of six, the length of the last three; else that of the first three, or the number.
         """
         own = self.free >= len(fit.problem.names)
         # Rows that share touches say less than their number.
@@ -210,9 +212,10 @@ class Followed:
         found, covariance = self.step[own], variance * self.inverse[np.ix_(own, own)]
         if len(found) == 1:
             return float(found[0]), float(np.sqrt(covariance[0, 0]))
-        size = float(np.linalg.norm(found[:3]))
-        along = found[:3] / max(size, 1e-300)
-        return size, float(np.sqrt(along @ covariance[:3, :3] @ along))
+        part = slice(3, 6) if turn else slice(0, 3)
+        size = float(np.linalg.norm(found[part]))
+        along = found[part] / max(size, 1e-300)
+        return size, float(np.sqrt(along @ covariance[part, part] @ along))
 
 
 def followed(fit: Following, velocity: FloatArray | None = None) -> Followed:

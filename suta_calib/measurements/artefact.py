@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -121,6 +122,12 @@ class Artefact:
             where=f"artefact {self.name!r}",
             hint=did_you_mean(name, self.landmarks),
         )
+
+    def stretched(self, factors: ArrayLike) -> Artefact:
+        """The artefact with its landmarks' coordinates times factors (3,) along its axes."""
+        along = np.asarray(factors, dtype=float)
+        marks = {n: replace(m, position=m.position * along) for n, m in self.landmarks.items()}
+        return replace(self, landmarks=marks)
 
     def position_of(self, names: Iterable[str]) -> FloatArray:
         """Positions of landmarks by name, (n, 3) in the artefact's frame, m.

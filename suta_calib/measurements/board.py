@@ -9,6 +9,7 @@ from __future__ import annotations
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -105,6 +106,17 @@ class Board(ABC):
     @abstractmethod
     def scaled(self, factor: float) -> Self:
         """A board whose every length is so many times as long."""
+
+    def stretched(self, factors: ArrayLike) -> Self:
+        """A board whose points' coordinates are times factors (3,) along its axes.
+
+        Its squares are none any more: `row` and `scaled` are those of the board as it is drawn.
+        """
+        other = copy(self)
+        along = np.asarray(factors, dtype=float)
+        points = {number: point * along for number, point in self.points.items()}
+        other.__dict__["points"] = points
+        return other
 
     def positions(self, numbers: ArrayLike) -> FloatArray:
         """Positions (n, 3) in the board's frame, m, of points by number (n,).

@@ -40,6 +40,8 @@ WORTH: Final = 0.1
 TOLD: Final = 1e-6
 # What is left of exact poses, in units of the scatter that the change made.
 EXACT: Final = 1e-6
+# Standard deviations that a shift or a turn must be away from zero to be said.
+SEVERAL: Final = 3.0
 # Rows that disagree, from which on it is no chance that they follow one another; and how many of a
 # run may agree all the same, or of all that disagree be elsewhere, as a share.
 RUN: Final = 3
@@ -160,6 +162,8 @@ def _moved_among_fitted(
         for axes in (slice(0, 3), slice(3, 6))[: len(step) // 3]
         for size in (float(np.linalg.norm(step[axes])), _std_along(step[axes], spread[axes, axes]))
     ]
+    if all(size <= SEVERAL * std for size, std in zip(sizes[::2], sizes[1::2], strict=True)):
+        return None
     start = ways.start(best.way)
     since = 0 if start is None else int(kept[start])
     by, by_std, turn, turn_std = [*sizes, math.nan, math.nan][:4]

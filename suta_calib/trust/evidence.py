@@ -208,6 +208,8 @@ class Effect:
             after a row, a drift from 0 to 1, a single row. None: the effect is in all rows alike.
         parameters: names of the parameters of the arm that describe it, where there are any.
         about: what the hypothesis that made it wants to remember.
+        log_choices: logarithm of how many such effects it was chosen from, beside its windows:
+            which rows suffer, out of all subsets.
     """
 
     name: str
@@ -216,6 +218,7 @@ class Effect:
     windows: Sequence[FloatArray] | None = None
     parameters: tuple[str, ...] = ()
     about: Any = None
+    log_choices: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -268,10 +271,16 @@ class Evidence:
         # Of components with different units the length depends on the units, this does not.
         return math.sqrt(max(self.gain / self.noise / self.design / max(self.rank, 1), 0.0))
 
-    @property
-    def strength(self) -> float:
-        """The gain in units of the noise: what an effect of one component has beyond chance."""
-        return self.gain / self.noise / self.design
+    def criterion(self, rows: float) -> float:
+        """Schwarz's criterion among so many independent rows: larger is better.
+
+        It compares effects with different numbers of components, and with different numbers of
+        alternatives that they were chosen from.
+        """
+        windows = 1 if self.effect.windows is None else len(self.effect.windows)
+        choices = math.log(windows) + self.effect.log_choices
+        penalty = self.rank * math.log(max(rows, 2.0)) + 2.0 * choices
+        return self.gain / self.noise / self.design - penalty
 
     def supported(self, rule: Rule = Rule()) -> bool:
         """Whether it is worth a report."""
@@ -283,7 +292,7 @@ class Evidence:
 
 
 def weigh_effects(fit: LinearFit, effects: Iterable[Effect]) -> list[Evidence]:
-    """Test every effect, strongest first; of an effect with windows the best window.
+    """Test every effect, strongest first (Schwarz's criterion); of windows the best one.
 
     Args:
         fit: a converged one.
@@ -304,7 +313,7 @@ def weigh_effects(fit: LinearFit, effects: Iterable[Effect]) -> list[Evidence]:
         before = best.get(id(test.effect))
         if found is not None and (before is None or found.p_single < before.p_single):
             best[id(test.effect)] = found
-    return sorted(best.values(), key=lambda evidence: -evidence.gain)
+    return sorted(best.values(), key=lambda evidence: -evidence.criterion(fit.rows))
 
 
 def supported_effects(

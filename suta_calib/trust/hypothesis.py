@@ -6,6 +6,7 @@ import inspect
 import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from typing import Any, ClassVar, Final
@@ -29,7 +30,7 @@ class Spoilt:
 
     Attributes:
         data: with the fault.
-        size: (k,) of the fault, as `Evidence.size` should estimate it.
+        size: (k,) of the fault, as `Evidence.size` should estimate it; NaN where that is not known.
         effect: name of the effect that describes it; empty where there is only one.
     """
 
@@ -50,12 +51,15 @@ class Hypothesis(ABC):
         about: what is wrong then, one line.
         applies_to: kinds of terms that can have it; an answer with none of them is not examined.
         needs_arm: whether it is about an arm (True), or about measured poses (False).
+        worth: share of the squared residuals from which on it is reported, where that is less than
+            `Rule.share`; the module says why.
     """
 
     name: ClassVar[str]
     about: ClassVar[str]
     applies_to: ClassVar[tuple[type[Term], ...]] = (Term,)
     needs_arm: ClassVar[bool] = True
+    worth: ClassVar[float] = 1.0
 
     def applies(self, answer: Examination) -> bool:
         """Whether the answer can have it."""
@@ -110,6 +114,10 @@ class Finding:
         """What was found, its size with ±, and what to do."""
         return self.hypothesis.sentence(self.evidence)
 
+    def supported(self, rule: Rule = Rule()) -> bool:
+        """Whether it is worth a report."""
+        return self.evidence.supported(replace(rule, share=min(rule.share, self.hypothesis.worth)))
+
 
 # Of joints it is said more carefully (`diagnostics.score_tests`): this test says whether what
 # explains the residuals best is one of them.
@@ -128,8 +136,8 @@ def strongest_cause(solution: Solution) -> Finding | None:
     """
     if solution.problem.arm is None:
         return None
-    first = next(iter(examine(Examination.of(solution))), None)
-    if first is None or first.hypothesis.name == LEFT_TO_SCORE_TESTS:
+    first = next(iter(weigh(Examination.of(solution))), None)
+    if first is None or first.hypothesis.name == LEFT_TO_SCORE_TESTS or not first.supported():
         return None
     return first
 
@@ -156,7 +164,7 @@ def examine(answer: Examination, rule: Rule = Rule()) -> list[Finding]:
         answer: a converged one.
         rule: when evidence is reported. Its false-alarm rate is that of all tests together.
     """
-    return [each for each in weigh(answer) if each.evidence.supported(rule)]
+    return [each for each in weigh(answer) if each.supported(rule)]
 
 
 def weigh(answer: Examination) -> list[Finding]:

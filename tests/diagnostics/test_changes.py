@@ -37,7 +37,7 @@ from suta_calib import (
     solve,
 )
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.changes import Change, changes
+from suta_calib.diagnostics.changes import Change, ChangeOptions, changes
 from suta_calib.diagnostics.following import everything_follows, followed, whitened
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 from suta_calib.diagnostics.suspects import suspects, waves
@@ -374,3 +374,13 @@ def test_what_suspects_are_reduced_by_is_the_curvature_of_all_rows() -> None:
     unit = np.sqrt(np.diag(matrix))
     assert (unit[:, None] * (inverse @ matrix) / unit) == pytest.approx(np.eye(len(free)), abs=1e-6)
     assert score == pytest.approx(-rows.T @ (weight * left) - prior * away, rel=1e-9, abs=1e-6)
+
+
+def test_a_size_that_is_hardly_more_than_its_std_is_no_finding() -> None:
+    unsure = Change("tip", "", "row 9", 3.9e-3, 7.1e-3, 1e-6)
+    assert not unsure.sized(ChangeOptions())
+    turned = replace(unsure, turn=math.radians(2.0), turn_std=math.radians(0.1))
+    assert turned.sized(ChangeOptions())
+    assert "moved by 2.0000 ± 0.1000 deg at row 9" in turned.sentence
+    both = replace(turned, std=1e-4)
+    assert "moved by 3.900 ± 0.100 mm and 2.0000 ± 0.1000 deg at row 9" in both.sentence

@@ -6,9 +6,22 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from simulated import PLAIN, Scene, Spread, arm_named, perturbed, tracked_scene
+from simulated import (
+    DH_LENGTHS,
+    PLAIN,
+    Scene,
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    camera_scene,
+    perturbed,
+    placements,
+    tracked_scene,
+)
 
 from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
+from suta_calib.measurements import Artefact
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust import Examination
 
@@ -40,11 +53,11 @@ class Sound:
         return Examination.of_poses(solution)
 
 
-def of_scene(scene: Scene) -> Sound:
+def of_scene(scene: Scene, unknown: ParameterSet = UNKNOWN) -> Sound:
     def make(seed: int) -> Term:
         return scene.term(scene.samples(NOISE, seed)[0], PLAIN, PLAIN)
 
-    return Sound(make, TRUTH, UNKNOWN)
+    return Sound(make, scene.truth, unknown)
 
 
 def moving_scene(n: int = 150) -> Scene:
@@ -59,5 +72,23 @@ def moving_scene(n: int = 150) -> Scene:
     return replace(rest, q=q, position=seen.position, rotation=seen.rotation)
 
 
+def sheet_scene(kind: str = "landmark") -> Scene:
+    """A flat sheet of landmarks in several places before the SUTA."""
+    drawn = artefact(8).landmarks.items()
+    marks = {name: replace(m, position=m.position * [1, 1, 0]) for name, m in drawn}
+    sheet = Artefact("sheet", marks)
+    return artefact_scene(kind, SUTA, SUTA_TRUTH, sheet, placements(5), tilt=0.4)
+
+
+SUTA = arm_named("suta")
+SUTA_UNKNOWN: ParameterSet = SUTA.select(
+    Selection("*.offset", bound_rad=0.26), Selection(DH_LENGTHS, bound_m=0.02)
+)
+SUTA_TRUTH = perturbed(SUTA_UNKNOWN, 3, length=1e-3, angle=5e-3)
 TRACKED = of_scene(tracked_scene(ARM, TRUTH, 80, oriented=True))
 MOVING = of_scene(moving_scene())
+MARKED = of_scene(
+    tracked_scene(ARM, TRUTH, 40, targets=[(0.05, 0, 0.02, 0, 0, 0), (-0.03, 0.04, 0.03, 0, 0, 0)])
+)
+SHEET = of_scene(sheet_scene(), SUTA_UNKNOWN)
+BOARD = of_scene(camera_scene(ARM, TRUTH, 20), UNKNOWN)

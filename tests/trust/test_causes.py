@@ -7,20 +7,31 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from simulated import PLAIN, Spread, arm_named, artefact, artefact_scene, perturbed, placements
-from sound_sets import MOVING, TRACKED, UNKNOWN
+from simulated import (
+    PLAIN,
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    perturbed,
+    placements,
+    tracked_scene,
+)
+from sound_sets import ARM, BOARD, MOVING, SHEET, TRACKED, TRUTH, UNKNOWN, Sound, of_scene
 
-from suta_calib import Problem, Selection, SolverOptions, assess, solve
+from suta_calib import ParameterSet, Problem, Selection, SolverOptions, assess, solve
 from suta_calib.analysis.model_selection.selection import choose_model
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.terms import Term
+from suta_calib.trust.hypotheses.exchanged_marks import ExchangedMarks
 from suta_calib.trust.hypotheses.late_rows import per_row
+from suta_calib.trust.hypotheses.stretch import stretched
 from suta_calib.trust.spoiling import with_readings
 
 
-def judged(term: Term) -> Assessment:
-    solution = solve(Problem([term], UNKNOWN), SolverOptions(starts=1, confirm=False))
+def judged(term: Term, unknown: ParameterSet = UNKNOWN) -> Assessment:
+    solution = solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False))
     return assess_calibration(solution, assess(solution, []))
 
 
@@ -99,3 +110,26 @@ def test_only_an_arm_that_moves_smoothly_has_a_time_offset() -> None:
     to_and_fro = path * np.where(np.arange(60) % 2, 1.0, -1.0)[:, None]
     assert per_row(to_and_fro, one_file) is None
     assert per_row(path[:6], one_file[:6]) is None
+
+
+@pytest.mark.parametrize("longer", [1.004, 1.012])
+@pytest.mark.parametrize("sound", [SHEET, BOARD], ids=["artefact", "board"])
+def test_a_print_that_is_longer_along_x_is_suspected_before_encoders(
+    sound: Sound, longer: float
+) -> None:
+    # The file says what was drawn, which is shorter than what the paper has.
+    answer = judged(stretched(sound.make(1), (1.0 / longer, 1.0)), sound.unknown)
+    (sentence,) = (note for note in answer.notes if "stretched" in note)
+    (found, std) = map(float, re.findall(r"along x are ([\d.]+) ± ([\d.]+) % longer", sentence)[0])
+    assert abs(found - 100 * (longer - 1.0)) < 3 * std
+    assert not any("encoder" in note for note in answer.notes)
+
+
+@pytest.mark.parametrize("rows", [20, 40])
+def test_exchanged_targets_are_named_whether_the_fit_converged_or_not(rows: int) -> None:
+    targets = [(0.05, 0, 0.02, 0, 0, 0), (-0.03, 0.04, 0.03, 0, 0, 0), (0.01, -0.03, 0.05, 0, 0, 0)]
+    sound = of_scene(tracked_scene(ARM, TRUTH, rows, targets=targets))
+    spoilt = ExchangedMarks().spoil(sound.make(1), TRUTH, np.random.default_rng(0))
+    answer = judged(spoilt.data)
+    assert answer.level == "bad"
+    assert f"Targets T0 and T1 seem to be exchanged from row {3 * rows // 2} on" in answer.notes[0]

@@ -54,7 +54,10 @@ class RowsElsewhere(AddedVariable):
         if best is not None:
             _, frame, columns, some = best
             window = answer.row_of_sample(some.astype(float))
-            yield Effect(frame, columns, windows=[window], about=(some, answer))
+            n, k = len(some), int(some.sum())
+            ways = float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+            about = some, answer
+            yield Effect(frame, columns, windows=[window], about=about, log_choices=ways)
 
     def sentence(self, evidence: Evidence) -> str:
         """How many rows, by how much and in whose axes, and what to do."""

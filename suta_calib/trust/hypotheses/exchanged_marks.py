@@ -1,0 +1,122 @@
+"""Two targets on the tip that were exchanged, or one that was moved, while rows were measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from itertools import combinations
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.errors import SamplesError
+from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.units import text
+
+# Rows of both targets before and after the exchange.
+FEWEST: Final = 5
+# Rows of a term at which an exchange is tried, and pairs of targets: more cost time.
+TIMES: Final = 16
+# Share of the squared residuals from which on the row itself is looked for, and rows it may be.
+WORTH_A_LOOK: Final = 0.1
+MOST_ROWS: Final = 60
+MOST_PAIRS: Final = 10
+# Targets farther apart than that are not on one tool, m.
+PLAUSIBLE: Final = 0.2
+
+
+class ExchangedMarks(AddedVariable):
+    """From a row on, two targets have one another's label: one is off by d, the other by -d.
+
+    In the frame of the tip; three numbers. The fit places both targets between the two places.
+    """
+
+    name: ClassVar[str] = "exchanged targets"
+    about: ClassVar[str] = "Two targets on the tip have one another's label from a row on."
+
+    def effects(self, answer: Examination) -> Iterator[Effect]:
+        """One for each pair of targets of a term, with a window for each row that is tried."""
+        for k, term in enumerate(answer.problem.terms):
+            labels = term.poses.samples.labels[term.mark] if term.marked else np.zeros(0, np.str_)
+            for pair in _pairs(labels):
+                starts = _starts(labels, *pair)
+                if not starts:
+                    continue
+                effect = _exchanged(answer, k, pair, starts)
+                best = next(iter(weigh_effects(answer.fit, [effect])), None)
+                if best is not None and best.window is not None and best.share > WORTH_A_LOOK:
+                    # The row itself, between the neighbours of the best one.
+                    near = [0, *starts, len(labels)][best.window : best.window + 3]
+                    nearer = [r for r in range(near[0] + 1, near[2]) if labels[r] in pair]
+                    effect = _exchanged(answer, k, pair, nearer[:: 1 + len(nearer) // MOST_ROWS])
+                yield effect
+
+    def sentence(self, evidence: Evidence) -> str:
+        """Which targets, from which row on, and how far apart they are."""
+        a, b, since = evidence.effect.about
+        assert evidence.window is not None
+        apart, std = evidence.length()
+        return (
+            f"Targets {a} and {b} seem to be exchanged from {since[evidence.window]} on: "
+            f"{a} is elsewhere by {text(apart, 'm')} ± {text(std, 'm', with_unit=True)} from there "
+            f"on, and {b} by as much the other way. Exchange their labels in the rows after it."
+        )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """The labels of two targets exchanged in the second half of the rows."""
+        del values, rng
+        term: Term = data
+        if not term.marked:
+            raise SamplesError("samples without targets", "some with two of them", where=term.kind)
+        samples = term.poses.samples
+        labels = samples.labels[term.mark].copy()
+        a, b = sorted(set(labels.tolist()))[:2]
+        late = np.arange(len(labels)) >= len(labels) // 2
+        was_a, was_b = late & (labels == a), late & (labels == b)
+        labels[was_a], labels[was_b] = b, a
+        changed = replace(samples, labels={**samples.labels, term.mark: labels})
+        return Spoilt(term.over_poses(term.poses.with_samples(changed)), np.full(3, np.nan))
+
+
+def _exchanged(
+    answer: Examination, term: int, pair: tuple[str, str], starts: Sequence[int]
+) -> Effect:
+    """The effect of an exchange at any of some rows of a term."""
+    first, end = answer.boundaries[term : term + 2].tolist()
+    samples = answer.problem.terms[term].poses.samples
+    labels = samples.labels[answer.problem.terms[term].mark]
+    sign = np.zeros(len(answer.q))
+    sign[first:end] = (labels == pair[0]) * 1.0 - (labels == pair[1])
+    velocity = np.zeros((len(sign), 6, 3))
+    velocity[:, :3] = answer.rotation * sign[:, None, None]
+    windows = []
+    for start in starts:
+        late = np.zeros(len(sign))
+        late[first + start : end] = 1.0
+        windows.append(answer.row_of_sample(late))
+    return Effect(
+        " and ".join(pair),
+        answer.by_motion(velocity),
+        np.full(3, PLAUSIBLE),
+        windows,
+        about=(*pair, [samples.origin[start] for start in starts]),
+    )
+
+
+def _pairs(labels: Any) -> list[tuple[str, str]]:
+    return list(combinations(sorted(set(labels.tolist())), 2))[:MOST_PAIRS]
+
+
+def _starts(labels: Any, a: str, b: str) -> Sequence[int]:
+    """Rows at which an exchange is tried: evenly among those that have enough before and after."""
+    at = [np.flatnonzero(labels == name) for name in (a, b)]
+    if min(len(rows) for rows in at) < 2 * FEWEST:
+        return []
+    low = max(rows[FEWEST] for rows in at)
+    high = min(rows[-FEWEST] for rows in at)
+    if high < low:
+        return []
+    return [int(row) for row in np.unique(np.linspace(low, high, TIMES).astype(np.intp))]
