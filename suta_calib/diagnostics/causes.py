@@ -25,6 +25,7 @@ from suta_calib.diagnostics.other_readings import (
     ReadingOptions,
     elsewhere,
     moved_half_way,
+    on_unknown_mounts,
     other_readings,
     other_units,
 )
@@ -127,6 +128,7 @@ def find_cause(solution: Solution, options: CauseOptions = CauseOptions()) -> Ca
         ((*each, _UNRANKED) for each in elsewhere(problem.terms)),
         ((*each, _UNRANKED) for each in other_depths(solution, FEW)),
         ((*each, _UNRANKED) for each in other_steps(problem.terms)),
+        ((*each, _UNRANKED) for each in on_unknown_mounts(problem.terms)),
         ((*each, math.inf) for each in moved_half_way(problem.terms)),
     )
 

@@ -281,6 +281,15 @@ def moved_half_way(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...
             yield sentence, tuple(apart)
 
 
+def on_unknown_mounts(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
+    """As if what an instrument sees sat anywhere on the tip's link, and not at the tip."""
+    read = [term.on_unknown_mount for term in terms]
+    sentences = [each[0] for each in read if each is not None]
+    if sentences:
+        pairs = zip(read, terms, strict=True)
+        yield sentences[0], tuple(term if other is None else other[1] for other, term in pairs)
+
+
 def elsewhere(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
     """As if one of the given poses had not been given."""
     for k, term in enumerate(terms):

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,6 +17,7 @@ from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.ipopt import Minimum, RobustNlp
+from suta_calib.solver.mount_start import FreeMount
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
@@ -61,10 +63,12 @@ def solve(
         term.check_enough()
     sigmas = problem.assumed_sigmas()
     nominal = problem.start()
-    before = identify_at(problem, nominal, sigmas)
+    before = identify_at(problem, _first(problem, nominal), sigmas)
     _check_determined(problem, before)
     checked = perf_counter()
     starts = start_points(problem, nominal, set(before.fixed.tolist()), options)
+    # What is held is held at nominal; where things stand follows from where the tip begins.
+    nominal = np.concatenate([nominal[: problem.arm_count], starts[0][problem.arm_count :]])
     minimum, attempts, identification, estimated, noise = _fit(
         problem, nominal, starts, before, sigmas, options, progress
     )
@@ -295,19 +299,50 @@ def identify_at(
 def start_points(
     problem: Problem, nominal: FloatArray, fixed: set[int], options: SolverOptions
 ) -> list[FloatArray]:
-    """Nominal first, then seeded uniform draws of the arm's parameters within their bounds."""
+    """Nominal first, then seeded uniform draws of the arm's parameters within their bounds.
+
+    A mount that is wide open follows from the other parameters that were drawn (`FreeMount`).
+    """
     random = np.random.default_rng(options.seed)
     arm = problem.arm_parameters.values()
     reach = [
         0.0 if k in fixed or not p.free else min(p.plausible, p.prior or math.inf)
         for k, p in enumerate(arm)
     ]
-    points = [nominal]
+    points, mount = [_first(problem, nominal, fixed)], FreeMount.of(problem, fixed)
     for _ in range(options.starts - 1):
         draw = random.uniform(-1.0, 1.0, len(reach)) * reach
         values = {p.name: p.nominal + float(d) for p, d in zip(arm, draw, strict=True)}
-        points.append(problem.start(values))
+        drawn = [problem.start(values)]
+        if mount is not None:
+            drawn += _mounted(problem, mount, values)
+        points.append(_lowest(problem, drawn))
     return points
+
+
+def _first(problem: Problem, nominal: FloatArray, fixed: Collection[int] = ()) -> FloatArray:
+    """Where the first start begins: at nominal but for a mount that is wide open."""
+    mount = FreeMount.of(problem, fixed)
+    return nominal if mount is None else _lowest(problem, [nominal, *_mounted(problem, mount)])
+
+
+def _mounted(
+    problem: Problem, mount: FreeMount, values: Mapping[str, float] = MappingProxyType({})
+) -> list[FloatArray]:
+    """Starts whose tip is where each instrument sees it."""
+    return [problem.start(each) for each in mount.starts(values)]
+
+
+def _lowest(problem: Problem, points: Sequence[FloatArray]) -> FloatArray:
+    """Of several starts that with the least squared residuals, in units of the assumed noise."""
+    if len(points) == 1:
+        return points[0]
+    sigmas = problem.assumed_sigmas()
+    costs = []
+    for x in points:
+        lines = zip(problem.linearise(x, sigmas), sigmas, strict=True)
+        costs.append(sum(float(np.sum((line.residual / sigma) ** 2)) for line, sigma in lines))
+    return points[int(np.argmin(costs))]
 
 
 def _inside(problem: Problem, x: FloatArray, free: IntArray) -> IntArray:

@@ -2,38 +2,53 @@
 
     z_i = R (R_i t_k + p_i) + b    for every sample i of every target k
 
-Gauss–Newton on the turn, b and all t from two beginnings: the tip seen in place of its targets,
-which is right where they are near it; and the inverse of R as any matrix W, which makes
-``p_i = W z_i + w - R_i t_k`` linear. What the poses leave undetermined stays as it begins.
+Gauss–Newton on the turn, b and all t from several beginnings: the tip seen in place of its targets,
+which is right where they are near it; the inverse of R as any matrix W, which makes the equations
+linear, and the best of many turns all about; and where orientations were seen, the hand-eye
+calibration of every target, T_base_tip X_k = Z T_instrument_target with one Z. What the poses leave
+undetermined stays as it begins.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import (
     nearest_rotation,
+    random_rotations,
     register_points,
     rotation_from_vector,
     skew,
 )
+from suta_calib.terms.hand_eye_start import (
+    FEWEST,
+    Poses,
+    agreeing_hand_eye,
+    chordal_mean,
+    inverse_poses,
+    some_poses,
+)
 
-if TYPE_CHECKING:
-    from suta_calib.terms.hand_eye_start import Poses
-
+# What an angle is worth beside a length, m per rad: 0.5 mm beside 0.1°, as is assumed of noise.
+LEVER: Final = 0.3
 # Relative singular value below which a direction is not determined at all.
 _ROUNDING: Final = 1e-9
 _STEPS: Final = 30
+# Turns of the instrument that are tried, some 15° apart; the best that are refined; and rows, of
+# many, that choose them.
+TURNS: Final = 1000
+BEST: Final = 2
+ASKED: Final = 500
 # A step that takes no more of the squared residuals is the last.
 _GAIN: Final = 1e-9
 
 
 def instrument_and_targets(
-    arm: Poses, seen: FloatArray, target: IntArray
+    arm: Poses, seen: FloatArray, target: IntArray, turned: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The instrument and its targets that fit best.
 
@@ -41,33 +56,83 @@ def instrument_and_targets(
         arm: ``T_base_tip``, rotations (n, 3, 3) and positions (n, 3), m.
         seen: (n, 3) the targets in the instrument, m.
         target: (n,) which target each row saw, from 0.
+        turned: (n, 3, 3) rotations of the targets in the instrument, where they were seen.
 
     Returns:
         ``T_instrument_base``, rotation (3, 3) and position (3,), and the targets in the tip (k, 3).
     """
-    found = [_refined(arm, seen, target, first) for first in _beginnings(arm, seen, target)]
-    return min(found, key=lambda each: each[0])[1]
+    beginnings = [*_beginnings(arm, seen, target)]
+    if turned is not None:
+        beginnings.append(_by_hand_eye(arm, (turned, seen), target))
+    found = [_refined(arm, seen, target, first) for first in beginnings]
+    off = [squares + _squares_of_turns(arm[0], turned, target, each[0]) for squares, each in found]
+    return found[int(np.argmin(off))][1]
 
 
 Unknowns = tuple[FloatArray, FloatArray, FloatArray]
 
 
+def _by_hand_eye(arm: Poses, seen: Poses, target: IntArray) -> Unknowns:
+    """The mean Z of all targets whose rows turn, and where each then sits in the tip."""
+    places = list[Poses]()
+    for k in range(int(target.max()) + 1):
+        rows = np.flatnonzero(target == k)
+        if len(rows) >= FEWEST:
+            hand, back = some_poses(arm, rows), inverse_poses(some_poses(seen, rows))
+            _, Z = agreeing_hand_eye(hand, back)
+            places += [Z] * len(rows)
+    if not places:
+        places = [(np.eye(3), np.zeros(3))]
+    R = chordal_mean(np.array([Z[0] for Z in places])).T
+    b = -R @ np.mean([Z[1] for Z in places], axis=0)
+    # In the tip's frame, what is seen less where the tip is.
+    away = np.einsum("nji,nj->ni", arm[0], (seen[1] - b) @ R - arm[1])
+    sits = [away[target == k].mean(axis=0) for k in range(int(target.max()) + 1)]
+    return R, b, np.array(sits)
+
+
+def _squares_of_turns(
+    rotation: FloatArray, turned: FloatArray | None, target: IntArray, R: FloatArray
+) -> float:
+    """Squared turns of the targets about their means in the tip, as lengths at `LEVER`, m²."""
+    if turned is None:
+        return 0.0
+    sits = np.swapaxes(R @ rotation, 1, 2) @ turned
+    means = np.array([chordal_mean(sits[target == k]) for k in range(int(target.max()) + 1)])
+    # Of small turns, twice their squared angle.
+    return 0.5 * LEVER**2 * float(np.sum((sits - means[target]) ** 2))
+
+
 def _beginnings(arm: Poses, seen: FloatArray, target: IntArray) -> Iterator[Unknowns]:
+    """The tip in place of its targets; and, of all turns of the instrument, the best.
+
+    With W = Rᵀ the equations ``W z_i - p_i = R_i t_k + w`` are linear in t and w for any W: with
+    these projected out, the sum of squares is a quadratic form of the nine entries of W.
+    """
     rotation, position = arm
-    n, count = len(seen), int(target.max()) + 1
+    count = int(target.max()) + 1
     yield *register_points(position, seen), np.zeros((count, 3))
-    # Unknowns: W by rows, w, then the targets. About the middle, so that lengths are alike.
+    # About the middle, so that lengths are alike.
     middle = seen.mean(axis=0)
-    columns = np.zeros((n, 3, 12 + 3 * count))
-    for axis in range(3):
-        columns[:, axis, 3 * axis : 3 * axis + 3] = seen - middle
-        columns[:, axis, 9 + axis] = 1.0
-    columns[:, :, 12:] = -_of_targets(rotation, target, count)
-    solved = _least_squares(columns, position)
-    back = nearest_rotation(solved[:9].reshape(3, 3))
-    targets = solved[12:].reshape(count, 3)
-    points = position + np.einsum("nij,nj->ni", rotation, targets[target])
-    yield back.T, (seen - points @ back).mean(axis=0), targets
+    some = np.unique(np.linspace(0, len(seen) - 1, min(len(seen), ASKED)).astype(np.intp))
+    sits = _of_targets(rotation, target, count)
+    shift = np.broadcast_to(np.eye(3), (len(seen), 3, 3))
+    columns = np.concatenate([sits, shift], axis=2)
+    entries = np.kron(np.eye(3), (seen - middle)[some, None, :]).reshape(3 * len(some), 9)
+    right = position[some].reshape(-1)
+    basis, size, _ = np.linalg.svd(columns[some].reshape(-1, columns.shape[2]), full_matrices=False)
+    basis = basis[:, size > _ROUNDING * size[0]]
+    entries, right = entries - basis @ (basis.T @ entries), right - basis @ (basis.T @ right)
+    square, linear = entries.T @ entries, entries.T @ right
+    free = nearest_rotation(np.linalg.lstsq(entries, right, rcond=_ROUNDING)[0].reshape(3, 3))
+    turns = np.concatenate([free[None], random_rotations(np.random.default_rng(0), TURNS)])
+    w = turns.reshape(-1, 9)
+    off = np.einsum("ni,ij,nj->n", w, square, w) - 2.0 * w @ linear
+    for W in turns[[0, *(1 + np.argsort(off[1:], kind="stable")[:BEST])]]:
+        solved = _least_squares(columns, (seen - middle) @ W.T - position)
+        targets = solved[: 3 * count].reshape(count, 3)
+        points = position + np.einsum("nij,nj->ni", rotation, targets[target])
+        yield W.T, (seen - points @ W).mean(axis=0), targets
 
 
 def _refined(

@@ -45,6 +45,19 @@ Medium = Literal["touch", "instrument", "camera"]
 Gap = Literal["base", "tool", "place"]
 
 
+@dataclass(frozen=True, eq=False)
+class Mount:
+    """Where what is seen sits in the tip.
+
+    Attributes:
+        rotation: (3, 3); None where no orientation was seen.
+        position: (3,), m.
+    """
+
+    rotation: FloatArray | None
+    position: FloatArray
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Term(ABC):
     """One set of observations of one kind.
@@ -428,6 +441,26 @@ class Term(ABC):
         Raises:
             SamplesError: what the two disagree about.
         """
+
+    def mount(self, rotation: FloatArray, position: FloatArray) -> Mount | None:
+        """Where what is seen in place of the tip sits in the tip, in closed form.
+
+        None where the tip is not seen, or where the place of what is seen is an own unknown.
+
+        Args:
+            rotation: (n, 3, 3) of the tip in the base.
+            position: (n, 3) of it, m.
+        """
+        del rotation, position
+        return None
+
+    @property
+    def on_unknown_mount(self) -> tuple[str, Term] | None:
+        """The same with what is seen sitting anywhere on the tip's link; what would have to be so.
+
+        None where the tip is not seen, or where the place of what is seen is an own unknown.
+        """
+        return None
 
     @property
     def misread(self) -> Iterator[tuple[str, Term]]:

@@ -32,7 +32,7 @@ from suta_calib.terms.outside import (
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
 from suta_calib.terms.target_start import instrument_and_targets
-from suta_calib.terms.term import Gap, Medium
+from suta_calib.terms.term import Gap, Medium, Mount
 
 if TYPE_CHECKING:
     from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
@@ -272,17 +272,45 @@ class TrackedPoint(SeenTerm):
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of the tip's positions; `instrument_and_targets` where there are."""
-        names, target = self._targets
-        if not names:
+        if not self._targets[0]:
             return pose_values(*register_points(position, self._seen))
-        R, p, targets = instrument_and_targets((rotation, position), self._seen, target)
-        seen = self.poses.samples.rotation
-        if seen is None:
+        R, p, turns, targets = self._body(rotation, position)
+        if turns is None:
             return np.concatenate([pose_values(R, p), targets.reshape(-1)])
-        sits = np.swapaxes(R @ rotation, 1, 2) @ seen
-        turns = [chordal_mean(sits[target == k]) for k in range(len(names))]
         poses = [pose_values(turn, t) for turn, t in zip(turns, targets, strict=True)]
         return np.concatenate([pose_values(R, p), *poses])
+
+    def _body(
+        self, rotation: FloatArray, position: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray]:
+        """``T_instrument_base``, and turns (k, 3, 3) and places (k, 3) of targets in the tip."""
+        seen, (_, target) = self.poses.samples.rotation, self._targets
+        R, p, targets = instrument_and_targets((rotation, position), self._seen, target, seen)
+        if seen is None:
+            return R, p, None, targets
+        sits = np.swapaxes(R @ rotation, 1, 2) @ seen
+        turns = [chordal_mean(sits[target == k]) for k in range(len(targets))]
+        return R, p, np.array(turns), targets
+
+    def mount(self, rotation: FloatArray, position: FloatArray) -> Mount | None:
+        """By hand-eye calibration over the arm as it is where orientations were seen."""
+        if self.marked:
+            return None
+        _, _, turns, targets = self._body(rotation, position)
+        return Mount(None if turns is None else turns[0], targets[0])
+
+    @property
+    def on_unknown_mount(self) -> tuple[str, TrackedPoint] | None:
+        """The same with a target in place of the tip."""
+        if self.marked:
+            return None
+        samples = self.poses.samples
+        labels = {**samples.labels, self.mark: np.full(len(samples), "body")}
+        what = "a reflector that sits somewhere else on the tip's link"
+        if samples.rotation is not None:
+            what = "a body that is screwed onto the tip's link at an unknown place and turn"
+        marked = self.over_poses(self.poses.with_samples(replace(samples, labels=labels)))
+        return f"what the instrument sees is {what}: name it in a column {self.mark}", marked
 
 
 def _target_named(values: Mapping[str, float], label: str, *, turned: bool) -> Poses:
