@@ -76,12 +76,16 @@ class FreeMount:
             for segment in tail
             for name in segment.names(*(PLACEMENT if segment.motion == "fixed" else [OFFSET]))
         }
-        free = [
+        every = [p for k, p in enumerate(problem.arm_parameters.values()) if k not in held]
+        free = [p for p in every if p.free and p.name in behind]
+        wide = [
             p
-            for k, p in enumerate(problem.arm_parameters.values())
-            if p.free and k not in held and p.name in behind
+            for p in every
+            if p.free and min(p.plausible, p.prior or np.inf) > WIDE.get(p.unit, np.inf)
         ]
-        if not any(min(p.plausible, p.prior or np.inf) > WIDE[p.unit] for p in free):
+        offsets = [p for p in wide if p.key == OFFSET]
+        # Where the other joints' zeros are as unknown as the last one's, the arm tells no mount.
+        if not any(p in free and (p.key != OFFSET or len(offsets) == 1) for p in wide):
             return None
         bounds = (np.array([getattr(p, key) for p in free]) for key in ("lower", "upper"))
         return cls(problem, tail, tuple(p.name for p in free), *bounds)
