@@ -198,6 +198,20 @@ def leica_gsi(folder: Path) -> Sample:
     return Sample(path, {})
 
 
+def opencv_storage(folder: Path) -> Sample:
+    """As ``cv::FileStorage`` breaks its lines."""
+    lines = ["%YAML:1.0", "---", "frameCount: 8"]
+    for k in range(8):
+        for name, T in (("T1", TOOL), ("T2", REFERENCE)):
+            numbers = [repr(float(v)) for v in T[k].ravel()]
+            rows = ",\n       ".join(", ".join(numbers[at : at + 4]) for at in range(0, 16, 4))
+            lines += [f"{name}_{k}: !!opencv-matrix", "   rows: 4", "   cols: 4", "   dt: d"]
+            lines.append(f"   data: [ {rows} ]")
+    path = folder / "poses.yml"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {"body": "T1"}, "T2")
+
+
 def lerobot_dataset(folder: Path) -> Sample:
     """Two episodes of the motion that the recordings of ROS have."""
     import pyarrow as arrow
@@ -304,6 +318,7 @@ SAMPLES: dict[str, Callable[[Path], Sample]] = {
     "dh": dh,
     **PROGRAMS,
     "mjcf": mjcf,
+    "opencv-yaml": opencv_storage,
 }
 # Those whose samples are folders.
 FOLDERS = ("rosbag", "lerobot-dataset")
