@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.recorded_rests import RecordedPicture, Rest
 from suta_calib.extras import load
-from suta_calib.measurements.camera import PLUMB_BOB, Camera
+from suta_calib.measurements.camera import Camera
+from suta_calib.measurements.camera_files import PLUMB_BOB
 
 IMAGE: Final = "sensor_msgs/msg/Image"
 COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"

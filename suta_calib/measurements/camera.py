@@ -12,13 +12,17 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import CameraError
 from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
+from suta_calib.measurements.camera_files import (
+    OTHER_MODELS,
+    PLUMB_BOB,
+    camera_document,
+    plumb_bob,
+)
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.keys import Key, Keys
-from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
+from suta_calib.measurements.yaml_file import YamlSection, shown
 from suta_calib.records import dataclass
 
-# The one distortion model here, as ROS calls it.
-PLUMB_BOB: Final = "plumb_bob"
 _CORNERS: Final = "corners_sha256"
 # Others are ignored: whoever wrote the file has some of their own.
 CAMERA_KEYS: Final = Keys(
@@ -31,7 +35,11 @@ CAMERA_KEYS: Final = Keys(
         required=True,
     ),
     Key("distortion_coefficients", "mapping", "data: k1 k2 p1 p2 k3.", required=True),
-    Key("distortion_model", "text", f"{PLUMB_BOB}, the only one here and the default."),
+    Key(
+        "distortion_model",
+        "text",
+        f"{PLUMB_BOB}, also called radtan: the only one here and the default.",
+    ),
     Key(
         "covariance",
         "mapping",
@@ -48,6 +56,8 @@ CAMERA_KEYS: Final = Keys(
 _FOCAL: Final = (0.1, 1000.0)
 # A negative variance of this share of the largest is rounding.
 _ROUNDING: Final = 1e-9
+# Coefficients of the rational model, which is called plumb_bob at times.
+_OF_RATIONAL: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +114,9 @@ class Camera:
 def read_camera(path: str | Path) -> Camera:
     """Read ``camera.yaml``: of ROS, of OpenCV's ``FileStorage``, or as `write_camera` writes it.
 
+    A ``CameraInfo`` as ``ros2 topic echo`` prints it and a camchain of kalibr (pinhole-radtan) are
+    read too.
+
     A key ``covariance`` (``data``: 81 numbers, row by row, in the order of `INTRINSICS`) says how
     well the intrinsics are known. Other keys are ignored.
 
@@ -111,19 +124,12 @@ def read_camera(path: str | Path) -> Camera:
         CameraError: unreadable, a key missing or unusable (with its line), another distortion
             model, or numbers that no camera has.
     """
-    top = YamlSection(read_yaml(Path(path), CameraError), CameraError)
+    top = YamlSection(camera_document(Path(path)), CameraError)
     for key in CAMERA_KEYS.required:
         if key not in top:
             hint = "a camera.yaml as camera_calibration of ROS, or `detect --camera-out`, writes it"
             raise top.refuse("no such key", "a value: this key is required", at=(key,), hint=hint)
-    model = top.text("distortion_model", default=PLUMB_BOB)
-    if model != PLUMB_BOB:
-        raise top.refuse(
-            repr(model),
-            f"{PLUMB_BOB} (k1, k2, p1, p2, k3)",
-            at=("distortion_model",),
-            hint="calibrate the camera with that model",
-        )
+    plumb_bob(top)
     width, height = (top.integer(key, 0, minimum=2) for key in CAMERA_KEYS.names[:2])
     intrinsics = np.array([*_matrix(top, width, height), *_coefficients(top)])
     corners = top.text(_CORNERS) if _CORNERS in top else ""
@@ -168,7 +174,8 @@ def _coefficients(top: YamlSection) -> list[float]:
     values = section.numbers("data", count)
     if any(values[len(DISTORTION) :]):
         raise section.refuse(
-            f"{count} coefficients",
+            f"{count} coefficients"
+            + (f", {OTHER_MODELS['rational_polynomial']}" if count == _OF_RATIONAL else ""),
             f"five: {', '.join(DISTORTION)}",
             at=("data",),
             hint=f"calibrate the camera with the model {PLUMB_BOB}",

@@ -1,0 +1,160 @@
+"""Files of a camera as other programs write them, in the keys of ``camera.yaml``.
+
+ROS's calibration file is the form that `camera` reads; OpenCV's ``FileStorage`` has the same keys.
+A message ``CameraInfo``, as ``ros2 topic echo`` prints it, and a camchain of kalibr have others.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Final
+
+from suta_calib.errors import CameraError
+from suta_calib.measurements.files import read_text
+from suta_calib.measurements.yaml_file import KeyPath, YamlDocument, YamlSection
+from suta_calib.measurements.yaml_nodes import plain_data
+
+# The distortion model that there is here, as ROS calls it, and its other names.
+PLUMB_BOB: Final = "plumb_bob"
+_PLUMB_BOB_TOO: Final = ("radtan", "")
+# Other models, and what they are.
+OTHER_MODELS: Final = {
+    "rational_polynomial": "OpenCV's rational model, k1 k2 p1 p2 k3 k4 k5 k6",
+    "equidistant": "the fisheye model of OpenCV and kalibr, k1 k2 k3 k4 of the angle",
+    "fisheye": "the fisheye model of OpenCV and kalibr, k1 k2 k3 k4 of the angle",
+    "thin_prism": "OpenCV's model with a thin prism, k1 to s4",
+    "fov": "the field-of-view model, one number",
+}
+# Between documents of YAML; each message that is echoed ends so.
+_SEPARATOR: Final = re.compile(r"^---[ \t]*\r?$", re.MULTILINE)
+# Keys of a message and those of a file; ROS 1 has the matrices in capitals.
+_OF_MESSAGE: Final = {
+    **{"width": "image_width", "height": "image_height"},
+    **{"k": "camera_matrix", "d": "distortion_coefficients"},
+    **{"K": "camera_matrix", "D": "distortion_coefficients"},
+}
+_PINHOLE: Final = "pinhole"
+_CAMCHAIN: Final = ("intrinsics", "distortion_coeffs", "resolution")
+
+
+def camera_document(path: Path) -> YamlDocument:
+    """A camera's file with the keys of ``camera.yaml``, each with its line in the file.
+
+    Raises:
+        CameraError: unreadable, not YAML, several cameras, or a camera that is no pinhole.
+    """
+    text = read_text(path, CameraError)
+    data, lines = plain_data(path, _first_document(text), CameraError)
+    document = YamlDocument(path, data, lines)
+    if {"width", "height"} <= {*data} and ({"k", "d"} <= {*data} or {"K", "D"} <= {*data}):
+        return _of_message(document)
+    chain = [key for key, each in data.items() if isinstance(each, dict) and _is_camera(each)]
+    return _of_kalibr(document, chain) if chain else document
+
+
+def _first_document(text: str) -> str:
+    """The first of several messages, without what ends it."""
+    begin = 0
+    for mark in _SEPARATOR.finditer(text):
+        lines = text[begin : mark.start()].splitlines()
+        if any(line.strip() and not line.startswith(("%", "#")) for line in lines):
+            return text[: mark.start()]
+    return text
+
+
+def _is_camera(section: Mapping[str, Any]) -> bool:
+    return all(key in section for key in _CAMCHAIN)
+
+
+def _of_message(document: YamlDocument) -> YamlDocument:
+    """A ``CameraInfo``: of the whole picture, unless it says that it is of a part."""
+    top = YamlSection(document, CameraError)
+    for key in ("binning_x", "binning_y"):
+        if document.data.get(key, 0) not in (0, 1):
+            raise top.refuse(
+                f"pictures binned by {document.data[key]}",
+                "whole pictures: the message is of these",
+                at=(key,),
+            )
+    region = document.data.get("roi")
+    offset = region if isinstance(region, dict) else {}
+    if any(offset.get(key) for key in ("x_offset", "y_offset")):
+        raise top.refuse("a part of the picture", "whole pictures", at=("roi",))
+    return _renamed(document, _OF_MESSAGE)
+
+
+def _of_kalibr(document: YamlDocument, chain: list[str]) -> YamlDocument:
+    """The one camera of a camchain."""
+    top = YamlSection(document, CameraError)
+    if len(chain) > 1:
+        raise top.refuse(
+            f"{len(chain)} cameras of kalibr: {', '.join(chain)}",
+            "one",
+            at=(chain[1],),
+            hint="copy each into a file of its own",
+        )
+    section = top.section(chain[0])
+    if (model := section.data.get("camera_model", _PINHOLE)) != _PINHOLE:
+        raise section.refuse(
+            f"{model!r}, a camera of kalibr's",
+            f"{_PINHOLE} with radtan",
+            at=("camera_model",),
+            hint="calibrate it with --models pinhole-radtan",
+        )
+    fx, fy, cx, cy = section.numbers("intrinsics", 4)
+    width, height = section.numbers("resolution", 2)
+    model = section.text("distortion_model", "radtan")
+    coefficients = section.data["distortion_coeffs"]
+    if model == "none":
+        model, coefficients = PLUMB_BOB, coefficients or [0.0]
+    data = {
+        "image_width": int(width),
+        "image_height": int(height),
+        "camera_matrix": {"data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]},
+        "distortion_model": model,
+        "distortion_coefficients": {"data": coefficients},
+    }
+    at = {
+        "image_width": "resolution",
+        "image_height": "resolution",
+        "camera_matrix": "intrinsics",
+        "distortion_model": "distortion_model",
+        "distortion_coefficients": "distortion_coeffs",
+    }
+    lines = {(key,): section.document.line_of(chain[0], source) or 1 for key, source in at.items()}
+    return YamlDocument(document.path, data, lines)
+
+
+def _renamed(document: YamlDocument, names: Mapping[str, str]) -> YamlDocument:
+    """The same with other keys at the top; lists there are the ``data`` of a matrix."""
+    data: dict[str, Any] = {}
+    lines: dict[KeyPath, int] = {}
+    for key, value in document.data.items():
+        name = names.get(key, key)
+        matrix = name in ("camera_matrix", "distortion_coefficients")
+        data[name] = {"data": value} if matrix else value
+        for at, line in document.lines.items():
+            if at[0] == key:
+                lines[(name, *(("data",) if matrix and at[1:] else ()), *at[1:])] = line
+    return YamlDocument(document.path, data, lines)
+
+
+def plumb_bob(top: YamlSection) -> None:
+    """Refuse a distortion model that is not `PLUMB_BOB`, by whatever name.
+
+    Raises:
+        CameraError: another model; says what it is.
+    """
+    model = top.data.get("distortion_model", PLUMB_BOB)
+    if model == PLUMB_BOB or model in _PLUMB_BOB_TOO:
+        return
+    model = top.text("distortion_model")
+    what = f", {OTHER_MODELS[model]}" if model in OTHER_MODELS else ""
+    raise top.refuse(
+        f"{model!r}{what}",
+        f"{PLUMB_BOB} (radtan): k1, k2, p1, p2, and k3",
+        at=("distortion_model",),
+        hint="calibrate the camera with that model",
+    )
