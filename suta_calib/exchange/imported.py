@@ -19,15 +19,26 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import check_folder, exchange_files
 from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.option import Given, Option
 from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.camera import Camera, camera_text
-from suta_calib.measurements.csv_table import rotation_columns
+from suta_calib.measurements.csv_table import number_in, rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
 
+FIRST_POINT: Final = "first"
+ORIGIN: Final = Option(
+    "origin",
+    "Subtracted from all positions, as in a national grid: three numbers in m, or the first "
+    "position.",
+    "x,y,z|first",
+)
+GRID_HINT: Final = (
+    f"coordinates of a grid? say {ORIGIN.switch} first, or {ORIGIN.switch} x,y,z in m"
+)
 # Rows whose numbers are made into text at the same time.
 _AT_ONCE: Final = 10_000
 
@@ -189,13 +200,42 @@ def pose_columns(
     return found
 
 
-def checked_places(path: Path, lines: Sequence[int], position: FloatArray) -> FloatArray:
+def origin_of(given: Given, position: FloatArray) -> FloatArray | None:
+    """The origin (3,), m, that `ORIGIN` says; None where it says none.
+
+    Args:
+        given: the options.
+        position: (n, 3), m, whose first row that is whole may be the origin.
+
+    Raises:
+        InputError: neither three numbers nor ``first``.
+    """
+    if ORIGIN not in given:
+        return None
+    known = position[np.isfinite(position).all(axis=1)]
+    if given.text(ORIGIN) == FIRST_POINT:
+        return known[0] if len(known) else np.zeros(3)
+    numbers = np.array([number_in(text) for text in given.texts(ORIGIN)])
+    if numbers.shape != (3,) or not np.isfinite(numbers).all():
+        raise given.refuse(ORIGIN, repr(given.text(ORIGIN)), "first, or three numbers x,y,z in m")
+    return numbers
+
+
+def origin_told(origin: FloatArray) -> str:
+    """A sentence that says what was subtracted, with all its digits."""
+    return f"Positions are from {', '.join(map(repr, origin.tolist()))} m, which was subtracted."
+
+
+def checked_places(
+    path: Path, lines: Sequence[int], position: FloatArray, hint: str = ""
+) -> FloatArray:
     """Positions (n, 3), m, none of which is farther than anything is; NaN stays.
 
     Args:
         path: the file, for messages.
         lines: (n,) in it.
         position: as it was read.
+        hint: what to do about one that is.
 
     Raises:
         ForeignFileError: one is, with its line.
@@ -203,7 +243,7 @@ def checked_places(path: Path, lines: Sequence[int], position: FloatArray) -> Fl
     for row in np.flatnonzero((np.abs(position) > FARTHEST).any(axis=1)):
         found = f"a position {np.nanmax(np.abs(position[row])):.3g} m away"
         expected = f"one within {FARTHEST:g} m"
-        raise ForeignFileError(found, expected, file=path, line=lines[int(row)])
+        raise ForeignFileError(found, expected, file=path, line=lines[int(row)], hint=hint)
     return position
 
 

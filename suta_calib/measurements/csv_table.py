@@ -317,7 +317,8 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
     for row, axis in np.argwhere(np.abs(found) > FARTHEST):
         cell = repr(table.columns[chosen[axis]][row])
         expected = f"a position within {FARTHEST:g} m"
-        raise table.refuse(int(row), chosen[axis], cell, expected)
+        hint = "coordinates of a grid? suta-calib import --origin first subtracts an origin"
+        raise table.refuse(int(row), chosen[axis], cell, expected, hint)
     return found
 
 

@@ -190,3 +190,50 @@ def test_motive_keeps_solved_and_measured_markers_apart(tmp_path: Path) -> None:
     assert (len(imported(path, body="RB")), imported(path, body="RB").dropped) == (1, 1)
     marker = imported(path, body="RB:Marker1")
     np.testing.assert_allclose(marker.columns["x"], [0.11, 0.12])
+
+
+GRID = np.array([3_455_012.25, 5_428_530.5, 312.125])
+
+
+def test_coordinates_of_a_grid_are_taken_from_an_origin(tmp_path: Path) -> None:
+    """GSI words of 16 digits, in 0.01 mm: east, north and height of a national grid."""
+    lines = []
+    for k in range(8):
+        words = [f"*11{k + 1:04d}+{f'P{k}':0>16}"]
+        for index, value in zip((81, 82, 83), GRID + P[k], strict=True):
+            words.append(f"{index}..08+{round(value * 1e5):016d}")
+        lines.append(" ".join(words) + " ")
+    path = tmp_path / "grid.gsi"
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(
+        InputError, match=r"grid\.gsi:1: found a position 5\.43e\+06 m .*--origin f"
+    ):
+        imported(path)
+    origin = ",".join(map(repr, GRID.tolist()))
+    found = imported(path, origin=origin)
+    np.testing.assert_allclose(found.columns["y"], P[:, 1], atol=6e-6)
+    assert f"Positions are from {origin.replace(',', ', ')} m" in found.seen[0]
+    first = imported(path, origin="first")
+    np.testing.assert_allclose(first.columns["x"], P[:, 0] - P[0, 0], atol=1.1e-5)
+    for wrong in ("last", "1,2", "1,2,inf"):
+        with pytest.raises(
+            InputError, match=r"--origin: found .*; expected first, or three numbers"
+        ):
+            imported(path, origin=wrong)
+
+
+@pytest.mark.parametrize("unit", ["m", "mm"])
+def test_a_point_list_of_a_grid(unit: str, tmp_path: Path) -> None:
+    scale = 1e3 if unit == "mm" else 1.0
+    rows = "".join(
+        "P{}\t{:.5f}\t{:.5f}\t{:.5f}\n".format(k, *scale * (GRID + P[k])) for k in range(8)
+    )
+    path = tmp_path / "grid.txt"
+    path.write_text("point\tx\ty\tz\n" + rows)
+    with pytest.raises(
+        InputError, match=r"grid\.txt:2: .*coordinates of a grid\? say --origin first"
+    ):
+        imported(path, unit=unit)
+    found = imported(path, unit=unit, origin="first")
+    np.testing.assert_allclose(found.columns["z"], P[:, 2] - P[0, 2], atol=2e-5)
+    assert found.columns["point"][1] == "P1"

@@ -14,9 +14,13 @@ from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
 from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
 from suta_calib.exchange.imported import (
+    GRID_HINT,
+    ORIGIN,
     ImportedRows,
     checked_places,
     distance_note,
+    origin_of,
+    origin_told,
     pose_columns,
 )
 from suta_calib.exchange.option import Given, Option
@@ -56,7 +60,7 @@ class LeicaGsiReader(Reader):
     name: ClassVar[str] = "leica-gsi"
     summary: ClassVar[str] = "Leica GSI-8 and GSI-16 of total stations: points by name"
     example: ClassVar[str] = "points.gsi --format leica-gsi --out points.csv"
-    options: ClassVar[tuple[Option, ...]] = (WHOLE,)
+    options: ClassVar[tuple[Option, ...]] = (ORIGIN, WHOLE)
     suffixes: ClassVar[tuple[str, ...]] = (".gsi", ".txt", ".dat")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -85,14 +89,20 @@ class LeicaGsiReader(Reader):
             labels.append(words[_POINT][2].lstrip("0") or "0")
             places.append(place)
             lines.append(number)
-        position = checked_places(path, lines, np.array(places).reshape(-1, 3))
+        position = np.array(places).reshape(-1, 3)
+        origin = origin_of(given, position)
+        if origin is not None:
+            position = position - origin
+        position = checked_places(path, lines, position, GRID_HINT)
         note = distance_note(position, "lengths as the words' units say")
+        note += f" Or {GRID_HINT}." if note and origin is None else ""
         return ImportedRows(
             source=path,
             form=self.name,
             columns={"point": np.array(labels, dtype=np.str_), **pose_columns(position, None)},
             dropped=left_out,
             notes=(note,) if note else (),
+            seen=() if origin is None else (origin_told(origin),),
         )
 
 

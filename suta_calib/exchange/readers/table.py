@@ -25,9 +25,13 @@ from suta_calib.exchange.column_names import (
 )
 from suta_calib.exchange.delimited import DELIMITED_OPTIONS, read_sheet
 from suta_calib.exchange.imported import (
+    GRID_HINT,
+    ORIGIN,
     ImportedRows,
     checked_places,
     distance_note,
+    origin_of,
+    origin_told,
     pose_columns,
 )
 from suta_calib.exchange.joint_readings import READING_OPTIONS, Readings
@@ -64,6 +68,8 @@ _DIRECTION: Final = ".direction"
 _CLOCKS: Final = ("time", "timestamp", "frame")
 # Poses of hand-eye files, which stand side by side.
 _PAIR: Final = ("a_", "b_")
+# Distance, in whatever unit, of all positions from the origin that is more than any arm's in mm.
+_GRID: Final = 1e4
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
 # More than any joint turns that is read in degrees: ticks, perhaps.
@@ -83,6 +89,7 @@ class TableReader(Reader):
         COLUMNS,
         JOINTS,
         FROM,
+        ORIGIN,
         *ROLE_OPTIONS,
         *DELIMITED_OPTIONS,
         *READING_OPTIONS,
@@ -242,7 +249,10 @@ class _Columns:
         position = self._sheet.numbers(pose.position)
         unit = self._length or pose.unit
         if not unit:
-            unit = guessed_length(self._sheet, position, self._given) if self._guessing else "m"
+            # Of a grid's coordinates the differences say it.
+            origin = origin_of(self._given, position)
+            near = position if origin is None else position - origin
+            unit = guessed_length(self._sheet, near, self._given) if self._guessing else "m"
         self._units[pose.prefix] = unit
         if self._length and pose.unit and self._length != pose.unit:
             raise ForeignFileError(
@@ -251,7 +261,14 @@ class _Columns:
                 file=path,
                 line=self._sheet.lines[0],
             )
-        position = checked_places(path, self._sheet.lines, _metres(unit) * position)
+        position = _metres(unit) * position
+        origin = origin_of(self._given, position)
+        if origin is not None:
+            if len(self._poses) > 1 or REFERENCE in self._given:
+                raise self._given.refuse(ORIGIN, "an origin, and several poses in a row", "one")
+            position = position - origin
+            self._seen.append(origin_told(origin))
+        position = checked_places(path, self._sheet.lines, position, GRID_HINT)
         if not pose.form:
             return Body(position)
         numbers = self._sheet.numbers(pose.rotation)
@@ -276,12 +293,14 @@ class _Columns:
             return
         note = distance_note(position, f"lengths in {said or 'm'}")
         if note and not said:
+            far = float(np.linalg.norm(position, axis=1).min()) > _GRID
+            grid = f"; {GRID_HINT}" if far and ORIGIN not in self._given else ""
             raise ForeignFileError(
                 f"{note[0].lower()}{note[1:]}",
                 "the unit",
                 file=self._sheet.path,
                 line=self._sheet.lines[0],
-                hint="say --unit mm or --unit m; nothing is scaled unasked",
+                hint=f"say --unit mm or --unit m; nothing is scaled unasked{grid}",
             )
         self._notes += [note] if note else []
 
