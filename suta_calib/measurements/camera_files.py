@@ -123,7 +123,9 @@ def _of_kalibr(document: YamlDocument, chain: list[str]) -> YamlDocument:
         "distortion_model": "distortion_model",
         "distortion_coefficients": "distortion_coeffs",
     }
-    lines = {(key,): section.document.line_of(chain[0], source) or 1 for key, source in at.items()}
+    lines: dict[KeyPath, int] = {
+        (key,): section.document.line_of(chain[0], source) or 1 for key, source in at.items()
+    }
     return YamlDocument(document.path, data, lines)
 
 
