@@ -44,6 +44,7 @@ RESULT_KEYS = {
     "redundant": "Those of them that no data of these kinds could tell.",
     "held": "How far off each held parameter of the arm may be, and what changes with it.",
     "unobservable": "Combinations of parameters that the data leave open.",
+    "widening": "Factor on all standard deviations that the held-out errors ask for.",
     "excluded": "What the job leaves out by name.",
     "metrics": "Errors before and after, on fitted and on held-out data; every residual counts, "
     "also one that a robust fit believes less. `by_term` has them for each row of the job.",

@@ -106,6 +106,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *judge("what is as drawn", lambda: _as_drawn(solution), failed),
             *judge("the scale", lambda: _on_scale(solution), failed),
             *priors.known,
+            *_on_widening(solution),
         ],
     ).with_care(failed)
 
@@ -200,6 +201,17 @@ def _on_scale(solution: Solution) -> list[str]:
     return [
         f"The arm's lengths are in units of {scale} scale: where that is off by 0.01 %, so is each "
         "of them, and no ± of this answer includes it."
+    ]
+
+
+def _on_widening(solution: Solution) -> list[str]:
+    """Held-out errors that the fitted rows did not let one expect."""
+    if solution.widening <= 1.0:
+        return []
+    return [
+        "The held-out errors are larger than noise and the fitted rows explain. Every ± is "
+        f"{solution.widening:.1f} times as wide as the fitted rows alone make it, and explains "
+        "them."
     ]
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final, Literal
 
-from suta_calib.assessment import Assessment, judge, judged, refuse_unusable
+from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
 from suta_calib.diagnostics.accuracy import (
     Accuracy,
@@ -20,6 +20,7 @@ from suta_calib.diagnostics.accuracy import (
     fitted_too,
     read_where_fitted,
 )
+from suta_calib.diagnostics.widening import widened
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
@@ -135,7 +136,11 @@ class CalibrationJob(Shown):
         build = perf_counter() - began
         solution = solve(problem, self.options(), progress)
         solution = replace(solution, timing={"build": build} | solution.timing)
-        return CalibrationResult(self, solution, assess(solution, self.validation))
+        accuracy = assess(solution, self.validation)
+        wide = attempt("judged: ±", lambda: widened(solution, accuracy), solution)
+        if wide is not solution:
+            solution, accuracy = wide, assess(wide, self.validation)
+        return CalibrationResult(self, solution, accuracy)
 
     def usable_solution(
         self, progress: Progress | None = None, *, anyway: bool = False

@@ -406,6 +406,7 @@ def _data(result: CalibrationResult) -> Json:
         "unidentified": solution.unidentified,
         "redundant": entry("redundant", lambda: redundant_names(result.explanations)),
         "unobservable": unobservable(solution.identification),
+        "widening": solution.widening,
         "held": entry("held", lambda: held_directions(solution)),
         # Samples that rows of the job leave out by name.
         "excluded": [

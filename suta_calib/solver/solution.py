@@ -68,6 +68,8 @@ class Solution(Shown):
         noise: noise of each block as the residuals show it.
         timing: seconds by phase.
         weights: what was learned of noise levels and priors; None where they are as given.
+        widening: factor on all standard deviations, from held-out errors that are larger than the
+            fitted rows explain (`diagnostics.widening`).
     """
 
     problem: Problem
@@ -81,11 +83,12 @@ class Solution(Shown):
     noise: tuple[float, ...]
     timing: dict[str, float]
     weights: Weights | None = None
+    widening: float = 1.0
 
     @property
     def covariance(self) -> FloatArray:
         """(n, n) of all parameters, m and rad; zero rows where nothing was estimated."""
-        return self.spread.whole
+        return self.spread.whole * self.widening**2
 
     @property
     def artefact_covariance(self) -> FloatArray:

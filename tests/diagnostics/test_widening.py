@@ -1,0 +1,81 @@
+"""Held-out errors that the fitted rows do not explain make every standard deviation wider."""
+
+from __future__ import annotations
+
+import numpy as np
+from simulated import arm_named
+
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.accuracy import Accuracy, assess
+from suta_calib.diagnostics.held_out import held_out_errors
+from suta_calib.diagnostics.widening import widened
+from suta_calib.geometry import rotation_from_vector
+from suta_calib.measurements import Samples
+from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.solver.options import SolverOptions
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import solve
+from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+
+NOISE = 5e-5  # m
+TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
+ECCENTRIC = ("joint_2.ecc_c1", "joint_3.ecc_s1", "joint_4.ecc_c1", "joint_5.ecc_s1")
+
+
+def unknowns() -> ParameterSet:
+    return arm_named("suta").select(
+        Selection(("geometric",), prior_m=1e-3, prior_rad=2e-3),
+        Selection(("*.offset",), prior_rad=1e-2),
+    )
+
+
+def seen(q: FloatArray, truth: dict[str, float], noise: float, seed: int) -> Term:
+    """An instrument sees the tip at these postures (n, joints)."""
+    arm = arm_named("suta")
+    position = arm.forward(q, truth)[1] @ TURN.T + PLACE
+    position += noise * np.random.default_rng(seed).standard_normal(position.shape)
+    samples = Samples.from_arrays(arm.joints, q, position=position)
+    return KINDS["tracked_point"].over(ArmPoses(arm, samples), Setup(None, Noise(), Noise()))
+
+
+def calibrated(eccentricity: float, seed: int = 0) -> tuple[Solution, Accuracy, Term]:
+    """Fitted to 60 postures near one another and held against 40 from a wider space.
+
+    Returns:
+        The solution, its errors, and exact rows at 100 further postures.
+    """
+    rng = np.random.default_rng(seed)
+    truth = {name: eccentricity * rng.choice([-1.0, 1.0]) for name in ECCENTRIC}
+    centre = rng.uniform(-0.8, 0.8, 6)
+    near = centre + rng.uniform(-0.35, 0.35, (60, 6))
+    wide = centre + rng.uniform(-1.0, 1.0, (140, 6))
+    fitted, held_out = seen(near, truth, NOISE, seed), seen(wide[:40], truth, NOISE, seed + 100)
+    solution = solve(Problem([fitted], unknowns()), SolverOptions(confirm=False))
+    return solution, assess(solution, [held_out]), seen(wide[40:], truth, 0.0, 0)
+
+
+def ratio_beyond(solution: Solution, further: Term) -> float:
+    """Errors at further postures over what is predicted there."""
+    (errors,) = held_out_errors(solution, assess(solution, [further]))
+    return errors.ratio
+
+
+def test_an_arm_that_its_model_describes_keeps_its_standard_deviations() -> None:
+    for seed in range(5):
+        solution, accuracy, _ = calibrated(0.0, seed)
+        assert widened(solution, accuracy) is solution
+
+
+def test_what_the_model_lacks_widens_them_to_what_further_postures_show() -> None:
+    """The factor comes from the held-out rows, and holds at postures that nobody looked at."""
+    ratios = []
+    for seed in range(4):
+        solution, accuracy, further = calibrated(3e-3, seed)
+        wide = widened(solution, accuracy)
+        assert 1.5 < wide.widening < 5.0
+        np.testing.assert_allclose(wide.covariance, wide.widening**2 * solution.covariance)
+        ratios.append((ratio_beyond(solution, further), ratio_beyond(wide, further)))
+    before, after = np.exp(np.mean(np.log(ratios), axis=0))
+    assert before > 1.5
+    assert 0.8 < after < 1.25
