@@ -73,11 +73,15 @@ def monitor(
     watched, view = Monitor(spec), _View(spec.port, shown_tip, quiet=as_json)
     bus = Bus(spec, reconnect=True, silence=silence, on_event=view.event)
 
+    read_until = 0.0
+
     def report() -> dict[str, Any]:
         pose = None if shown_tip is None else shown_tip.pose(watched.last)
-        return stream_report(watched, bus.statistics, spec, pose)
+        return stream_report(watched, bus.statistics, spec, pose, read_until)
 
     def show(now: float) -> None:
+        nonlocal read_until
+        read_until = now
         if watched.last is not None:
             view.show(now, report)
 

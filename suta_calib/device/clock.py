@@ -183,8 +183,9 @@ class Freshness:
         before, counts = self._newest, self._statistics
         if self.settled and before is not None:
             lost = max(left_out[0].sequence - before.sequence - 1, 0)
-            counts.lost_frames -= lost
-            counts.gaps -= lost > 0
+            # Frames of the gap that came damaged were not counted as lost.
+            counts.lost_frames = max(counts.lost_frames - lost, 0)
+            counts.gaps = max(counts.gaps - (lost > 0), 0)
             counts.frames -= len(left_out)
             self._on_leap(leap)
         self.restart()

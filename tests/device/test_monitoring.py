@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import math
 import re
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,7 @@ from suta_calib.cli._app import INTERRUPTED, run
 from suta_calib.device import Bus, Reading
 from suta_calib.device.diagnosis import remarks
 from suta_calib.device.formats import encode_frame
-from suta_calib.device.monitoring import Monitor
+from suta_calib.device.monitoring import Monitor, Snapshot
 from suta_calib.device.reading import Statistics
 from suta_calib.model.arm import ArmModel
 
@@ -61,6 +62,40 @@ def test_only_the_last_second_counts() -> None:
     assert seen.rate == pytest.approx(100, abs=2)
     assert seen.clock_ppm == pytest.approx(0.0, abs=1e-6)
     assert watched.snapshot(200.0).rate == 0.0
+
+
+def test_the_rate_counts_frames_with_a_damaged_word() -> None:
+    watched = Monitor(device(1))
+    for n in range(300):
+        if n % 3:
+            watched.add([reading(n, [0.0])])
+        else:
+            watched.note_damaged(100 + n * 0.01, n // 3 + 1)
+    assert watched.snapshot(100 + 2.99).rate == pytest.approx(100, abs=2)
+    assert watched.snapshot(200.0).rate == 0.0
+
+
+def test_the_rate_is_of_the_time_in_which_it_was_read(
+    arm: PtyDevice, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """To close a port takes time, at a socket a third of a second."""
+    closed, looked = [0.0], [0.0]
+    close, snapshot = Bus.close, Monitor.snapshot
+
+    def slow(bus: Bus) -> None:
+        closed[0] = closed[0] or time.perf_counter()
+        close(bus)
+
+    def noted(self: Monitor, now: float) -> Snapshot:
+        looked[0] = now
+        return snapshot(self, now)
+
+    monkeypatch.setattr(Bus, "close", slow)
+    monkeypatch.setattr(Monitor, "snapshot", noted)
+    arm.stream()
+    assert monitor(arm, "--json", "--seconds", "0.2") == 0
+    assert json.loads(capsys.readouterr().out)["frames"] > 0
+    assert 0.0 < looked[0] <= closed[0]
 
 
 def test_before_the_first_reading_there_are_no_numbers() -> None:

@@ -145,6 +145,9 @@ class FramesDecoder(Decoder):
         self._other_count = OtherCount(spec)
         # Where in the buffer the bytes begin that are in no frame so far, nor counted as garbage.
         self._claimed = 0
+        # Sequence numbers of frames since the last reading that came whole but for a word: they
+        # are no readings, and they are not lost.
+        self._damaged: set[int] = set()
 
     def feed(self, data: bytes, arrival: float) -> list[Reading]:
         """Take the next bytes and give the readings they complete."""
@@ -160,6 +163,7 @@ class FramesDecoder(Decoder):
     def resume(self, after: Reading | None) -> None:
         """Begin anew after an interruption; time goes on by this computer's clock."""
         self._buffer.clear()
+        self._damaged.clear()
         self._claimed = 0
         if after is not None:
             self._clock.resume(after.sequence, after.time, after.arrival)
@@ -213,18 +217,29 @@ class FramesDecoder(Decoder):
             good: BoolArray = np.asarray(words.good.all(axis=1))
             counts.word_crc_errors += int((~good).sum())
             counts.joint_crc_errors += (~words.good).sum(axis=0)
-            starts = [at for at, fits in zip(starts, good.tolist(), strict=True) if fits]
-            words = unpack_words(self._words(starts))
+            whole = good.tolist()
+        else:
+            whole = [True] * len(starts)
         if words.error.any():
-            counts.error_flags += words.error.sum(axis=0)
+            counts.error_flags += words.error[whole].sum(axis=0)
         if words.warning.any():
-            counts.warning_flags += words.warning.sum(axis=0)
+            counts.warning_flags += words.warning[whole].sum(axis=0)
         angles = angles_from_counts(words.counts - self._zeros, self._signs, POSITIONS)
         angles.setflags(write=False)
         readings = []
-        for at, row, error, warning in zip(starts, angles, words.error, words.warning, strict=True):
-            sequence, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
-            sequence, time, lost = self._clock.unwrap(sequence, time_us, arrival)
+        for at, fits, row, error, warning in zip(
+            starts, whole, angles, words.error, words.warning, strict=True
+        ):
+            sent, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
+            if not fits:
+                # Not the clock's business: what fits in all but a word may be no frame at all.
+                self._damaged.add(sent)
+                continue
+            sequence, time, lost = self._clock.unwrap(sent, time_us, arrival)
+            if self._damaged:
+                missing = min(lost, SEQUENCES - 1)
+                lost -= sum(0 < (sent - n) % SEQUENCES <= missing for n in self._damaged)
+                self._damaged.clear()
             counts.gaps += lost > 0
             counts.lost_frames += lost
             readings.append(Reading(sequence, time, row, error, warning, arrival))

@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from suta_calib.device.description import JointSpec
+from suta_calib.device.diagnosis import remarks
 from suta_calib.device.formats import decoder_for, encode_frame
 from suta_calib.device.formats.words import frame_crc
 from suta_calib.device.reading import Reading
@@ -134,15 +135,38 @@ def test_a_frame_inside_one_with_a_crc_that_happens_to_fit_is_found() -> None:
     assert decoder.statistics.word_crc_errors == 1
 
 
-def test_a_wrong_word_in_a_good_frame_is_no_reading() -> None:
-    good, damaged, last = (bytearray(f) for f in frames([0, 1, 2]))
+def with_wrong_word(frame: bytes) -> bytes:
+    """A frame that came whole, but for the word of joint 4, whose own CRC is wrong."""
+    damaged = bytearray(frame)
     damaged[9 + 4 * 3 + 1] ^= 0x10
     damaged[-2:] = struct.pack("<H", frame_crc()(bytes(damaged[2:-2])))
+    return bytes(damaged)
+
+
+def test_a_wrong_word_in_a_good_frame_is_no_reading_and_no_lost_frame() -> None:
+    good, damaged, last = frames([0, 1, 2])
     decoder = decoder_for(SIX)
-    assert sequences(decoder.feed(bytes(good + damaged + last), 0.0)) == [0, 2]
+    assert sequences(decoder.feed(good + with_wrong_word(damaged) + last, 0.0)) == [0, 2]
     counts = decoder.statistics
     assert (counts.word_crc_errors, counts.frame_crc_errors, counts.garbage_bytes) == (1, 0, 0)
     assert counts.joint_crc_errors.tolist() == [0, 0, 0, 1, 0, 0]
+    assert (counts.lost_frames, counts.gaps) == (0, 0)
+    assert all("too slow" not in said for said in remarks(counts, SIX))
+
+
+def test_lost_frames_are_those_that_did_not_come() -> None:
+    """308 words of 2,000 are wrong, and 40 frames are lost, over the number's end."""
+    random = np.random.default_rng(5)
+    inner = random.permutation(np.arange(1, 1_999))
+    wrong, lost = set(inner[:308].tolist()), set(inner[308:348].tolist())
+    decoder = decoder_for(SIX)
+    for n in range(2_000):
+        frame = encode_frame(65_000 + n, n * 1302, [n] * 6)
+        if n not in lost:
+            decoder.feed(with_wrong_word(frame) if n in wrong else frame, n / 768)
+    counts = decoder.statistics
+    assert (counts.word_crc_errors, counts.lost_frames) == (308, 40)
+    assert counts.frames == 2_000 - 348
 
 
 def test_bytes_that_are_in_no_frame_are_counted() -> None:
