@@ -12,6 +12,7 @@ import errno
 import math
 import selectors
 import socket
+import struct
 import threading
 import time
 from ipaddress import ip_address
@@ -20,14 +21,16 @@ from typing import Any, Final
 import numpy as np
 import pyigtl
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError, OutputError
 from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose
-from suta_calib.units import mm
+from suta_calib.units import deg, mm
 
 LOOPBACK: Final = "127.0.0.1"
 # The field's size in the protocol's header.
 LONGEST_NAME: Final = 20
+STD_SUFFIX: Final = "Std"
 
 
 class IgtlPublisher(Publisher):
@@ -35,6 +38,11 @@ class IgtlPublisher(Publisher):
 
     Poses that are not valid are not sent, as the protocol's TRANSFORM has no way to say so. The
     time stamp is the moment the frame arrived, UTC.
+
+    Where the calibration's covariance is known, a SENSOR message follows each TRANSFORM with the
+    same time stamp: six standard deviations, of the tip's x, y, z in mm and of turns about the
+    base's x, y, z in degrees. Its device name is that of the TRANSFORM with `STD_SUFFIX`, for
+    clients that keep the last message of each name. Clients that know no SENSOR leave it out.
 
     Args:
         port: port to listen at; 0 for any free one.
@@ -69,6 +77,7 @@ class IgtlPublisher(Publisher):
             expected = f"1 to {LONGEST_NAME} ASCII characters"
             raise InputError(repr(device_name), expected, where="--igtl-name")
         self._device_name = device_name
+        self._std_name = device_name[: LONGEST_NAME - len(STD_SUFFIX)] + STD_SUFFIX
         self.invalid = 0
         self._broadcast = Broadcast(host, port, most_clients, patience)
         self.port = self._broadcast.port
@@ -92,7 +101,11 @@ class IgtlPublisher(Publisher):
         message = pyigtl.TransformMessage(
             matrix, timestamp=pose.host_time, device_name=self._device_name
         )
-        self._held.append(bytes(message.pack()))
+        data = bytes(message.pack())
+        if pose.std is not None and pose.turn_std is not None:
+            std = np.concatenate([mm(pose.std), deg(pose.turn_std)])
+            data += bytes(SensorMessage(std, pose.host_time, self._std_name).pack())
+        self._held.append(data)
 
     def flush(self) -> None:
         """Send to everybody who can take it at once."""
@@ -111,6 +124,26 @@ class IgtlPublisher(Publisher):
         """Messages sent over all clients, messages lost by clients that did not read."""
         connections = {"clients": self._broadcast.clients, "connected": self._broadcast.connections}
         return super().statistics() | connections | {"invalid": self.invalid}
+
+
+class SensorMessage(pyigtl.messages.MessageBase):  # type: ignore[misc]
+    """Numbers of a sensor, which pyigtl has no message for.
+
+    OpenIGTLink 2, SENSOR: ``larray u8 | status u8 | unit u64 | larray x float64``, big-endian.
+
+    Args:
+        data: at most 255 numbers; they have no one unit, and the field for it says none (0).
+        timestamp: s since 1970.
+        device_name: at most 20 ASCII characters.
+    """
+
+    def __init__(self, data: FloatArray, timestamp: float, device_name: str) -> None:
+        super().__init__(timestamp=timestamp, device_name=device_name)
+        self._message_type = "SENSOR"
+        self._data = data
+
+    def _pack_content(self) -> bytes:
+        return struct.pack(">BBQ", len(self._data), 0, 0) + self._data.astype(">f8").tobytes()
 
 
 # Bytes the kernel may keep for a client: a client that falls behind further loses messages, and

@@ -44,6 +44,8 @@ class TrackedPose:
         quaternion: (4,) x y z w with w ≥ 0, likewise.
         std: (3,) standard uncertainty of the position along the base's axes, m; None where no
             calibration's covariance is known.
+        turn_std: (3,) standard uncertainty of the orientation, of small turns about the base's
+            axes, rad; None likewise.
         errors: joints whose encoder says that its position is invalid: there is no pose then.
         warnings: joints whose encoder warns; their pose is valid.
     """
@@ -59,6 +61,7 @@ class TrackedPose:
     std: FloatArray | None
     errors: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    turn_std: FloatArray | None = None
 
     @property
     def valid(self) -> bool:
@@ -150,11 +153,21 @@ class TipKinematics:
         Args:
             angles: (joints,) readings in the order of the arm's joints, rad.
         """
+        return self.with_turns(angles)[:3]
+
+    def with_turns(
+        self, angles: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
+        """As a call, and the standard uncertainty of turns about the base's axes (3,), rad.
+
+        A tool's own uncertainty is of its tip's position: it turns nothing.
+        """
         run = self._run
         run.inputs[0][0] = angles
-        flat, position, std = run()
+        flat, position, std, turn_std = run()
         rotation = flat.reshape(3, 3).T.copy()
-        return rotation, position[0].copy(), std[0].copy() if self._known else None
+        known = (std[0].copy(), turn_std[0].copy()) if self._known else (None, None)
+        return rotation, position[0].copy(), *known
 
 
 def quaternion(rotation: FloatArray) -> FloatArray:
@@ -164,7 +177,7 @@ def quaternion(rotation: FloatArray) -> FloatArray:
 
 
 def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | None) -> Any:
-    """CasADi function: readings → rotation (9, column by column), position (3), std (3)."""
+    """CasADi function: readings → rotation (9, column by column), position, std, turn_std (3)."""
     names, factor = ((), np.zeros((0, 0))) if uncertainty is None else uncertainty.folded(arm)
     beside = {} if uncertainty is None else uncertainty.beside_geometry
     nominal = ca.DM([beside.get(name, arm.offered[name].nominal) for name in names])
@@ -175,11 +188,13 @@ def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | N
     by_error = (jacobian[:, :3].T - symbolic_skew(lever) @ jacobian[:, 3:].T) @ ca.DM(factor)
     by_tool = R @ ca.diag(ca.DM(np.zeros(3) if tool.std is None else tool.std))
     std = ca.sqrt(ca.sum2(ca.horzcat(by_error, by_tool) ** 2))
-    outputs = [ca.densify(o) for o in (flat, tip + lever, std)]
-    return ca.Function("tip", [q], outputs, ["q"], ["rotation", "position", "std"], {"cse": True})
+    turn_std = ca.sqrt(ca.sum2((jacobian[:, 3:].T @ ca.DM(factor)) ** 2))
+    outputs = [ca.densify(o) for o in (flat, tip + lever, std, turn_std)]
+    named = ["rotation", "position", "std", "turn_std"]
+    return ca.Function("tip", [q], outputs, ["q"], named, {"cse": True})
 
 
-_NO_POSE: Final = (np.full((3, 3), np.nan), np.full(3, np.nan), None)
+_NO_POSE: Final = (np.full((3, 3), np.nan), np.full(3, np.nan), None, None)
 _NO_QUATERNION: Final = np.full(4, np.nan)
 
 
@@ -219,7 +234,9 @@ class Tracker:
             tuple(name for name, column in self._named if flags[column]) if flags.any() else ()
             for flags in (reading.error, reading.warning)
         )
-        rotation, position, std = _NO_POSE if errors else self.kinematics(angles)
+        rotation, position, std, turn_std = (
+            _NO_POSE if errors else self.kinematics.with_turns(angles)
+        )
         turn = _NO_QUATERNION if errors else quaternion(rotation)
         return TrackedPose(
             reading.sequence,
@@ -233,6 +250,7 @@ class Tracker:
             std,
             errors,
             warnings,
+            turn_std,
         )
 
 

@@ -47,18 +47,23 @@ def test_uncertainty_is_that_of_the_nominal_arm_with_its_parameters(scene: Calib
     kinematics = TipKinematics(scene.arm, tool, read_uncertainty(scene.path, scene.arm))
     step = 1e-6
     for q in random_readings(scene.nominal, np.random.default_rng(2), 10):
-        columns = []
+        columns, turns = [], []
         for name in TRUTH:
-            ends = []
+            ends, frames = [], []
             for sign in (-1, 1):
                 R, p = scene.nominal.forward(q, TRUTH | {name: TRUTH[name] + sign * step})
                 ends.append(p + R @ tool.tip)
+                frames.append(Rotation.from_matrix(R))
             columns.append((ends[1] - ends[0]) / (2 * step))
-        J = np.array(columns).T
+            turns.append((frames[1] * frames[0].inv()).as_rotvec() / (2 * step))
+        J, T = np.array(columns).T, np.array(turns).T
         R = scene.nominal.forward(q, TRUTH)[0]
         variance = J @ scene.covariance @ J.T + R @ np.diag(tool.std**2) @ R.T
-        _, _, std = kinematics(q)
+        _, _, std, turn_std = kinematics.with_turns(q)
         np.testing.assert_allclose(std, np.sqrt(np.diag(variance)), rtol=1e-6)
+        # A tool's tip turns nothing.
+        turned = np.sqrt(np.diag(T @ scene.covariance @ T.T))
+        np.testing.assert_allclose(turn_std, turned, rtol=1e-6)
 
 
 def test_what_was_held_and_moves_the_tip_is_in_what_is_streamed(scene: Calibrated, tmp_path: Path):

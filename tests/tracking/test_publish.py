@@ -5,9 +5,11 @@ from __future__ import annotations
 import errno
 import json
 import socket
+import struct
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +120,71 @@ def test_a_real_client_receives_every_pose_in_millimetres(igtl: IgtlPublisher):
     assert (first.message_type, first.device_name) == ("TRANSFORM", "StylusTip")
     assert abs(first.timestamp - valid[0].host_time) < 1e-5
     assert igtl.statistics()["invalid"] == 2
+
+
+class Sensor(pyigtl.messages.MessageBase):
+    """SENSOR of OpenIGTLink 2 as its specification has it; pyigtl knows none."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._message_type = "SENSOR"
+
+    def _unpack_content(self, content: bytes) -> None:
+        count, self.status, self.unit = struct.unpack(">BBQ", content[:10])
+        self.data = struct.unpack(f">{count}d", content[10:])
+
+
+def certain(count: int) -> list[TrackedPose]:
+    """Poses with standard deviations, each another."""
+    random = np.random.default_rng(1)
+    return [
+        replace(pose, std=random.uniform(1e-5, 1e-3, 3), turn_std=random.uniform(1e-5, 1e-2, 3))
+        for pose in poses(count)
+    ]
+
+
+def test_standard_deviations_follow_each_transform(
+    igtl: IgtlPublisher, monkeypatch: pytest.MonkeyPatch
+):
+    each = certain(50)
+    known = pyigtl.messages.message_type_to_class_constructor
+    monkeypatch.setitem(known, "SENSOR", Sensor)
+    client = Client(igtl.port)
+    try:
+        assert eventually(lambda: clients(igtl) == 1)
+        publish(igtl, each)
+        assert eventually(lambda: len(client.messages) == 100)
+    finally:
+        client.stop()
+    transforms, sensors = client.messages[::2], client.messages[1::2]
+    np.testing.assert_allclose(matrices(transforms), expected(each), atol=1e-4)
+    for transform, sensor, pose in zip(transforms, sensors, each, strict=True):
+        assert (sensor.message_type, sensor.device_name) == ("SENSOR", "StylusTipStd")
+        assert sensor.timestamp == transform.timestamp
+        wanted = [*(1e3 * pose.std), *np.degrees(pose.turn_std)]
+        np.testing.assert_allclose(sensor.data, wanted, rtol=1e-12)
+        assert (sensor.status, sensor.unit) == (0, 0)
+    assert igtl.published == 50
+
+
+def test_a_client_that_knows_no_sensor_reads_the_transforms(igtl: IgtlPublisher):
+    each = certain(300)
+    client = Client(igtl.port)
+    try:
+        assert eventually(lambda: clients(igtl) == 1)
+        publish(igtl, each)
+        assert eventually(lambda: len(client.messages) == 300)
+    finally:
+        client.stop()
+    np.testing.assert_allclose(matrices(client.messages), expected(each), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "std"), [("Tip", "TipStd"), ("A" * 17, "A" * 17 + "Std"), ("B" * 20, "B" * 17 + "Std")]
+)
+def test_names_of_standard_deviations_fit_the_protocol(name: str, std: str):
+    with IgtlPublisher(0, name) as publisher:
+        assert publisher._std_name == std
 
 
 def test_a_client_that_comes_late_does_not_disturb_the_first(igtl: IgtlPublisher):
