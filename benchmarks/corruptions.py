@@ -47,6 +47,8 @@ WRONG: Final = 3.0
 FINEST: Final = 1e-4
 # What is said of parameters that the data cannot tell.
 HELD: Final = re.compile("held at nominal", re.IGNORECASE)
+# What any answer rests on is no alarm.
+SCALE: Final = "carries the scale"
 
 
 @dataclass(frozen=True)
@@ -197,7 +199,9 @@ def judge_sound(found: Outcome, says: str | None = None) -> Judged:
     ``says``: words of what is true besides.
     """
     against = [
-        note for note in found.said[1:] if not HELD.search(note) and not (says and says in note)
+        note
+        for note in found.said[1:]
+        if not HELD.search(note) and SCALE not in note and not (says and says in note)
     ]
     if found.level in ("refused", "bad") or (found.level == "care" and against):
         fate = "false alarm"

@@ -43,6 +43,10 @@ RESULT_KEYS = {
     "unidentified": "Parameters that the data cannot tell.",
     "redundant": "Those of them that no data of these kinds could tell.",
     "held": "How far off each held parameter of the arm may be, and what changes with it.",
+    "scale": "What gives the data their unit of length: `artefact`, `board` or `instrument`, its "
+    "`grade` and standard deviation (`ppm`), and how far that moves the tip (`tip_mm`, root mean "
+    "square). `carries`: the arm's lengths rest on it, because the data tell it less well. Every "
+    "standard deviation holds it.",
     "unobservable": "Combinations of parameters that the data leave open.",
     "widening": "Factor on all standard deviations that the held-out errors ask for.",
     "excluded": "What the job leaves out by name.",

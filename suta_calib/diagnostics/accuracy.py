@@ -264,7 +264,8 @@ def _held_out(solution: Solution, validation: Sequence[Term], fitted: Accuracy) 
     found = (block_residuals(validation, arm, values) for values in (before, after))
     terms = term_accuracies(validation, *found)
     judged = [each.term for each in _of_first_kind(terms)]
-    unsure = added_by_estimates(judged, arm, after, problem.names, solution.covariance)
+    known = solution.covariance_seen_by(judged)
+    unsure = added_by_estimates(judged, arm, after, problem.names, known)
     gain = gain_of(terms, *unsure)
     return Accuracy(fitted.calibration, terms, after, gain, nominal, before)
 

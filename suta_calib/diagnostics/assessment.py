@@ -9,7 +9,6 @@ from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.beliefs import contradicted_beliefs
 from suta_calib.diagnostics.changes import changes
-from suta_calib.diagnostics.common_scale import relied_on
 from suta_calib.diagnostics.contradictions import (
     contradictions,
     gross_rows,
@@ -25,6 +24,7 @@ from suta_calib.diagnostics.odd_readings import (
 )
 from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
 from suta_calib.diagnostics.repeats import lack_of_fit
+from suta_calib.diagnostics.scale_effects import scale_effects
 from suta_calib.diagnostics.score_tests import geometry_is_held, score_tests
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
@@ -194,14 +194,7 @@ def _as_drawn(solution: Solution) -> list[str]:
 
 def _on_scale(solution: Solution) -> list[str]:
     """Whatever makes all that was measured longer makes the arm longer, and leaves no residual."""
-    relied = relied_on(solution)
-    if not relied:
-        return []
-    scale = " and ".join(f"the {what}'s" for what in relied)
-    return [
-        f"The arm's lengths are in units of {scale} scale: where that is off by 0.01 %, so is each "
-        "of them, and no ± of this answer includes it."
-    ]
+    return [effect.sentence for effect in scale_effects(solution) if effect.carries]
 
 
 def _on_widening(solution: Solution) -> list[str]:

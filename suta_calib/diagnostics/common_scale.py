@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,7 +24,7 @@ from suta_calib.records import dataclass
 from suta_calib.solver.information import robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate, Solution
-from suta_calib.terms import Term
+from suta_calib.terms.length_scale import lengthened, scale_carrier
 
 # Step of the numerical derivative, relative.
 STEP: Final = 1e-6
@@ -33,6 +33,9 @@ STEP: Final = 1e-6
 UNTOLD: Final = 0.01
 # Lengths of an arm shorter than that are no measure of its size, m.
 SHORTEST: Final = 0.02
+# Part of a factor by which lengths follow what they have their scale from: of less, drawings or
+# priors have the larger part.
+FOLLOWS: Final = 0.25
 # One length alone has no evenness.
 FEWEST: Final = 2
 # By how much lengths are off by nature: no less, m, and so many values are tried.
@@ -75,31 +78,37 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
         yield from _grown(solution)
 
 
-def relied_on(solution: Solution) -> list[str]:
-    """Whose scale the arm's lengths rest on, better than anything else tells it.
+def relied_on(solution: Solution) -> list[tuple[object, ...]]:
+    """What the arm's lengths have their scale from, and its name.
 
-    What an artefact is off by is in its certificate, and in every ±; nobody states the scale of an
-    instrument, or of a board.
+    If all lengths of it were longer by one factor, the arm's would come out longer by `FOLLOWS` of
+    that or more.
 
     Args:
         solution: as for `common_scales`.
     """
-    long = [e for e in _lengths(solution).values() if abs(e.nominal) > SHORTEST]
-    least = min((e.std / abs(e.nominal) for e in long if e.std), default=np.inf)
-    return [f.what for f in _steps(solution) if f.what != "artefact" and f.std > least]
+    names = solution.problem.names
+    long = {n: e.nominal for n, e in _lengths(solution).items() if abs(e.nominal) > SHORTEST}
+    at, length = [names.index(n) for n in long], np.array(list(long.values()))
+    if not at:
+        return []
+    return [
+        carrier
+        for carrier, shift in solution.spread.by_scale.items()
+        if length @ shift[at] > FOLLOWS * (length @ length)
+    ]
 
 
 # What says which factors there are, and what says on which the answer rests.
 @lru_cache(maxsize=1)
 def _steps(solution: Solution) -> tuple[CommonScale, ...]:
     """The factor of every sort of lengths that there is, told or not."""
-    terms = solution.problem.terms
-    sorts = {
-        "artefact": [term.needs_artefact for term in terms],
-        "instrument": [_measured_in_lengths(t) for t in terms],
-        "board": [t.poses.samples.pixels is not None for t in terms],
-    }
-    return tuple(scale_step(solution, *sort) for sort in sorts.items() if any(sort[1]))
+    carriers = [scale_carrier(term) for term in solution.problem.terms]
+    return tuple(
+        scale_step(solution, what, mine)
+        for what in ("artefact", "instrument", "board")
+        if any(mine := [c is not None and c.what == what for c in carriers])
+    )
 
 
 def scale_step(
@@ -116,7 +125,7 @@ def scale_step(
     problem, x = solution.problem, solution.x
     noise = [max(n, 1e-9) for n in solution.noise]
     factors = 1.0 + STEP * np.asarray(axes)
-    longer = [_longer(t, factors) if m else t for t, m in zip(problem.terms, mine, strict=True)]
+    longer = [lengthened(t, factors) if m else t for t, m in zip(problem.terms, mine, strict=True)]
     moved = [r.residual.copy() for r in Problem(longer, problem.arm_parameters).linearise(x, noise)]
     free = solution.free
     curvature = np.zeros((len(free) + 1,) * 2)
@@ -151,32 +160,6 @@ def scale_step(
     pulled, left = (float(precision @ d**2) for d in (off, off + step[:-1]))
     gain = max((pulled - left) / max(pulled, 1.0), value**2 / variance / squares)
     return CommonScale(what, value, math.sqrt(variance), gain)
-
-
-def _measured_in_lengths(term: Term) -> bool:
-    samples = term.poses.samples
-    return samples.position is not None or bool(samples.lengths)
-
-
-def _longer(term: Term, factors: FloatArray) -> Term:
-    """The term with every certified or measured length longer by `STEP`, positions by axis."""
-    samples = term.poses.samples
-    if _measured_in_lengths(term):
-        position = None if samples.position is None else samples.position * factors
-        lengths = {name: each * (1.0 + STEP) for name, each in samples.lengths.items()}
-        samples = replace(samples, position=position, lengths=lengths)
-        return term.over_poses(term.poses.with_samples(samples))
-    if samples.pixels is not None:
-        larger: dict[str, Any] = {"board": getattr(term, "board").scaled(1.0 + STEP)}  # noqa: B009
-        return replace(term, **larger)
-    if term.touched is None:
-        return term
-    marks = {
-        name: replace(mark, position=mark.position * (1.0 + STEP))
-        for name, mark in term.touched.landmarks.items()
-    }
-    changed: dict[str, Any] = {"artefact": replace(term.touched, landmarks=marks)}
-    return replace(term, **changed)
 
 
 def _lengths(solution: Solution) -> dict[str, Estimate]:

@@ -233,7 +233,7 @@ def _predicted(
         k for k, (name, p) in enumerate(held_out.parameters.items()) if name not in names and p.free
     ]
     at = [names.index(held_out.names[k]) for k in known]
-    covariance = solution.covariance[np.ix_(at, at)]
+    covariance = solution.covariance_seen_by(held_out.terms)[np.ix_(at, at)]
     jacobian = np.vstack([r.jacobian for r in rows])
     own = jacobian[:, new]
     inverse = np.linalg.pinv(own) if new else np.zeros((0, len(jacobian)))

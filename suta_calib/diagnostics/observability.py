@@ -21,7 +21,7 @@ from suta_calib.diagnostics.explanation import (
 )
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
-from suta_calib.solver.covariance import predicted_covariance
+from suta_calib.solver.covariance import predicted_covariance, predicted_scale_covariance
 from suta_calib.solver.identifiability import WEAK, Identification, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -213,7 +213,9 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     held[identification.fixed] = True
     estimated = np.flatnonzero(free & ~held)
     explanations = explain(problem, x, identification)
-    prospects = _prospects(problem, information, identification, estimated)
+    covariance = predicted_covariance(problem, information, estimated)
+    covariance += predicted_scale_covariance(problem, x, sigmas, estimated)
+    prospects = _prospects(problem, covariance, identification, estimated)
     as_drawn = as_drawn_names(explanations)
     prospects |= {
         n: replace(prospects[n], redundant=True, as_drawn=n in as_drawn)
@@ -239,9 +241,8 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
 
 
 def _prospects(
-    problem: Problem, information: Information, identification: Identification, estimated: IntArray
+    problem: Problem, covariance: FloatArray, identification: Identification, estimated: IntArray
 ) -> dict[str, Prospect]:
-    covariance = predicted_covariance(problem, information, estimated)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     will_be = set(estimated.tolist())
     found = {}

@@ -19,6 +19,7 @@ from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
+from suta_calib.diagnostics.scale_effects import ScaleEffect, scale_effects
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.lazy import later
@@ -48,7 +49,7 @@ from suta_calib.report.errors import (
 )
 from suta_calib.report.external_poses import EXTERNAL_POSES, IN_SHORT, NOTE
 from suta_calib.report.held_out import HELD_OUT, held_out_rows
-from suta_calib.report.listing import Column, Json, Listing, csv_of_groups
+from suta_calib.report.listing import Column, Json, Listing, csv_of_groups, written
 from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
 from suta_calib.report.observability import (
     EXPLANATIONS,
@@ -90,6 +91,15 @@ REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
     Column("std", "± std", lambda row: row[1].std, "m"),
     Column("touches", "touches", lambda row: row[1].touches, form="d"),
     Column("places", "places", lambda row: row[1].places, form="d"),
+)
+SCALE: Final = Listing[ScaleEffect](
+    "",
+    Column("carrier", value=lambda each: each.what),
+    *written("name"),
+    Column("grade", value=lambda each: each.scale.grade or None),
+    Column("ppm", value=lambda each: each.scale.ppm),
+    *written("carries"),
+    Column("tip", value=lambda each: each.tip, unit="m"),
 )
 ABOUT: Final = Listing[tuple[str, str]](
     "", Column("", "", lambda row: row[0]), Column("", "", lambda row: row[1])
@@ -408,6 +418,10 @@ def _data(result: CalibrationResult) -> Json:
         "unobservable": unobservable(solution.identification),
         "widening": solution.widening,
         "held": entry("held", lambda: held_directions(solution)),
+        "scale": entry(
+            "scale",
+            lambda: SCALE.records(scale_effects(solution) if solution.converged else ()),
+        ),
         # Samples that rows of the job leave out by name.
         "excluded": [
             {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}

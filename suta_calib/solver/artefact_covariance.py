@@ -1,4 +1,4 @@
-"""What an artefact's own uncertainty does to an estimate.
+"""What an artefact's own uncertainty, and that of a scale, does to an estimate.
 
 An error in a certified coordinate is the same in every touch of that landmark. It does not average
 out over placements, and the scatter of the residuals shows only a part of it. With the landmarks'
@@ -6,7 +6,9 @@ coordinates l, certified with Σ = diag(σ²), the implicit function theorem giv
 
     dx/dl = -A⁻¹ (∂r/∂x)ᵀ Ψ (∂r/∂l)            Cov += (dx/dl) Σ (dx/dl)ᵀ
 
-with A and Ψ the curvature of the robust cost as in `solver.covariance`. The scatter must then be
+with A and Ψ the curvature of the robust cost as in `solver.covariance`. A common factor 1 + s on
+all lengths of an artefact, a board or an instrument (`terms.length_scale`) is one more such
+coordinate, the derivative by which is found by making them longer. The scatter must then be
 read from residuals without the artefact's part, or what they show of it would count twice:
 `residuals_without_artefact` fits the landmarks, with Σ as a prior, beside the parameters.
 """
@@ -23,6 +25,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, robust_jacobian, scaled_inverse
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers
 from suta_calib.terms.term import Term
 
 # The noise that weighs the landmarks' prior settles in so many rounds.
@@ -30,17 +33,20 @@ ROUNDS: Final = 4
 # Share of the residuals' variance below which what they show of the artefact may count twice: half
 # of it is what a standard deviation is wrong by.
 NEGLIGIBLE: Final = 0.01
+# Step of the derivative by a scale, relative.
+STEP: Final = 1e-6
 # Share of the residuals' freedom that is left, whatever the landmarks take of it.
 LEAST_FREEDOM: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
 class ArtefactRows:
-    """Derivatives of whitened rows by certified coordinates.
+    """Derivatives of whitened rows by certified coordinates, or by scales.
 
     Attributes:
-        keys: landmarks, as in `terms.block.Certified`; three coordinates each.
-        sigma: (c,) standard deviations of the coordinates, m; all positive.
+        keys: landmarks, as in `terms.block.Certified`, with three coordinates each; or what carries
+            a scale, and its name.
+        sigma: (c,) standard deviations of the coordinates, m, or of the scales.
         jacobian: for each block (n·d, c), whitened as the rows are.
     """
 
@@ -66,6 +72,48 @@ def artefact_rows(rows: Sequence[Rows]) -> ArtefactRows | None:
     return ArtefactRows(tuple(sigma), np.repeat(list(sigma.values()), 3), jacobian)
 
 
+def scale_rows(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], rows: Sequence[Rows]
+) -> ArtefactRows | None:
+    """The part of the scales in the rows at x, also of exact ones; None where there are none."""
+    known = scale_carriers(problem.terms)
+    if not known:
+        return None
+    columns = []
+    for carrier in known:
+        key = carrier.what, carrier.name
+        of_term = [scale_carrier(term) for term in problem.terms]
+        longer = [
+            lengthened(term, 1.0 + STEP) if mine and (mine.what, mine.name) == key else term
+            for term, mine in zip(problem.terms, of_term, strict=True)
+        ]
+        before = [r.line.residual for r in rows]
+        after = Problem(longer, problem.arm_parameters).linearise(x, sigmas)
+        columns.append(
+            [
+                ((line.residual - old) / STEP / r.line.sigma[:, None]).reshape(-1)
+                for line, old, r in zip(after, before, rows, strict=True)
+            ]
+        )
+    jacobian = tuple(np.column_stack(block) for block in zip(*columns, strict=True))
+    keys = tuple((carrier.what, carrier.name) for carrier in known)
+    return ArtefactRows(keys, np.array([c.scale.std for c in known]), jacobian)
+
+
+def joined_rows(*parts: ArtefactRows | None) -> ArtefactRows | None:
+    """Several parts as one, without what counts as exact; None where that is all."""
+    given = [part for part in parts if part is not None and part.sigma.any()]
+    if not given:
+        return None
+    sigma = np.concatenate([part.sigma for part in given])
+    blocks = zip(*(part.jacobian for part in given), strict=True)
+    return ArtefactRows(
+        tuple(key for part in given for key in part.keys),
+        sigma[sigma > 0],
+        tuple(np.hstack(block)[:, sigma > 0] for block in blocks),
+    )
+
+
 def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatArray:
     n, size = rows.line.residual.shape
     whitened = np.zeros((n, size, len(index), 3))
@@ -84,12 +132,17 @@ def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatAr
 
 def artefact_covariance(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> FloatArray:
     """(dx/dl) Σ (dx/dl)ᵀ, (n, n), from whitened rows at the solution and A⁻¹ (n, n)."""
+    spread = shifts(rows, part, bread) * part.sigma
+    return np.asarray(spread @ spread.T)
+
+
+def shifts(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> FloatArray:
+    """(n, c) derivative dx/dl of an estimate by every coordinate; arguments as above."""
     cross = sum(
         robust_jacobian(r).T @ robust_jacobian(replace(r, jacobian=d))
         for r, d in zip(rows, part.jacobian, strict=True)
     )
-    spread = bread @ cross * part.sigma
-    return np.asarray(spread @ spread.T)
+    return np.asarray(-bread @ cross)
 
 
 def residuals_without_artefact(

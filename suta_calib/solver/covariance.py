@@ -1,11 +1,12 @@
 """How sure an estimate is: the sandwich covariance, before and after the residuals are known.
 
-    Cov = A⁻¹ (M + P) A⁻¹ + G Σ Gᵀ
+    Cov = A⁻¹ (M + P) A⁻¹ + G Σ Gᵀ + S Sᵀ
 
 with A the curvature of the robust cost and priors, M the variance of its gradient by touch, P the
-priors' precision (`Problem.stated_precision`), and G Σ Gᵀ what the artefact's uncertainty adds
-(`artefact_covariance`). Rows that share samples are not independent: the (JᵀJ)⁻¹ of pairwise
-distances understates standard deviations by two to four times.
+priors' precision (`Problem.stated_precision`), G Σ Gᵀ what the artefact's uncertainty adds, and S
+the shift by one standard deviation of each scale (`artefact_covariance`). Rows that share samples
+are not independent: the (JᵀJ)⁻¹ of pairwise distances understates standard deviations by two to
+four times.
 """
 
 from __future__ import annotations
@@ -21,7 +22,10 @@ from suta_calib.records import dataclass
 from suta_calib.solver.artefact_covariance import (
     artefact_covariance,
     artefact_rows,
+    joined_rows,
     residuals_without_artefact,
+    scale_rows,
+    shifts,
 )
 from suta_calib.solver.evaluation import AT_ONCE
 from suta_calib.solver.information import (
@@ -56,18 +60,68 @@ class Spread:
     learned: FloatArray
 
     @cached_property
-    def _parts(self) -> tuple[FloatArray, FloatArray]:
+    def _parts(self) -> CovarianceParts:
         return observed_parts(self.problem, self.x, self.sigmas, self.free)
 
-    @cached_property
+    @property
     def whole(self) -> FloatArray:
         """Covariance (n, n) of the estimate."""
-        return np.asarray(sum(self._parts) + self.learned)
+        return np.asarray(self.within_scale + self.of_scale)
+
+    @cached_property
+    def within_scale(self) -> FloatArray:
+        """Covariance (n, n) of the estimate in units of whatever carries its scale.
+
+        What holds for other data of the same instrument, artefact or board.
+        """
+        parts = self._parts
+        return np.asarray(parts.scatter + parts.artefact + self.learned)
+
+    @property
+    def of_scale(self) -> FloatArray:
+        """(n, n) the part of it that all data share which have the same unit of length."""
+        return self._parts.of_scale
 
     @property
     def of_artefact(self) -> FloatArray:
         """(n, n) the part of it that certified coordinates make."""
-        return self._parts[1]
+        return self._parts.artefact
+
+    @property
+    def by_scale(self) -> dict[tuple[object, ...], FloatArray]:
+        """(n,) derivative of the estimate by the factor on all lengths of each carrier."""
+        parts = self._parts
+        return dict(zip(parts.carriers, parts.scale.T, strict=True))
+
+
+@dataclass(frozen=True, eq=False)
+class CovarianceParts:
+    """The covariance of an estimate by origin.
+
+    Attributes:
+        scatter: (n, n) of what differs from touch to touch, and of the priors.
+        artefact: (n, n) of certified coordinates, whose errors all touches share.
+        scale: (n, carriers) derivative by each scale.
+        scale_std: (carriers,) standard deviation of each.
+        carriers: what carries each of them, and its name.
+    """
+
+    scatter: FloatArray
+    artefact: FloatArray
+    scale: FloatArray
+    scale_std: FloatArray
+    carriers: tuple[tuple[object, ...], ...]
+
+    @property
+    def of_scale(self) -> FloatArray:
+        """(n, n) of the scales."""
+        shift = self.scale * self.scale_std
+        return np.asarray(shift @ shift.T)
+
+    @property
+    def whole(self) -> FloatArray:
+        """(n, n) their sum."""
+        return np.asarray(self.scatter + self.artefact + self.of_scale)
 
 
 def observed_covariance(
@@ -78,7 +132,7 @@ def observed_covariance(
     touches: Sequence[IntArray] | None = None,
 ) -> FloatArray:
     """Covariance (n, n) of the estimate at x: the sum of `observed_parts`."""
-    return np.asarray(sum(observed_parts(problem, x, sigmas, free, touches)))
+    return observed_parts(problem, x, sigmas, free, touches).whole
 
 
 def observed_parts(
@@ -87,7 +141,7 @@ def observed_parts(
     sigmas: Sequence[float],
     free: IntArray,
     touches: Sequence[IntArray] | None = None,
-) -> tuple[FloatArray, FloatArray]:
+) -> CovarianceParts:
     """Covariance of the estimate at x by origin, zero for entries that were not free.
 
     The sandwich A⁻¹ (M + P) A⁻¹ with the priors' stated precision P in A as well: scatter as the
@@ -102,8 +156,7 @@ def observed_parts(
         touches: for each term (samples,), which are one witness; `Term.witnesses` by default.
 
     Returns:
-        Two covariances (n, n) that add up: of what differs from touch to touch, and of the priors;
-        and of certified coordinates, whose errors all touches share.
+        Parts that add up.
     """
     rows = whitened_rows(problem, x, sigmas)
     prior = np.diag(problem.stated_precision())
@@ -111,15 +164,24 @@ def observed_parts(
     bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
     bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
     touches = [term.witnesses for term in problem.terms] if touches is None else touches
-    part = artefact_rows(rows)
+    part, scales = artefact_rows(rows), scale_rows(problem, x, sigmas, rows)
     if part is not None and len(free):
         artefact = artefact_covariance(rows, part, bread)
-        rows = residuals_without_artefact(problem, x, rows, part, free, touches)
+    by_scale = np.zeros((len(x), 0)) if scales is None else shifts(rows, scales, bread)
+    both = joined_rows(part, scales)
+    if both is not None and len(free):
+        rows = residuals_without_artefact(problem, x, rows, both, free, touches)
     scatter = bread @ prior @ bread
     for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
         scatter += _clustered_variance(mine, touch, bread)
-    return scatter, artefact
+    return CovarianceParts(
+        scatter,
+        artefact,
+        by_scale,
+        np.zeros(0) if scales is None else scales.sigma,
+        () if scales is None else scales.keys,
+    )
 
 
 def predicted_covariance(problem: Problem, information: Information, free: IntArray) -> FloatArray:
@@ -129,6 +191,21 @@ def predicted_covariance(problem: Problem, information: Information, free: IntAr
     inverse = scaled_inverse((information.curvature + prior)[np.ix_(free, free)])
     bread[np.ix_(free, free)] = inverse
     return bread @ (information.variance + prior) @ bread
+
+
+def predicted_scale_covariance(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], free: IntArray
+) -> FloatArray:
+    """What scales add to `predicted_covariance` (n, n): further data do not reduce it."""
+    rows = whitened_rows(problem, x, sigmas)
+    scales = scale_rows(problem, x, sigmas, rows)
+    bread = np.diag(problem.stated_precision())
+    if scales is None or not len(free):
+        return np.zeros_like(bread)
+    curvature = bread + sum(map(robust_curvature, rows))
+    bread = np.zeros_like(curvature)
+    bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
+    return artefact_covariance(rows, scales, bread)
 
 
 def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray) -> FloatArray:

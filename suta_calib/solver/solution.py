@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +18,8 @@ from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import SAME_COST, STALLED, Minimum
 from suta_calib.solver.problem import Problem
+from suta_calib.terms.length_scale import scale_carriers
+from suta_calib.terms.term import Term
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
@@ -68,8 +71,8 @@ class Solution(Shown):
         noise: noise of each block as the residuals show it.
         timing: seconds by phase.
         weights: what was learned of noise levels and priors; None where they are as given.
-        widening: factor on all standard deviations, from held-out errors that are larger than the
-            fitted rows explain (`diagnostics.widening`).
+        widening: factor on all standard deviations but the scale's part of them, from held-out
+            errors that are larger than the fitted rows explain (`diagnostics.widening`).
     """
 
     problem: Problem
@@ -88,7 +91,7 @@ class Solution(Shown):
     @property
     def covariance(self) -> FloatArray:
         """(n, n) of all parameters, m and rad; zero rows where nothing was estimated."""
-        return self.spread.whole * self.widening**2
+        return np.asarray(self.covariance_within_scale + self.spread.of_scale)
 
     @property
     def artefact_covariance(self) -> FloatArray:
@@ -97,6 +100,21 @@ class Solution(Shown):
         Further touches cannot reduce it; zero where none is stated.
         """
         return self.spread.of_artefact
+
+    @property
+    def covariance_within_scale(self) -> FloatArray:
+        """(n, n), in units of what carries the scale: `covariance` without its error."""
+        return self.spread.within_scale * self.widening**2
+
+    def covariance_seen_by(self, terms: Sequence[Term]) -> FloatArray:
+        """(n, n) of what other observations should agree with: their own scale cancels.
+
+        Args:
+            terms: over the same arm; of another instrument, artefact or board all counts.
+        """
+        fitted = {(c.what, c.name) for c in scale_carriers(self.problem.terms)}
+        same = all((c.what, c.name) in fitted for c in scale_carriers(terms))
+        return self.covariance_within_scale if same else self.covariance
 
     @property
     def converged(self) -> bool:

@@ -233,6 +233,11 @@ class CameraView(FramedTerm):
             "prior": self.prior,
         }
 
+    @property
+    def board_seen(self) -> Board | None:
+        """The board, once there are pictures of it."""
+        return None if self.poses.samples.pixels is None else self.board
+
     def with_noise(self, noise: Noise) -> Self:
         """The same with another noise, in px."""
         return self.where_pixels_cover(self.pixel, noise)

@@ -31,7 +31,7 @@ from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 
 if TYPE_CHECKING:
-    from suta_calib.measurements import Artefact, SampleColumns, YamlSection
+    from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
     from suta_calib.measurements.keys import Key
     from suta_calib.measurements.scale import LengthScale
     from suta_calib.terms.given import GivenPose, Known
@@ -94,8 +94,8 @@ class Term(ABC):
         poses: where the tool poses come from.
         given: what is known beforehand of where things stand, by the label of a place or a mark or
             the key of a frame; an empty one for the only place there is, or for what sees.
-        scale: how well the scale of measured lengths is known, where a job says so; see
-            `length_scale`.
+        scale: how well the scale of lengths is known that an instrument measures, where a job
+            says so; see `length_scale.scale_carrier`.
     """
 
     kind: ClassVar[str]
@@ -367,6 +367,11 @@ class Term(ABC):
     @property
     def touched(self) -> Artefact | None:
         """The artefact whose landmarks are touched, if there is one."""
+        return None
+
+    @property
+    def board_seen(self) -> Board | None:
+        """The board whose corners were seen in pictures, if there is one."""
         return None
 
     def single_touches(self) -> Term:

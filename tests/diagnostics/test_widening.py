@@ -74,7 +74,10 @@ def test_what_the_model_lacks_widens_them_to_what_further_postures_show() -> Non
         solution, accuracy, further = calibrated(3e-3, seed)
         wide = widened(solution, accuracy)
         assert 1.5 < wide.widening < 5.0
-        np.testing.assert_allclose(wide.covariance, wide.widening**2 * solution.covariance)
+        # The instrument's scale is as well known as before.
+        by_scale = solution.covariance - solution.covariance_within_scale
+        expected = wide.widening**2 * solution.covariance_within_scale + by_scale
+        np.testing.assert_allclose(wide.covariance, expected, 1e-9, 1e-24)
         ratios.append((ratio_beyond(solution, further), ratio_beyond(wide, further)))
     before, after = np.exp(np.mean(np.log(ratios), axis=0))
     assert before > 1.5

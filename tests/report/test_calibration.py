@@ -102,7 +102,7 @@ def test_verdict_is_not_troubled_by_conventions(
     """Where an instrument stands anywhere, the first joint's offset is a convention."""
     assert result.assessment.level == "good"
     (note,) = result.assessment.notes
-    assert "in units of the instrument's scale" in note
+    assert "The instrument carries the scale" in note
     assert result.solution.unidentified == ("joint_1.offset",)
     assert "Redundant, so at nominal by convention: joint_1.offset" in render_report(result)
     assert unconverged.assessment.level == "bad"

@@ -19,7 +19,7 @@ import pytest
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
-from suta_calib.measurements import Artefact, Camera, Chessboard, Landmark, Samples
+from suta_calib.measurements import Artefact, Camera, Chessboard, Landmark, LengthScale, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -83,7 +83,8 @@ def artefact(count: int = 8, *, tilt: float = 0.0, oriented: bool = False) -> Ar
         lean = rotation_from_vector(tilt * rng.uniform(-1, 1, 3))
         name = f"L{k + 1}"
         marks[name] = Landmark(name, np.array(position), lean @ down if oriented else None)
-    return Artefact("simulated", marks)
+    # Touched where it says: it has no scale of its own.
+    return Artefact("simulated", marks, LengthScale(0.0))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,93 @@
+"""Whose lengths observations are measured in, and the same with all of those lengths longer."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM, LengthScale
+from suta_calib.records import dataclass
+from suta_calib.terms.poses import ArmPoses
+
+if TYPE_CHECKING:
+    from suta_calib.terms.term import Term
+
+
+@dataclass(frozen=True)
+class ScaleCarrier:
+    """What gives observations their unit of length.
+
+    Attributes:
+        what: ``artefact``, ``board`` or ``instrument``.
+        name: tells several of one sort apart; terms with the same one share the error.
+        scale: how well the factor on all of its lengths is known.
+    """
+
+    what: str
+    name: str
+    scale: LengthScale
+
+
+# Of an instrument of which nobody says it. What a camera sees is as large as the target was
+# printed; any other instrument is taken for a good one.
+_CAMERA: Final = LengthScale.of_grade("printed")
+_INSTRUMENT: Final = LengthScale(INSTRUMENT_PPM * PPM)
+
+
+def scale_carrier(term: Term) -> ScaleCarrier | None:
+    """What a term has its lengths from; None where it has none, as from points touched anywhere.
+
+    Measured poses that nobody states a scale of count as exact: commands on poses state theirs.
+    """
+    samples = term.poses.samples
+    if term.touched is not None:
+        return ScaleCarrier("artefact", term.touched.name, term.touched.length_scale)
+    if term.board_seen is not None:
+        return ScaleCarrier("board", getattr(term, "target", ""), term.board_seen.length_scale)
+    if samples.position is None and not samples.lengths:
+        return None
+    if term.scale is None and not isinstance(term.poses, ArmPoses):
+        return None
+    assumed = _CAMERA if term.medium == "camera" else _INSTRUMENT
+    return ScaleCarrier("instrument", getattr(term, "label", term.kind), term.scale or assumed)
+
+
+def scale_carriers(terms: Iterable[Term]) -> tuple[ScaleCarrier, ...]:
+    """The carriers of some terms, each once; of two that say otherwise, the less certain."""
+    found: dict[tuple[str, str], ScaleCarrier] = {}
+    for carrier in filter(None, map(scale_carrier, terms)):
+        key = carrier.what, carrier.name
+        if key not in found or carrier.scale.std > found[key].scale.std:
+            found[key] = carrier
+    return tuple(found.values())
+
+
+def lengthened(term: Term, factors: ArrayLike) -> Term:
+    """The term with every certified or measured length multiplied.
+
+    Args:
+        term: any.
+        factors: one factor, or (3,) of measured positions along their axes. Lengths that have no
+            axes take the largest.
+    """
+    samples, most = term.poses.samples, float(np.max(factors))
+    if term.touched is not None:
+        marks = {
+            name: replace(mark, position=mark.position * most)
+            for name, mark in term.touched.landmarks.items()
+        }
+        longer: dict[str, Any] = {"artefact": replace(term.touched, landmarks=marks)}
+        return replace(term, **longer)
+    if term.board_seen is not None:
+        longer = {"board": term.board_seen.scaled(most)}
+        return replace(term, **longer)
+    if samples.position is None and not samples.lengths:
+        return term
+    position = None if samples.position is None else samples.position * np.asarray(factors)
+    lengths = {name: each * most for name, each in samples.lengths.items()}
+    samples = replace(samples, position=position, lengths=lengths)
+    return term.over_poses(term.poses.with_samples(samples))

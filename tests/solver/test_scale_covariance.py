@@ -1,0 +1,86 @@
+"""A scale that is wrong by what is stated of it, in the standard deviations of what follows it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from offset_arm import ONCE
+from simulated import arm_named, artefact, artefact_scene, perturbed, placements, tracked_scene
+
+from suta_calib import Problem, Selection, solve
+from suta_calib.diagnostics.tip_motion import tip_motion
+from suta_calib.measurements import LengthScale
+from suta_calib.terms import Term
+from suta_calib.terms.length_scale import lengthened
+
+SCALE = LengthScale(2e-3)
+TRIALS = 30
+
+
+def measured(kind: str, factor: float, seed: int, scale: LengthScale = SCALE) -> Problem:
+    """What was measured with something whose lengths are in truth so many times as long."""
+    arm = arm_named("ur5")
+    unknown = arm.select(Selection(("geometric",), bound_m=0.05, bound_rad=0.26))
+    truth = perturbed(unknown, 0, 3e-4, 3e-3)
+    random = np.random.default_rng(seed)
+    if kind == "tracked_point":
+        scene = tracked_scene(arm, truth, 40)
+        samples = scene.samples()[0]
+        assert samples.position is not None
+        seen = samples.position + 1e-4 * random.standard_normal(samples.position.shape)
+        term: Term = scene.term(replace(samples, position=seen / factor))
+        return Problem([replace(term, scale=scale)], unknown)
+    scene = artefact_scene(kind, arm, truth, artefact(8), placements(4), tilt=0.3)
+    samples = scene.samples()[0]
+    noisy = replace(samples, q=samples.q + 2e-4 * random.standard_normal(samples.q.shape))
+    certified = replace(artefact(8), scale=scale)
+    term = replace(scene, artefact=certified).term(noisy)
+    return Problem([lengthened(term, 1.0 / factor)], unknown)
+
+
+@pytest.mark.parametrize("kind", ["tracked_point", "pairwise_distance"])
+def test_monte_carlo_with_the_scale_drawn_from_its_prior(kind: str) -> None:
+    """Errors of lengths are as large as stated, and five times so without the scale's part."""
+    factors = 1.0 + SCALE.std * np.random.default_rng(5).standard_normal(TRIALS)
+    found = [solve(measured(kind, f, k), ONCE) for k, f in enumerate(factors)]
+    names = found[0].problem.names
+    at = [names.index(n) for n in ("elbow_joint.z", "wrist_1_joint.z")]
+    truth = perturbed(found[0].problem.arm_parameters, 0, 3e-4, 3e-3)
+    error = np.array([s.x[at] for s in found]) - [truth[names[k]] for k in at]
+    stated, without = (
+        np.mean([np.diag(c)[at] for c in every], axis=0)
+        for every in (
+            [s.covariance for s in found],
+            [s.covariance_within_scale for s in found],
+        )
+    )
+    assert np.all(np.sqrt(np.mean(error**2, axis=0) / stated) < 1.35)
+    assert np.all(np.sqrt(np.mean(error**2, axis=0) / stated) > 0.7)
+    assert np.all(np.mean(error**2, axis=0) / without > 9.0)
+
+
+def test_the_derivative_is_that_of_a_solution_with_longer_lengths() -> None:
+    before, after = (solve(measured("tracked_point", f, 3), ONCE) for f in (1.0, 1.0 + 1e-4))
+    ((carrier, shift),) = before.spread.by_scale.items()
+    assert carrier == ("instrument", "default")
+    moved = before.x - after.x
+    assert np.linalg.norm(moved - 1e-4 * shift) < 0.02 * np.linalg.norm(moved)
+
+
+def test_the_tip_moves_with_the_whole_arm() -> None:
+    """All lengths are free: a factor on what an instrument sees is a factor on the whole arm."""
+    solution = solve(measured("tracked_point", 1.0, 3), ONCE)
+    (shift,) = solution.spread.by_scale.values()
+    problem = solution.problem
+    moved = tip_motion(problem, solution.x, dict(zip(problem.names, shift.tolist(), strict=True)))
+    across = moved.linear - moved.linear.mean(axis=0)
+    expected = moved.position - moved.position.mean(axis=0)
+    np.testing.assert_allclose(across, expected, atol=0.02 * np.abs(expected).max())
+
+
+def test_an_exact_scale_adds_nothing() -> None:
+    exact = solve(measured("tracked_point", 1.0, 3, LengthScale(0.0)), ONCE)
+    np.testing.assert_array_equal(exact.covariance, exact.covariance_within_scale)
+    assert solve(measured("tracked_point", 1.0, 3), ONCE).covariance.max() > exact.covariance.max()
