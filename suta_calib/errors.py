@@ -7,9 +7,16 @@ A message says what was found, where, what was expected and what to do about it,
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Self
+from typing import Final, Self
+
+# Longer words (a number of thousands of digits, a line without blanks) are cut in messages; no path
+# that a message names is longer, nor a list of names than so many characters.
+_LONGEST_WORD: Final = 300
+_SHOWN_OF_WORD: Final = 40
+_LONGEST_PART: Final = 1500
 
 
 class SutaCalibError(Exception):
@@ -40,7 +47,9 @@ class InputError(SutaCalibError):
         where: str = "",
         hint: str = "",
     ) -> None:
-        self.found, self.expected, self.where, self.hint = found, expected, where, hint
+        self.found, self.expected, self.where, self.hint = map(
+            _shortened, (found, expected, where, hint)
+        )
         self.file = None if file is None else Path(file)
         self.line = line
         super().__init__(self._sentence())
@@ -140,6 +149,15 @@ class MissingExtraError(SutaCalibError):
 
 class OutputError(SutaCalibError):
     """A result could not be written; nothing was left half-written."""
+
+
+def _shortened(text: str) -> str:
+    """A text for a message, without most of what is too long to be looked at."""
+    if len(text) <= _LONGEST_WORD:
+        return text
+    long = rf"\S{{{_SHOWN_OF_WORD}}}\S{{{_LONGEST_WORD - _SHOWN_OF_WORD},}}"
+    text = re.sub(long, lambda word: f"{word[0][:_SHOWN_OF_WORD]}…", text)
+    return text if len(text) <= _LONGEST_PART else f"{text[:_LONGEST_PART]}…"
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

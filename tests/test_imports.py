@@ -14,8 +14,8 @@ from suta_calib.lazy import UNUSED_OF_NUMPY
 
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "confined", "distributions", "extras"}
-    | {"halton", "incomplete", "lazy", "processes", "records", "showing", "staging", "threads"}
-    | {"words"},
+    | {"halton", "incomplete", "inputs", "lazy"}
+    | {"processes", "records", "showing", "staging", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},

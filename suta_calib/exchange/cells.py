@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import errno
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
+from suta_calib.inputs import read_input
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
 from suta_calib.records import dataclass
@@ -19,7 +21,6 @@ from suta_calib.records import dataclass
 # Half a million rows of two bodies; what is larger does not fit a table that people look at, and a
 # device or a pipe never ends.
 MOST_BYTES: Final = 64_000_000
-_HEAD: Final = 65_536
 # What programs write where they measured nothing, in small letters.
 MISSING: Final = frozenset(
     {"", "-", "--", "missing", "nan", "na", "n/a", "#n/a", "null", "none", "no data", "disabled"}
@@ -65,24 +66,20 @@ def read_bounded(path: Path) -> bytes:
         raise ForeignFileError("a folder", "a file", file=path)
     try:
         note_input(path)
-        with path.open("rb") as file:
-            data = file.read(_HEAD)
-            # Of /dev/zero and the like the beginning is enough.
-            if data.strip(b"\0"):
-                data += file.read(max(0, MOST_BYTES + 1 - len(data)))
+        data = read_input(path, MOST_BYTES)
     except FileNotFoundError:
         raise ForeignFileError("no such file", "a file that exists", file=path) from None
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
+        if getattr(problem, "errno", None) == errno.EFBIG:
+            raise ForeignFileError(
+                reason,
+                "a recording of a few hundred thousand rows",
+                file=path,
+                hint="cut it, or record less often: averages over rests carry as much",
+            ) from None
         found = f"an unreadable file ({reason})"
         raise ForeignFileError(found, "a readable file", file=path) from None
-    if len(data) > MOST_BYTES:
-        raise ForeignFileError(
-            f"more than {MOST_BYTES / 1e6:.0f} MB",
-            "a recording of a few hundred thousand rows",
-            file=path,
-            hint="cut it, or record less often: averages over rests carry as much",
-        )
     if not data.strip(b"\0 \t\r\n"):
         raise ForeignFileError("an empty file", "data", file=path)
     return data

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from typing import Final
@@ -106,8 +107,8 @@ def renamed(sheet: Sheet, given: Given) -> list[str]:
                 hint=did_you_mean(source, sheet.names),
             )
         names[k] = target
-    for name in names:
-        if name and names.count(name) > 1:
+    for name, times in Counter(names).items():
+        if name and times > 1:
             raise ForeignFileError(
                 f"{name!r} for several columns", "each once", file=sheet.path, where=COLUMNS.switch
             )

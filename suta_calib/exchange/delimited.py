@@ -51,7 +51,10 @@ _ENOUGH: Final = 200
 # Characters in which the comments above the rows are.
 _LONGEST_HEAD: Final = 100_000
 _MOST_ROWS: Final = 2_000_000
+# Of a table; what has more is a matrix, or its rows are its columns.
 _MOST_COLUMNS: Final = 10_000
+# Of a spreadsheet, empty ones between others included.
+_MOST_CELLS: Final = 10_000_000
 
 
 def read_sheet(path: Path, given: Given) -> Sheet:
@@ -92,9 +95,7 @@ def read_sheet(path: Path, given: Given) -> Sheet:
         headed = _is_header([row for _, row in head])
     line, first = head[0]
     if len(first) > _MOST_COLUMNS:
-        said, expected = f"{len(first)} columns", f"at most {_MOST_COLUMNS}"
-        hint = "are its rows its columns?"
-        raise ForeignFileError(said, expected, file=path, line=line, hint=hint)
+        raise _too_wide(path, line, len(first))
     names = first if headed else tuple(str(k + 1) for k in range(len(first)))
     if headed and len(head) == 1:
         raise ForeignFileError("a header and no data", "at least one row", file=path)
@@ -131,6 +132,13 @@ def _comment(text: str, begin: int, separator: str, width: int) -> tuple[str, ..
         if len(names) == width == len(set(names)) and all(n != n for n in numbers):
             return names
     return ()
+
+
+def _too_wide(path: Path, line: int, columns: int) -> ForeignFileError:
+    """Error about a row with too many cells, to be raised by the caller."""
+    said, expected = f"{columns} columns", f"at most {_MOST_COLUMNS}"
+    hint = "are its rows its columns?"
+    return ForeignFileError(said, expected, file=path, line=line, hint=hint)
 
 
 def _plain_numbers(text: str, separator: str, begin: int, width: int) -> FloatArray | None:
@@ -269,8 +277,8 @@ def _is_header(rows: Sequence[Sequence[str]]) -> bool:
 
 
 def _check_names(path: Path, line: int, names: Sequence[str]) -> None:
-    for name in names:
-        if name and names.count(name) > 1:
+    for name, times in Counter(names).items():
+        if name and times > 1:
             raise ForeignFileError(
                 f"the column {name!r} more than once",
                 "each column once",
@@ -311,14 +319,25 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
         if name not in book.sheetnames:
             said = f"no sheet {name!r}"
             raise ForeignFileError(said, f"one of {listed(book.sheetnames)}", file=path)
-        rows = list[RawRow]()
-        for number, values in enumerate(book[name].iter_rows(values_only=True), 1):
-            if number > _MOST_ROWS:
-                raise ForeignFileError(f"more than {_MOST_ROWS} rows", "fewer", file=path)
+        rows, count = list[RawRow](), 0
+        sheet_ = book[name]
+        # The size that the file states may be anything: its cells are read as they come.
+        sheet_.reset_dimensions()
+        for number, values in enumerate(sheet_.iter_rows(values_only=True), 1):
+            count += len(values)
+            if len(values) > _MOST_COLUMNS:
+                raise _too_wide(path, number, len(values))
+            if number > _MOST_ROWS or count > _MOST_CELLS:
+                said = f"more than {_MOST_ROWS:,} rows or {_MOST_CELLS:,} cells"
+                raise ForeignFileError(said, "fewer", file=path)
             cells = tuple("" if value is None else str(value).strip() for value in values)
             if any(cells):
                 rows.append((number, cells))
-        return rows
+        # Empty cells at the end of a row are not in the file.
+        width = max((len(cells) for _, cells in rows), default=0)
+        if width * len(rows) > _MOST_CELLS:
+            raise ForeignFileError(f"{width} columns in {len(rows)} rows", "fewer", file=path)
+        return [(number, (*cells, *[""] * (width - len(cells)))) for number, cells in rows]
     except ForeignFileError:
         raise
     except Exception as problem:  # noqa: BLE001 (as above: sheets are read when they are asked for)

@@ -28,7 +28,10 @@ from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
+from suta_calib.words import listed
 
+# Columns that a sentence names.
+_MOST_NAMES: Final = 24
 FIRST_POINT: Final = "first"
 ORIGIN: Final = Option(
     "origin",
@@ -118,7 +121,7 @@ class ImportedRows(Imported):
     def sentence(self) -> str:
         """How many rows, of what."""
         rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
-        said = f"{rows}: {', '.join(self.columns)}"
+        said = f"{rows}: {listed(list(self.columns), _MOST_NAMES)}"
         return said + (f"; {self.dropped} with something missing left out" if self.dropped else "")
 
     def write(self, path: str | Path) -> None:

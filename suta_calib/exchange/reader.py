@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -11,6 +12,7 @@ from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.description import Described, formats_of, named
 from suta_calib.exchange.imported import Imported
 from suta_calib.exchange.option import Given
+from suta_calib.inputs import read_input
 
 _HEAD: Final = 4096
 # What is read where nothing else recognises a file.
@@ -68,6 +70,7 @@ def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> I
         InputError: an option that the format does not take, or a value that cannot be used.
     """
     path = Path(path)
+    _refuse_pipe(path)
     reader = named(import_formats(), form) if form is not None else recognised(path)
     return reader.read(path, Given(reader.options, options, reader.name))
 
@@ -98,12 +101,30 @@ def recognised(path: Path) -> Reader:
     return found[0] if found else known[TABLE]
 
 
+def _refuse_pipe(path: Path) -> None:
+    """Refuse what cannot be read twice: its beginning says of which format it is.
+
+    Raises:
+        ForeignFileError: a pipe, or a socket.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return
+    if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode):
+        hint = "write it into a file first"
+        raise ForeignFileError("a pipe", "a file", file=path, hint=hint)
+
+
 def _head(path: Path) -> str:
     if is_folder(path):
         return ""
     try:
-        with path.open("rb") as file:
-            data = file.read(_HEAD)
+        if path.is_file():
+            with path.open("rb") as file:
+                data = file.read(_HEAD)
+        else:
+            data = read_input(path)[:_HEAD]
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
         said = "no such file" if isinstance(problem, FileNotFoundError) else f"({reason})"

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 import re
 import warnings
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import compress
@@ -271,8 +272,8 @@ def _check_header(path: Path, line: int, header: list[str]) -> None:
             line=line,
             hint=_IMPORT,
         )
-    for name in header:
-        if name and header.count(name) > 1:
+    for name, times in Counter(header).items():
+        if name and times > 1:
             raise SamplesError(
                 f"the column {name!r} more than once", "each column once", file=path, line=line
             )

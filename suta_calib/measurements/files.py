@@ -17,6 +17,7 @@ from typing import Final
 
 from suta_calib.atomic import note_input, write_bytes_atomically
 from suta_calib.errors import InputError, SamplesError
+from suta_calib.inputs import read_input
 
 
 def read_text(path: Path, error: type[InputError] = InputError) -> str:
@@ -30,7 +31,7 @@ def read_text(path: Path, error: type[InputError] = InputError) -> str:
         raise error("a folder", "a file", file=path)
     try:
         note_input(path)
-        data = path.read_bytes()
+        data = read_input(path)
     except FileNotFoundError:
         raise error("no such file", "a file that exists", file=path) from None
     except (OSError, ValueError) as problem:

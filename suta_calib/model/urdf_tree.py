@@ -17,6 +17,7 @@ from lxml import etree
 
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
+from suta_calib.inputs import read_input
 from suta_calib.records import dataclass
 
 # lxml ships without type information.
@@ -222,13 +223,14 @@ def read_urdf_bytes(path: str | Path) -> bytes:
         return expanded(path)
     try:
         note_input(path)
-        data = path.read_bytes()
+        data = read_input(path)
     except FileNotFoundError:
         raise UrdfError("no such file", "a URDF file", file=path) from None
     except IsADirectoryError:
         raise UrdfError("a directory", "a URDF file", file=path) from None
     except (OSError, ValueError) as error:
-        raise UrdfError(f"an unreadable file ({error})", "a URDF file", file=path) from None
+        reason = getattr(error, "strerror", None) or str(error)
+        raise UrdfError(f"an unreadable file ({reason})", "a URDF file", file=path) from None
     if not data.strip():
         raise UrdfError("an empty file", "a URDF file", file=path)
     if b"\0" in data[:4] or data.startswith((b"\xff\xfe", b"\xfe\xff")):

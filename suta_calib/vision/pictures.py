@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.errors import InputError
+from suta_calib.inputs import read_input
 from suta_calib.records import dataclass
 from suta_calib.vision.opencv import MOST_PIXELS, opencv
 
@@ -99,7 +100,7 @@ def read_picture(path: Path) -> Grey:
     try:
         if (size := path.stat().st_size) > MOST_BYTES:
             raise UnusablePictureError(f"a file of {size:,} bytes", f"at most {MOST_BYTES:,}")
-        data = path.read_bytes()
+        data = read_input(path, MOST_BYTES)
     except OSError as problem:
         raise UnusablePictureError(f"an unreadable file ({problem.strerror})") from None
     if not data:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import re
+import time
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -213,6 +215,47 @@ def test_spreadsheets(tmp_path: Path) -> None:
     check(imported(tmp_path / "t.xlsx", sheet="poses"), tmp_path / "o.csv", R, P)
     with pytest.raises(InputError, match=r"2 sheets: notes, poses.*--sheet"):
         imported(tmp_path / "t.xlsx")
+
+
+def rewritten(path: Path, out: Path, old: str, new: str) -> Path:
+    """A spreadsheet with other XML of its first sheet."""
+    with zipfile.ZipFile(path) as book, zipfile.ZipFile(out, "w") as other:
+        for name in book.namelist():
+            text = book.read(name)
+            if name.endswith("sheet1.xml"):
+                assert re.search(old, text.decode())
+                text = re.sub(old, new, text.decode()).encode()
+            other.writestr(name, text)
+    return out
+
+
+def test_a_spreadsheet_is_as_large_as_its_cells(tmp_path: Path) -> None:
+    """Whatever size it states: a huge one took for ever, and cells beyond a small one were lost."""
+    openpyxl = pytest.importorskip("openpyxl")
+    book = openpyxl.Workbook()
+    for row in (["x", "y", "z"], [1, 2, 3], [1, 2, 4]):
+        book.active.append(row)
+    book.save(tmp_path / "a.xlsx")
+    size = r'<dimension ref="[^"]*"'
+    for stated in ("A1:ZZ1048576", "A1:XFD1048576", "A1:B2"):
+        path = rewritten(
+            tmp_path / "a.xlsx", tmp_path / "b.xlsx", size, f'<dimension ref="{stated}"'
+        )
+        found = imported(path)
+        assert (list(found.columns), found.columns["z"].tolist()) == (["x", "y", "z"], [3.0, 4.0])
+    cell = '<row r="900"><c r="XFD900"><v>1</v></c></row></sheetData>'
+    path = rewritten(tmp_path / "a.xlsx", tmp_path / "b.xlsx", "</sheetData>", cell)
+    with pytest.raises(InputError, match=r":900: found 16384 columns; expected at most 10000"):
+        imported(path)
+
+
+def test_a_table_of_very_many_columns(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(",".join(f"joint_{k}" for k in range(10_000)) + "\n" + "1," * 9_999 + "1\n")
+    begin = time.process_time()
+    found = imported(path)
+    assert (len(found.columns), len(found.sentence) < 500) == (10_000, True)
+    assert time.process_time() - begin < 2.0
 
 
 def test_options_in_a_file(tmp_path: Path) -> None:

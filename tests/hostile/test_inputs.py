@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -84,6 +85,26 @@ def test_malformed_files(
                 continue
             line = refused(capsys, command, scene, tmp_path / "out")
         # A job names the line in which it asks for a file that is not there.
+        assert path.name in line or f"{path.parent.name}/*.csv" in line, line
+
+
+@pytest.mark.skipif(not Path("/dev/zero").exists(), reason="no /dev/zero")
+@pytest.mark.parametrize("command", GIVEN)
+def test_what_never_ends_or_never_begins(
+    command: str, scene: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A device in place of the first file of a command, a pipe in place of the last."""
+    monkeypatch.setattr("suta_calib.inputs.PATIENCE", 0.01)
+    reads = GIVEN[command].reads
+    for name, kind in ((reads[0], "device"), (reads[-1], "pipe")):
+        path = scene / name
+        with spoilt(path, GONE):
+            if kind == "pipe":
+                os.mkfifo(path)
+            else:
+                path.symlink_to("/dev/zero")
+            line = refused(capsys, command, scene, tmp_path / "out")
+            path.unlink()
         assert path.name in line or f"{path.parent.name}/*.csv" in line, line
 
 

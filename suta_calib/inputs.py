@@ -1,0 +1,61 @@
+"""Files that are read, with a bound: a pipe or a device may never end, or never begin."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import stat
+from pathlib import Path
+from typing import Final
+
+# Of a file; what is larger does not fit into memory several times over, as its parts do.
+MOST_OF_FILE: Final = 1_000_000_000
+# Of a pipe or a device, whose size nothing says.
+MOST_OF_STREAM: Final = 64_000_000
+# How long nothing may come from a pipe or a device, s.
+PATIENCE: Final = 5.0
+_AT_ONCE: Final = 1 << 16
+
+
+def read_input(path: Path, most: int = MOST_OF_FILE) -> bytes:
+    """Every byte of a file, or of a pipe that another program writes into.
+
+    Args:
+        path: of it.
+        most: bytes that are read.
+
+    Returns:
+        The content; of a device that gives zeros, such as ``/dev/zero``, some of them.
+
+    Raises:
+        OSError: it cannot be read, holds more than ``most``, or nothing comes from it.
+        ValueError: a name that no file can have.
+    """
+    status = path.stat()
+    if stat.S_ISREG(status.st_mode) or not hasattr(os, "O_NONBLOCK"):
+        if status.st_size > most:
+            raise OSError(errno.EFBIG, f"more than {most / 1e6:.0f} MB")
+        return path.read_bytes()
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, "a folder")
+    # Without O_NONBLOCK, to open a pipe waits for whoever writes into it.
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
+    try:
+        return _read_stream(descriptor, min(most, MOST_OF_STREAM))
+    finally:
+        os.close(descriptor)
+
+
+def _read_stream(descriptor: int, most: int) -> bytes:
+    parts, size = list[bytes](), 0
+    while size <= most:
+        if not select.select([descriptor], [], [], PATIENCE)[0]:
+            said = f"nothing comes from this pipe or device for {PATIENCE:g} s"
+            raise OSError(errno.ETIMEDOUT, said)
+        part = os.read(descriptor, _AT_ONCE)
+        parts.append(part)
+        size += len(part)
+        if not part or (size == len(part) == _AT_ONCE and not part.strip(b"\0")):
+            return b"".join(parts)
+    raise OSError(errno.EFBIG, f"a pipe or device of more than {most / 1e6:.0f} MB")
