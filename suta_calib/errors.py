@@ -48,7 +48,7 @@ class InputError(SutaCalibError):
         hint: str = "",
     ) -> None:
         self.found, self.expected, self.where, self.hint = map(
-            _shortened, (found, expected, where, hint)
+            shortened, (found, expected, where, hint)
         )
         self.file = None if file is None else Path(file)
         self.line = line
@@ -151,7 +151,7 @@ class OutputError(SutaCalibError):
     """A result could not be written; nothing was left half-written."""
 
 
-def _shortened(text: str) -> str:
+def shortened(text: str) -> str:
     """A text for a message, without most of what is too long to be looked at."""
     if len(text) <= _LONGEST_WORD:
         return text

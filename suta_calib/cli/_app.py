@@ -22,7 +22,7 @@ from click.exceptions import Exit
 from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
 from suta_calib.cli import INTERRUPTED, PROGRAM, discard_stdout, say_interrupted
-from suta_calib.errors import SutaCalibError, did_you_mean
+from suta_calib.errors import SutaCalibError, did_you_mean, shortened
 
 # What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
@@ -149,7 +149,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
             click.echo(f"{PROGRAM}: error: {_one_line(error)}", err=True)
             return error.exit_code
         except click.ClickException as error:
-            click.echo(f"{PROGRAM}: error: {_one_line(error.format_message())}", err=True)
+            click.echo(
+                f"{PROGRAM}: error: {shortened(_one_line(error.format_message()))}", err=True
+            )
             return error.exit_code
         except (click.Abort, KeyboardInterrupt, SystemError) as error:
             # CasADi's calls may put a SystemError around an interrupt.

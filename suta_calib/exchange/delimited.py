@@ -48,6 +48,8 @@ SPREADSHEETS: Final = (".xlsx", ".xlsm")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 # Rows that tell how a file is laid out.
 _ENOUGH: Final = 200
+# Digits of a number of lines.
+_LONGEST_COUNT: Final = 9
 # Characters in which the comments above the rows are.
 _LONGEST_HEAD: Final = 100_000
 _MOST_ROWS: Final = 2_000_000
@@ -202,7 +204,7 @@ def _why_uneven(cells: int, width: int, *, last: bool) -> str:
 
 def _skipped(given: Given) -> int:
     text = given.text(SKIP, "0")
-    if not (text.isascii() and text.isdigit()):
+    if not (text.isascii() and text.isdigit() and len(text) <= _LONGEST_COUNT):
         raise given.refuse(SKIP, repr(text), "a number of lines")
     return int(text)
 

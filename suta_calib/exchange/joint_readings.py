@@ -55,7 +55,7 @@ class Readings:
         if unit == "ticks":
             text = given.text(COUNTS)
             counts = float(text) if text.isascii() and text.isdigit() else 0.0
-            if counts < 1:
+            if not 1 <= counts < math.inf:
                 found = repr(text) if text else "ticks, and not how many make a turn"
                 raise given.refuse(COUNTS, found, "a whole number, such as 4096")
         sign, ratio = given.numbers(SIGN), given.numbers(RATIO)

@@ -64,6 +64,8 @@ def test_every_format_is_listed_with_an_example(capsys: Capture) -> None:
 
 REFUSED = {
     "nothing": ((), "found no SOURCE"),
+    "5,000 digits": (("{table}", "--skip", "9" * 5000), f"--skip: found '{'9' * 39}…; expected"),
+    "a column of 5,000 digits": (("{table}", "--columns", "9" * 5000 + "=x"), "no column '99"),
     "a guess": (("{table}", "--columns", "9=x"), "no column '9'"),
     "another format's option": (("{table}", "--seconds", "2"), "option 'seconds' for the format"),
     "an unknown format": (("{table}", "--format", "motiv"), "did you mean 'motive'"),

@@ -117,7 +117,8 @@ def _understood(path: Path, given: Given) -> _Columns:
     sheet = read_sheet(path, given)
     if FROM in given:
         text, count = given.text(FROM), len(sheet.names)
-        if not (text.isascii() and text.isdigit() and 1 <= int(text[:9]) <= count):
+        short = text.isascii() and text.isdigit() and len(text) <= len(str(count))
+        if not (short and 1 <= int(text) <= count):
             raise given.refuse(FROM, repr(text), f"the number of a column, from 1 to {count}")
         sheet = sheet.from_column(int(text))
     if sheet.comment:
