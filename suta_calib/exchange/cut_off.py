@@ -163,6 +163,23 @@ def check_end_of_program(
         raise cut_off(path, len(lines), found, "a statement with its end")
 
 
+def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
+    """Refuse YAML whose last line has no end, unless it closes a list or a mapping.
+
+    Args:
+        path: for messages.
+        text: of the file.
+        given: `WHOLE`.
+
+    Raises:
+        ForeignFileError: the last line may be cut off.
+    """
+    last = lines_of(text)[-1].rstrip(" ")
+    if WHOLE not in given and not last.endswith(("\n", "\r", *_CLOSING)):
+        found = f"{last[-_LONGEST:]!r} at the end of a last line without its end"
+        raise cut_off(path, len(lines_of(text)), found, "the end of a line behind it")
+
+
 def check_count(path: Path, found: int, stated: float, what: str, given: Given) -> None:
     """Refuse fewer rows than the file says that it has.
 

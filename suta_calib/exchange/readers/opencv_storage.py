@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY, BODY_OPTIONS, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import read_foreign_text
+from suta_calib.exchange.cut_off import WHOLE, check_end_of_yaml
 from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -41,7 +42,7 @@ class OpencvStorageReader(Reader):
         "OpenCV FileStorage (YAML): 4x4 matrices T1_0, T1_1, …, one or two series"
     )
     example: ClassVar[str] = "poses.yml --format opencv-yaml --unit m --out pairs.csv"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, UNIT)
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, UNIT, WHOLE)
     suffixes: ClassVar[tuple[str, ...]] = (".yml", ".yaml", ".xml")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -58,6 +59,7 @@ class OpencvStorageReader(Reader):
             raise ForeignFileError(
                 "OpenCV's XML", "its YAML", file=path, hint="write the storage as .yml"
             )
+        check_end_of_yaml(path, text, given)
         data, lines = plain_data(path, text, ForeignFileError)
         series = _series(path, data, lines)
         if not series:
