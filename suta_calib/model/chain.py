@@ -175,8 +175,9 @@ def chain_of(tree: UrdfTree, tip: str, base: str | None = None) -> Chain:
         raise UrdfError(found, f"at most {_MOST_JOINTS}", file=tree.path, where="tip")
     coupled = coupled_joints(tree.element)
     remarks = notes(tree, [*climbed, *descended])
+    robot = tree.robot or tree.path.stem
     return Chain(
-        *(tree.path, tree.robot, base_link, tip, tip_link, top, joints, moving, coupled, remarks)
+        *(tree.path, robot, base_link, tip, tip_link, top, joints, moving, coupled, remarks)
     )
 
 
@@ -297,8 +298,8 @@ def _limits(path: Path, element: Element, kind: str, where: str) -> tuple[float,
     lower, upper = (
         float(_numbers(path, given[0], key, place, (0.0,))[0]) for key in ("lower", "upper")
     )
-    # Public files say so that a joint has no limit.
-    return (lower, upper) if lower <= upper else (-math.inf, math.inf)
+    # Public files say so that a joint has no limit: exporters write two zeros, others -1 for both.
+    return (lower, upper) if lower < upper else (-math.inf, math.inf)
 
 
 def _numbers(

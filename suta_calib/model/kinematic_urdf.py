@@ -17,6 +17,7 @@ from suta_calib.words import listed
 
 # Nothing here asks for limits, and URDF readers do.
 _LIMIT: Final = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
+_LIMITED: Final = ("revolute", "prismatic")
 # Places that a note names.
 _MOST: Final = 3
 
@@ -44,7 +45,7 @@ def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
 
 
 def _lines(tree: UrdfTree, moving: Collection[str]) -> Iterator[str]:
-    yield f'<?xml version="1.0" encoding="utf-8"?>\n<robot name={quoteattr(tree.robot)}>'
+    yield f'<?xml version="1.0" encoding="utf-8"?>\n<robot name={quoteattr(tree.robot or "robot")}>'
     inertial = {link.get("name"): _inertial(link) for link in children(tree.element, "link")}
     for link in tree.links:
         yield f"<link name={quoteattr(link)}>{inertial[link]}</link>"
@@ -55,7 +56,7 @@ def _lines(tree: UrdfTree, moving: Collection[str]) -> Iterator[str]:
             f"<joint name={quoteattr(joint.name)} type={quoteattr(kind)}>"
             f"<parent link={quoteattr(joint.parent)}/><child link={quoteattr(joint.child)}/>"
             f"{_element(joint.element, 'origin', 'xyz', 'rpy')}{axis}"
-            f"{_LIMIT if kind in ('revolute', 'prismatic') else ''}</joint>"
+            f"{_LIMIT if kind in _LIMITED else ''}</joint>"
         )
     yield "</robot>"
 
@@ -94,20 +95,24 @@ def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
     """
     checked = {joint.name for joint in chain}
     places: dict[str, list[Element]] = {}
+    if not tree.robot:
+        places["<robot> has no name"] = [tree.element]
     for element in tree.leftover:
         tag = f"<{element.prefix}:{element.tag.rpartition('}')[2].rpartition(':')[2]}>"
         places.setdefault(f"{tag}, which xacro has not expanded, is ignored", []).append(element)
     for joint in tree.joints.values():
         kind = joint.element.get("type")
         limits = children(joint.element, "limit")[:1]
-        if kind in ("revolute", "prismatic") and not limits and joint.name in checked:
+        if kind in _LIMITED and not limits and joint.name in checked:
             said = "a joint without <limit> is taken to have none"
             places.setdefault(said, []).append(joint.element)
         for limit in limits:
             values = {n: finite_numbers(limit.get(n, "0")) for n in limit.keys()}  # noqa: SIM118
             one = {name: v[0] for name, v in values.items() if len(v) == 1}
-            if one.get("lower", 0.0) > one.get("upper", 0.0) and joint.name in checked:
-                said = "a joint whose lower limit is above its upper one is taken to have none"
+            given = {"lower", "upper"} & set(one)
+            empty = given and one.get("lower", 0.0) >= one.get("upper", 0.0)
+            if empty and kind in _LIMITED and joint.name in checked:
+                said = "a joint whose lower limit is not below its upper one is taken to have none"
                 places.setdefault(said, []).append(limit)
             for name in ("effort", "velocity"):
                 if one.get(name, 0.0) < 0 or (name in values and name not in one):

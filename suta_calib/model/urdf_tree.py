@@ -60,7 +60,7 @@ class UrdfTree:
 
     Attributes:
         path: the file.
-        robot: name of the ``<robot>``.
+        robot: name of the ``<robot>``; empty where it has none.
         links: names of all links, in the file's order.
         joints: all joints by name, in the file's order.
         into: the joint into each link, by the link's name; the root link has none.
@@ -147,7 +147,7 @@ def _tree_of(path: Path, robot: Element, leftover: tuple[Element, ...]) -> UrdfT
         found += ", …" if len(others) > 1 else ""
         hint = "connect them by joints or remove what is not used: base and tip are in one tree"
         raise refusal(path, links[others[0]], found, "one root link", hint=hint)
-    return UrdfTree(path, robot.get("name"), tuple(links), joints, into, root, robot, leftover)
+    return UrdfTree(path, robot.get("name", ""), tuple(links), joints, into, root, robot, leftover)
 
 
 def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:
@@ -197,13 +197,12 @@ def _robot(path: Path, data: bytes | None) -> Element:
     """The ``<robot>`` element of a URDF file.
 
     Raises:
-        UrdfError: the file cannot be read (`read_urdf_bytes`) or is not XML, or its root is not a
-            ``<robot>`` with a name.
+        UrdfError: the file cannot be read (`read_urdf_bytes`) or is not XML, or its root is not
+            ``<robot>``.
     """
     root = _parsed(path, read_urdf_bytes(path) if data is None else data)
     if tag_of(root) != "robot":
         raise refusal(path, root, f"the root element <{tag_of(root)[:_LONGEST_QUOTE]}>", "<robot>")
-    attribute(path, root, "name", "<robot>")
     return root
 
 

@@ -42,7 +42,6 @@ def test_an_undeclared_prefix_excuses_nothing_else(urdf: Path) -> None:
 
 REPLACEMENTS = {
     "root": ("robot", "model", "the root element <model>; expected <robot>", "<model"),
-    "nameless robot": ('<robot name="arm">', "<robot>", "no name", "<robot>"),
     "xml": ("</transmission>", "", "not XML", "</robot>"),
     "link twice": ('"tip"/>', '"hand"/>', "already used in line 8", 'hand"/>\n  <joint'),
     "joint twice": ('"push"', '"turn"', "the joint name 'turn', already", '"turn" type="pris'),
