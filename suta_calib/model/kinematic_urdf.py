@@ -12,7 +12,14 @@ from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
 from suta_calib.errors import UrdfError
-from suta_calib.model.urdf_tree import Element, TreeJoint, UrdfTree, children, finite_numbers
+from suta_calib.model.urdf_tree import (
+    Element,
+    TreeJoint,
+    UrdfTree,
+    children,
+    finite_numbers,
+    quoted,
+)
 from suta_calib.words import listed
 
 # Nothing here asks for limits, and URDF readers do.
@@ -97,6 +104,9 @@ def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
     places: dict[str, list[Element]] = {}
     if not tree.robot:
         places["<robot> has no name"] = [tree.element]
+    for link in tree.loose:
+        said = f"link {quoted(link.get('name'))}, which no joint connects, is ignored"
+        places.setdefault(said, []).append(link)
     for element in tree.leftover:
         tag = f"<{element.prefix}:{element.tag.rpartition('}')[2].rpartition(':')[2]}>"
         places.setdefault(f"{tag}, which xacro has not expanded, is ignored", []).append(element)

@@ -61,12 +61,13 @@ class UrdfTree:
     Attributes:
         path: the file.
         robot: name of the ``<robot>``; empty where it has none.
-        links: names of all links, in the file's order.
+        links: names of all links that joints connect, in the file's order.
         joints: all joints by name, in the file's order.
         into: the joint into each link, by the link's name; the root link has none.
         root: the link that is no joint's child.
         element: ``<robot>`` itself, for what is no part of the tree.
         leftover: elements that xacro has not expanded; none of them makes a link or joint here.
+        loose: elements of links that no joint connects with anything; they are not in `links`.
     """
 
     path: Path
@@ -77,6 +78,7 @@ class UrdfTree:
     root: str
     element: Element
     leftover: tuple[Element, ...] = ()
+    loose: tuple[Element, ...] = ()
 
     @property
     def leaves(self) -> tuple[str, ...]:
@@ -141,13 +143,18 @@ def _tree_of(path: Path, robot: Element, leftover: tuple[Element, ...]) -> UrdfT
             )
             raise refusal(path, element, found, "a serial chain", f"link {quoted(child)}")
     _refuse_cycle(path, into)
+    joined = {*into, *(joint.parent for joint in joints.values())}
+    loose = tuple(element for link, element in links.items() if link not in joined)
+    links = {link: element for link, element in links.items() if link in joined}
     root, *others = [link for link in links if link not in into]
     if others:
         found = f"{1 + len(others)} links without a parent: {quoted(root)}, {quoted(others[0])}"
         found += ", …" if len(others) > 1 else ""
         hint = "connect them by joints or remove what is not used: base and tip are in one tree"
         raise refusal(path, links[others[0]], found, "one root link", hint=hint)
-    return UrdfTree(path, robot.get("name", ""), tuple(links), joints, into, root, robot, leftover)
+    return UrdfTree(
+        path, robot.get("name", ""), tuple(links), joints, into, root, robot, leftover, loose
+    )
 
 
 def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:

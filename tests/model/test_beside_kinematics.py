@@ -58,6 +58,7 @@ FAULTS = {
         "effort is not used (line 15)",
     ),
     "limits the other way round": ('lower="-1" upper="1"', 'lower="1" upper="-1"', "below its"),
+    "loose link": ('<link name="base"/>', '<link name="world"/><link name="base"/>', "'world'"),
     "limits of nothing": ('lower="-1" upper="1"', 'lower="0" upper="0"', "below its upper one is"),
     "no limit": ('<limit lower="-1" upper="1" effort="10" velocity="1"/>', "", "without <limit>"),
     "no name": ('<robot name="r">', "<robot>", "<robot> has no name (line 1)"),

@@ -63,9 +63,10 @@ REPLACEMENTS = {
     "cycle": ('<parent link="base"/>', '<parent link="tip"/>', "a cycle", None),
     "two roots": (
         '<link name="tip"/>',
-        '<link name="tip"/><link name="loose"/>',
-        "2 links without a parent: 'base', 'loose'; expected one root",
-        '"loose"',
+        '<link name="tip"/><link name="a"/><link name="b"/><joint name="ab" type="fixed">'
+        '<parent link="a"/><child link="b"/></joint>',
+        "2 links without a parent: 'base', 'a'; expected one root",
+        '"a"',
     ),
     "floating": ('"spin" type="continuous"', '"spin" type="floating"', "type 'floating'", '"spin"'),
     "planar": ('"spin" type="continuous"', '"spin" type="planar"', "type 'planar'", '"spin"'),
