@@ -225,7 +225,10 @@ def _chain_joint(tree: UrdfTree, joint: TreeJoint, *, climbed: bool = False) -> 
     kind = attribute(path, element, "type", where)
     if kind not in _SUPPORTED_TYPES:
         expected = f"{', '.join(_SUPPORTED_TYPES[:-1])} or fixed on the chain"
-        raise refusal(path, element, f"the type {quoted(kind)}", expected, where)
+        # The base of a robot that stands free, or drives.
+        free = kind in ("floating", "planar") and not climbed
+        hint = f"name its child as the base: {quoted(joint.child)}" if free else ""
+        raise refusal(path, element, f"the type {quoted(kind)}", expected, where, hint)
     xyz, rpy = np.zeros(3), np.zeros(3)
     for origin in children(element, "origin")[:1]:
         place = f"{where}: <origin>"

@@ -68,7 +68,13 @@ REPLACEMENTS = {
         "2 links without a parent: 'base', 'a'; expected one root",
         '"a"',
     ),
-    "floating": ('"spin" type="continuous"', '"spin" type="floating"', "type 'floating'", '"spin"'),
+    "floating": (
+        '"spin" type="continuous"',
+        '"spin" type="floating"',
+        "type 'floating'; expected revolute, continuous, prismatic or fixed on the chain; name its "
+        "child as the base: 'wrist'",
+        '"spin"',
+    ),
     "planar": ('"spin" type="continuous"', '"spin" type="planar"', "type 'planar'", '"spin"'),
     "unknown": ('"spin" type="continuous"', '"spin" type="hinge"', "type 'hinge'", '"spin"'),
     "no type": ('"spin" type="continuous"', '"spin"', "joint 'spin': found no type", '"spin"'),
