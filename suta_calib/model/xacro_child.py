@@ -137,7 +137,7 @@ def _exchange_parts(description: Description) -> None:
     table = xacro._global_symbols
     # One argument alone: with three it makes classes.
     table["python"]["type"] = Function(lambda value: type(value))  # noqa: PLW0108
-    table["python"].pop("vars")
+    table["python"].pop("vars", None)
     spaces = [space for space in table.values() if isinstance(space, xacro.NameSpace)]
     offered = [value for space in (table, *spaces) for value in space.values()]
     evaluator = Evaluator(
