@@ -15,8 +15,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, did_you_mean
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.keys import SCALE_KEYS, Key, Keys
-from suta_calib.measurements.scale import LengthScale, read_scale
+from suta_calib.measurements.keys import SCALE_KEYS, STRETCH, Key, Keys
+from suta_calib.measurements.scale import LengthScale, read_scale, read_stretch, stretch_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.records import dataclass
 from suta_calib.units import deg, mm
@@ -39,6 +39,7 @@ LANDMARK_KEYS: Final = Keys(
 ARTEFACT_KEYS: Final = Keys(
     Key("name", "text", "What it is called; the file's name without it."),
     *SCALE_KEYS,
+    STRETCH,
     Key(
         "landmarks",
         "by name",
@@ -78,6 +79,8 @@ class Artefact:
         name: of the artefact.
         landmarks: by name.
         scale: how well its common scale is known, where its file says so; see `length_scale`.
+        stretch: standard deviation of how much longer it is along x and along y, as a ratio; None
+            where it is as its file says, up to the scale. Then terms estimate both.
 
     Raises:
         ArtefactError: no landmarks, or two of them in the same place.
@@ -86,6 +89,7 @@ class Artefact:
     name: str
     landmarks: Mapping[str, Landmark]
     scale: LengthScale | None = None
+    stretch: float | None = None
 
     def __post_init__(self) -> None:
         if not self.landmarks:
@@ -177,7 +181,8 @@ def read_artefact(path: Path) -> Artefact:
             f"landmarks that lie within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",
         )
-    return Artefact(name, landmarks, read_scale(top))
+    scale = read_scale(top)
+    return Artefact(name, landmarks, scale, read_stretch(top, scale))
 
 
 def _landmark(name: str, section: YamlSection) -> Landmark:
@@ -218,6 +223,7 @@ def artefact_text(artefact: Artefact) -> str:
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
     scale = {} if artefact.scale is None else artefact.scale.row()
+    scale = {**scale, **stretch_row(artefact.stretch, artefact.scale)}
     yaml.dump({"name": _quotable(artefact.name), **scale, "landmarks": landmarks}, text)
     return text.getvalue()
 

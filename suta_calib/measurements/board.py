@@ -22,8 +22,8 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import BoardError
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.keys import POSITION, ROTATION, SCALE_KEYS, Key, Keys
-from suta_calib.measurements.scale import LengthScale, read_scale
+from suta_calib.measurements.keys import POSITION, ROTATION, SCALE_KEYS, STRETCH, Key, Keys
+from suta_calib.measurements.scale import LengthScale, read_scale, read_stretch, stretch_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.units import deg, mm
 
@@ -45,6 +45,7 @@ CHESSBOARD_KEYS: Final = Keys(
     Key("corners", "columns, rows", "Numbers of inner corners.", required=True),
     _SQUARE,
     *SCALE_KEYS,
+    STRETCH,
 )
 CHARUCO_KEYS: Final = Keys(
     _TYPE,
@@ -53,6 +54,7 @@ CHARUCO_KEYS: Final = Keys(
     Key("marker_mm", "mm", "Edge of a marker, smaller than a square's.", required=True),
     _DICTIONARY,
     *SCALE_KEYS,
+    STRETCH,
 )
 MARKER_KEYS: Final = Keys(
     POSITION, ROTATION, Key("size_mm", "mm", "Edge of the black square.", required=True)
@@ -70,6 +72,7 @@ MARKERS_KEYS: Final = Keys(
         inside=MARKER_KEYS,
     ),
     *SCALE_KEYS,
+    STRETCH,
 )
 # Corners of one marker, in the order of their numbers: top left, top right, bottom right, bottom
 # left, in halves of its size.
@@ -83,11 +86,13 @@ class Board(ABC):
     Attributes:
         type: its name in files.
         scale: how well its common scale is known, where its file says so; see `length_scale`.
+        stretch: as of an `Artefact`.
     """
 
     type: ClassVar[str]
 
     scale: LengthScale | None = field(default=None, kw_only=True)
+    stretch: float | None = field(default=None, kw_only=True)
 
     @property
     def length_scale(self) -> LengthScale:
@@ -371,7 +376,9 @@ def read_board(path: str | Path) -> Board:
         Charuco.type: _read_charuco,
         Markers.type: _read_markers,
     }
-    board = replace(readers[top.choice("type", readers)](top), scale=read_scale(top))
+    scale = read_scale(top)
+    stretch = read_stretch(top, scale)
+    board = replace(readers[top.choice("type", readers)](top), scale=scale, stretch=stretch)
     places = np.array(list(board.points.values()))
     size = float(np.ptp(places, axis=0).max())
     if not _SMALLEST <= size <= _LARGEST:
@@ -447,7 +454,8 @@ def board_text(board: Board) -> str:
 
     yaml, text = YAML(), io.StringIO()
     yaml.width = 1000
-    scale = {} if board.scale is None else board.scale.row()
+    scale: dict[str, Any] = {} if board.scale is None else board.scale.row()
+    scale |= stretch_row(board.stretch, board.scale)
     yaml.dump(_flow(board.row() | scale), text)
     return text.getvalue()
 

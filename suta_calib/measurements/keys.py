@@ -96,3 +96,10 @@ SCALE_KEYS: Final = Keys(
         "lengths that are exact by definition.",
     ),
 )
+STRETCH: Final = Key(
+    "stretch",
+    "free or fixed",
+    "free: how much longer it is along x and along y is estimated, with the standard deviation of "
+    "its scale for a prior (5,000 ppm unless it is of a grade or has a scale_ppm). The default is "
+    "free for the grade printed, else fixed.",
+)

@@ -64,6 +64,31 @@ class LengthScale:
         return graded if by_grade else {**graded, "scale_ppm": round(self.ppm, 9)}
 
 
+def read_stretch(section: YamlSection, scale: LengthScale | None) -> float | None:
+    """``stretch`` of a file: the prior of the stretch along x and y, a ratio; None where fixed.
+
+    Args:
+        section: of the file.
+        scale: what `read_scale` has read of it.
+
+    Raises:
+        InputError: neither free nor fixed; names the line and the key.
+    """
+    printed = scale is not None and scale.grade == "printed"
+    choice = section.choice("stretch", ("free", "fixed"), "free" if printed else "fixed")
+    if choice == "fixed":
+        return None
+    return scale.std if scale is not None and scale.std > 0 else GRADES["printed"]
+
+
+def stretch_row(stretch: float | None, scale: LengthScale | None) -> dict[str, str]:
+    """The key ``stretch`` of a file, where it is not the default."""
+    printed = scale is not None and scale.grade == "printed"
+    if printed == (stretch is not None):
+        return {}
+    return {"stretch": "fixed" if printed else "free"}
+
+
 def read_scale(section: YamlSection) -> LengthScale | None:
     """``grade`` and ``scale_ppm`` of a file or a row; None where it has neither.
 

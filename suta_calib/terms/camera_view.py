@@ -60,11 +60,12 @@ from suta_calib.terms.outside import (
     pose_parameters,
     pose_values,
 )
-from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.reprojection import REPROJECTION
 from suta_calib.terms.seen import FramedTerm
 from suta_calib.terms.seen_corners import with_corners
 from suta_calib.terms.setup import Setup
+from suta_calib.terms.stretch import stretch_factors, stretch_parameters
 from suta_calib.terms.term import Gap, Medium, Term
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
@@ -336,12 +337,17 @@ class CameraView(FramedTerm):
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
-        """Poses of camera and board, and the intrinsics where they are free."""
+        """Poses of camera and board, and the intrinsics and the board's stretch where free."""
         eye, board, camera = self.owners
         poses = (*pose_parameters(eye), *pose_parameters(board))
-        if not self.free:
-            return poses
-        return (*poses, *intrinsic_parameters(camera, self.camera, self.prior))
+        if self.free:
+            poses = (*poses, *intrinsic_parameters(camera, self.camera, self.prior))
+        return (*poses, *stretch_parameters(board, self._stretch))
+
+    @property
+    def _stretch(self) -> float | None:
+        """The prior of the board's stretch; of poses that were measured it is not estimated."""
+        return self.board.stretch if isinstance(self.poses, ArmPoses) else None
 
     @property
     def freed(self) -> Self | None:
@@ -407,7 +413,7 @@ class CameraView(FramedTerm):
                 "reprojection",
                 "m",
                 2,
-                REPROJECTION[self.setup, self.free],
+                REPROJECTION[self.setup, self.free, self._stretch is not None],
                 sample[:, None],
                 np.tile(np.arange(len(self.own)), (n, 1)),
                 np.hstack(data),
@@ -446,7 +452,10 @@ class CameraView(FramedTerm):
         rotation, position = hand if self.setup == EYE_TO_HAND else inverse_poses(hand)
         turn, shift = R_eye.T @ rotation @ R_board, (rotation @ p_board + position - p_eye) @ R_eye
         camera = camera_at(self.camera, intrinsics, values)
-        return BoardSight(self.board, camera, turn, shift)
+        made = self.board
+        if self._stretch is not None:
+            made = made.stretched(stretch_factors(self.own, values))
+        return BoardSight(made, camera, turn, shift)
 
     def resimulated(
         self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
@@ -469,7 +478,8 @@ class CameraView(FramedTerm):
         found = [pose_values(*X), pose_values(*Z)]
         if self.free:
             found.append(self.camera.intrinsics)
-        return np.concatenate(found)
+        rest = len(self.own) - sum(map(len, found))
+        return np.concatenate([*found, np.zeros(rest)])
 
     def single_touches(self) -> CameraView:
         """The board's middle in every picture, where the picture's own pose of the board has it."""

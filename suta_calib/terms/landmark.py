@@ -35,6 +35,7 @@ from suta_calib.terms.outside import pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
 from suta_calib.terms.setup import Setup
+from suta_calib.terms.stretch import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.term import Term
 
 ARTEFACT_COLUMNS: Final = SampleColumns(
@@ -59,6 +60,12 @@ def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     if own.numel() > 6:  # The tip sits off the landmark's axis.
         seat = seat + ca.reshape(data[3:9], 3, 2) @ own[6:8]
     return pose_of(own).inverse_act(poses[0].p) - seat
+
+
+def _position_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The same on an artefact whose stretch is unknown: the last two of the own unknowns."""
+    made = stretched_point(data[0:3], own[-2:])
+    return _position(poses, own[:-2], ca.vertcat(made, data[3:]))
 
 
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -114,10 +121,12 @@ class TouchedLandmark(Term):
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
-        """The pose of every placement, then the seating."""
+        """The pose of every placement, then the seating, then the artefact's stretch."""
         names, _ = self.places
         poses = (p for name in names for p in pose_parameters(f"placement[{name}]"))
-        return (*poses, *(() if self.seating is None else self.seating.parameters(self.label)))
+        seating = () if self.seating is None else self.seating.parameters(self.label)
+        artefact = self.artefact
+        return (*poses, *seating, *stretch_parameters(artefact.name, artefact.stretch))
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -130,7 +139,8 @@ class TouchedLandmark(Term):
             data = np.hstack([certified, flat(axes)]) if own.shape[1] > 6 else certified
         by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
         touched = Certified.of(self.artefact, marks, rows[:, None], by_mark)
-        position = Block.per_sample("position", "m", 3, _position, own, data, self.noise, marks)
+        residual = _position if self.artefact.stretch is None else _position_stretched
+        position = Block.per_sample("position", "m", 3, residual, own, data, self.noise, marks)
         known = touched.sigma[touched.marks[:, 0]]
         position = replace(position, known_sigma=known, certified=touched)
         if not len(oriented):
@@ -146,7 +156,8 @@ class TouchedLandmark(Term):
         names, placement = grouped(labels["placement"])
         frames = [pose_named(values, f"placement[{name}]") for name in names]
         R, p = (np.array(c)[placement] for c in zip(*frames, strict=True))
-        return seated(self.artefact, labels["landmark"], R, p, *seated_at(self.own, values))
+        artefact = self.artefact.stretched(stretch_factors(self.own, values))
+        return seated(artefact, labels["landmark"], R, p, *seated_at(self.own, values))
 
     def resimulated(
         self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
@@ -242,7 +253,7 @@ class TouchedLandmark(Term):
         return seat_rotations(self.artefact, self._marks) if self.seats is None else self.seats
 
     def _own_rows(self, rows: IntArray, keys: tuple[str, ...]) -> IntArray:
-        """The placement's pose, and those of the seating's unknowns whose names end so."""
+        """The placement's pose, and those of the other unknowns whose names end so, in order."""
         names, placement = self.places
         seats = range(6 * len(names), len(self.own))
         more = [k for k in seats if self.own[k].name.endswith(keys)]

@@ -43,6 +43,7 @@ from suta_calib.terms.observed import Observed
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
 from suta_calib.terms.setup import Setup
+from suta_calib.terms.stretch import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.term import Term
 
 # Distances of one term: each costs a kilobyte or two while it is solved, and m touches of one
@@ -57,6 +58,14 @@ def _distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     if own.numel():  # The tip sits off the landmarks' axes, by as much everywhere.
         length = norm(data[0:3] + ca.reshape(data[3:9], 3, 2) @ own)
     return norm(poses[0].p - poses[1].p) - length
+
+
+def _distance_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    """The same on an artefact whose stretch is unknown: the last two of the own unknowns."""
+    made = stretched_point(data[0:3], own[-2:])
+    if own.numel() > 2:
+        made = made + ca.reshape(data[3:9], 3, 2) @ own[:2]
+    return norm(poses[0].p - poses[1].p) - norm(made)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -108,7 +117,11 @@ class PairwiseDistance(Term):
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
-        """How the tip sits off the sockets' axes, where they leave that open."""
+        """How the tip sits off the sockets' axes, where that is open; the artefact's stretch."""
+        return (*self._shift, *stretch_parameters(self.artefact.name, self.artefact.stretch))
+
+    @property
+    def _shift(self) -> tuple[Parameter, ...]:
         shifted = self.seating is not None and self.seating.clearance
         return self.seating.parameters(self.label)[:2] if self.seating and shifted else ()
 
@@ -134,13 +147,16 @@ class PairwiseDistance(Term):
         by_mark = np.concatenate([-along, along], axis=2)
         touched = Certified.of(artefact, names, pairs, by_mark)
         data = length[:, None]
-        if self.own:
+        residual = _distance
+        if artefact.stretch is not None:
+            data, residual = apart, _distance_stretched
+        if self._shift:
             axes = seat_axes(artefact, names)
             data = np.hstack([apart, flat(axes[first] - axes[second])])
         own = np.tile(np.arange(len(self.own)), (len(pairs), 1))
         known = np.hypot(*touched.sigma[touched.marks].T)
         labels = _pair_labels(names, pairs)
-        block = Block.per_sample("distance", "m", 1, _distance, own, data, self.noise, labels)
+        block = Block.per_sample("distance", "m", 1, residual, own, data, self.noise, labels)
         return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
 
     def take(self, rows: ArrayLike) -> Self:
@@ -233,7 +249,8 @@ class PairwiseDistance(Term):
         """Every set's landmarks where they fit best to what was touched."""
         landmarks = poses.samples.labels["landmark"]
         sits = seated_at(self.own, values)
-        marks = seated(self.artefact, landmarks, np.eye(3), np.zeros(3), *sits).position
+        artefact = self.artefact.stretched(stretch_factors(self.own, values))
+        marks = seated(artefact, landmarks, np.eye(3), np.zeros(3), *sits).position
         _, position = poses.at(values)
         names, which = grouped(self._sets(poses))
         R, p = registered(marks, position, which, len(names))

@@ -1,6 +1,7 @@
 """Residuals of corners in pictures: where a board's point is seen, less where it was found.
 
-Own unknowns are the poses of camera and board (6 + 6), then the intrinsics (9) where they are free;
+Own unknowns are the poses of camera and board (6 + 6), then the intrinsics (9) and the board's
+stretch (2) where they are free;
 data are u v, the point x y z, m/px, and the intrinsics where they are not.
 """
 
@@ -15,6 +16,7 @@ from suta_calib.geometry.pinhole import pixel_of
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Pose, Residual, pose_of
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND, EyeSetup
+from suta_calib.terms.stretch import stretched_point
 
 # Nearest that a point is taken to be to a camera while a solver looks for it, m.
 NEAREST: Final = 1e-3
@@ -65,10 +67,36 @@ def _unknown_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     return _reprojection(_seen_from_base(poses, own, data), own[12:21], data)
 
 
-# By where the eye is, and whether its intrinsics are unknown.
-REPROJECTION: Final[Mapping[tuple[EyeSetup, bool], Residual]] = {
-    (EYE_IN_HAND, False): _known_in_hand,
-    (EYE_IN_HAND, True): _unknown_in_hand,
-    (EYE_TO_HAND, False): _known_beside,
-    (EYE_TO_HAND, True): _unknown_beside,
+def _stretched(own: Symbol, data: Symbol) -> tuple[Symbol, Symbol]:
+    """Own unknowns without the board's stretch, and data with the point where it makes it."""
+    made = stretched_point(data[2:5], own[-2:])
+    return own[:-2], ca.vertcat(data[0:2], made, data[5:])
+
+
+def _known_in_hand_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _known_in_hand(poses, *_stretched(own, data))
+
+
+def _known_beside_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _known_beside(poses, *_stretched(own, data))
+
+
+def _unknown_in_hand_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _unknown_in_hand(poses, *_stretched(own, data))
+
+
+def _unknown_beside_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+    return _unknown_beside(poses, *_stretched(own, data))
+
+
+# By where the eye is, whether its intrinsics are unknown, and whether the board's stretch is.
+REPROJECTION: Final[Mapping[tuple[EyeSetup, bool, bool], Residual]] = {
+    (EYE_IN_HAND, False, False): _known_in_hand,
+    (EYE_IN_HAND, True, False): _unknown_in_hand,
+    (EYE_TO_HAND, False, False): _known_beside,
+    (EYE_TO_HAND, True, False): _unknown_beside,
+    (EYE_IN_HAND, False, True): _known_in_hand_stretched,
+    (EYE_IN_HAND, True, True): _unknown_in_hand_stretched,
+    (EYE_TO_HAND, False, True): _known_beside_stretched,
+    (EYE_TO_HAND, True, True): _unknown_beside_stretched,
 }

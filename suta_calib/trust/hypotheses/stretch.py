@@ -11,6 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact, Board
+from suta_calib.terms.stretch import is_stretch
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import STEP, Examination
@@ -40,7 +41,7 @@ class Stretch(AddedVariable):
         bodies: dict[str, list[int]] = {}
         for k, term in enumerate(answer.problem.terms):
             body = body_of(term)
-            if body is not None:
+            if body is not None and not any(is_stretch(p) for p in term.own):
                 bodies.setdefault(_called(body), []).append(k)
         for called, places in bodies.items():
             columns = (
