@@ -10,6 +10,7 @@ import shutil
 from pathlib import Path
 
 from format_pages import formats_page
+from hypothesis_pages import hypotheses_page
 from name_pages import api_index, api_pages, commands_page
 from observation_pages import csv_page, observations_page
 from repository_pages import EXAMPLES, ROOT, examples_listed, shown_file, shown_notebook
@@ -28,6 +29,7 @@ def pages() -> dict[str, str]:
         "examples.md": shown_file("examples/README.md") + examples_listed(),
         "csv.md": "".join(csv_page()),
         "result.md": "".join(result_page()),
+        "hypotheses.md": "".join(hypotheses_page()),
         "files.md": "".join(files_page()),
         "observations.md": "".join(observations_page()),
         "formats.md": "".join(formats_page()),

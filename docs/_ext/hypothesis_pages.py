@@ -1,0 +1,45 @@
+"""What an answer is tested for: every hypothesis, as it says of itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from markdown_pieces import first_paragraph, table
+
+from suta_calib.terms import KINDS
+from suta_calib.trust.evidence import Rule
+from suta_calib.trust.hypothesis import Hypothesis, known_hypotheses
+
+
+def hypotheses_page() -> Iterator[str]:
+    """The table of all hypotheses, and the one rule that they share."""
+    rule = Rule()
+    yield "# What an answer is tested for\n\n"
+    yield (
+        "After a fit has converged, one statistical test asks what its residuals lack "
+        "(`suta_calib/trust/evidence.py`): columns of derivatives that no unknown of the job "
+        "has are put beside the fit, all parameters may follow, and the drop in the squared "
+        "residuals is compared with the noise that is left. The strongest effect is reported if "
+        f"all tests of one answer together would report it by chance in {rule.false_alarm:g} of "
+        f"sound answers, if it explains {rule.share:.0%} of the squared residuals (or less where "
+        f"the hypothesis says so), and if its size is {rule.times_std:g} times its standard "
+        "deviation.\n\n"
+    )
+    rows = (
+        (name, each.about, where(each), first_paragraph(type(each)))
+        for name, each in known_hypotheses().items()
+    )
+    yield table(("hypothesis", "what is wrong then", "in answers of", "how it is described"), rows)
+
+
+def where(hypothesis: Hypothesis) -> str:
+    """The kinds of observation and the commands that can have it."""
+    commands = (
+        "`calibrate`, `extend`" if hypothesis.needs_arm else "`pivot`, `hand-eye`, `register`"
+    )
+    kinds = [
+        f"`{name}`"
+        for name, kind in KINDS.items()
+        if any(issubclass(kind, one) for one in hypothesis.applies_to)
+    ]
+    return commands if len(kinds) == len(KINDS) else f"{commands} over {', '.join(kinds)}"
