@@ -37,7 +37,7 @@ JUDGES = [
     *(f"{ASSESSMENT}.{name}" for name in ("contradictions", "contradicted_beliefs", "changes")),
     *(f"{ASSESSMENT}.{name}" for name in ("thinned", "lack_of_fit", "effective_unknowns")),
     *(f"{ASSESSMENT}.{name}" for name in ("score_tests", "relied_on", "explain_solution")),
-    *(f"{ASSESSMENT}.{name}" for name in ("assess_calibration", "_on_gain", "_on_priors")),
+    *(f"{ASSESSMENT}.{name}" for name in ("assess_calibration", "_on_gain", "judge_priors")),
     *(f"{EXPLANATION}.{name}" for name in ("RichData", "_redundant", "tip_motion", "_spread")),
     "suta_calib.diagnostics.rich_data.RichData._information",
     "suta_calib.job.calibration.read_where_fitted",

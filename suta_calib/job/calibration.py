@@ -231,7 +231,8 @@ class CalibrationResult(Shown):
         from suta_calib.job.scene import calibration_scene
 
         accuracy, job = self.accuracy, self.job
-        chosen = data or ("validation" if accuracy.validation else "calibration")
+        held_out = accuracy.validation and job.validation
+        chosen = data or ("validation" if held_out else "calibration")
         if chosen == "validation":
             if not job.validation:
                 raise JobError("no validation data", "some to draw", file=job.spec.path)
