@@ -26,6 +26,7 @@ from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unkno
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.moved import Moved, moved
+from suta_calib.pose_calibration.noise_made import noise_made_directions
 from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
@@ -51,6 +52,8 @@ from suta_calib.units import deg, from_deg, text
 NEEDED: Final = 3
 SAMPLE: Final = 4
 LEAST_POSES: Final = 3
+# What makes X known.
+ADVICE: Final = "turn the hand about at least two axes that are not parallel"
 # No hand and no eye is believed to turn more exactly than this when turns are weighed against
 # displacements: what is smaller repeats well, but is an error of the instruments all the same.
 FINEST_TURN: Final = from_deg(0.1)
@@ -212,16 +215,18 @@ def calibrate_hand_eye(
     noise = RobotNoise(scaled, target, FINEST_TURN)
     floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
     fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
-    if noise.fraction and not noise.explains(fit):
-        noise.fraction = 0.0
+    if noise.moves_targets and not noise.explains(fit):
+        noise.forget()
         fit = robust_fit(noise.make, start, floors, robust=robust)
-    refuse_strangers(fit, start, A[0], length)
+    made_by_noise = noise_made_directions(fit, noise)
+    refuse_strangers(fit, start, A[0], length, made_by_noise)
     refuse_undetermined(
         fit.solution,
         EYE,
         "X",
-        "turn the hand about at least two axes that are not parallel",
+        ADVICE,
         axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
+        made_by_noise,
     )
     failed = list[str]()
     trend = attempt(

@@ -7,7 +7,7 @@ exchanged in the same way everywhere. What tells them is whether an X closes all
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import product
 from typing import Final
 
@@ -29,6 +29,9 @@ from suta_calib.words import listed
 SUSPICIOUS: Final = 0.01
 STRANGERS: Final = 0.1
 TURNED: Final = from_deg(1.0)
+# Scatter of positions that the best X leaves, in the same units: 5 mm and 2° of noise, 0.3 m from
+# the point that is measured, make 0.02 of it; exchanged columns 0.08.
+UNRELATED: Final = 0.05
 NO_AGREEMENT: Final = from_deg(10.0)
 # Another reading of the poses is what they are if its loops close so many times better, and turns
 # (rad) no worse than this.
@@ -84,7 +87,13 @@ def refuse_misread(
         raise _disagreement(found, length, f"they agree with one to {close} {change}")
 
 
-def refuse_strangers(fit: RobustFit, start: Consensus, hand: FloatArray, length: float) -> None:
+def refuse_strangers(
+    fit: RobustFit,
+    start: Consensus,
+    hand: FloatArray,
+    length: float,
+    more: Sequence[FloatArray] = (),
+) -> None:
     """Refuse pairs of which nothing fits: what they leave open is not the trouble then.
 
     Args:
@@ -92,6 +101,7 @@ def refuse_strangers(fit: RobustFit, start: Consensus, hand: FloatArray, length:
         start: how their loops scatter before it, in units of ``length``.
         hand: (n, 3, 3) orientations of the hand.
         length: the extent, m.
+        more: directions of X that are undetermined beside what the solution holds.
     """
     if fit.sigmas[1] > NO_AGREEMENT:
         raise SamplesError(
@@ -101,7 +111,8 @@ def refuse_strangers(fit: RobustFit, start: Consensus, hand: FloatArray, length:
         )
     slid, turned = start.sigmas
     apart = slid > STRANGERS or turned > NO_AGREEMENT
-    if not (apart and undetermined_directions(fit.solution, EYE)):
+    unrelated = fit.sigmas[0] > UNRELATED or undetermined_directions(fit.solution, EYE, more)
+    if not (apart and unrelated):
         return
     if turned > TURNED:
         raise _disagreement(start, length, CAUSES)

@@ -9,7 +9,8 @@ import numpy as np
 
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements import Camera, Corners
-from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye_causes import SUSPICIOUS, TURNED
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
 from suta_calib.terms import CameraView
 from suta_calib.terms.camera_alone import camera_alone
@@ -23,6 +24,8 @@ from suta_calib.terms.hand_eye_start import (
 
 # Ratio of two sizes that no measuring error explains.
 OTHER_SIZE: Final = 1.3
+# Of two focal lengths of one camera, another focus.
+OTHER_FOCAL: Final = 1.1
 
 
 def cause_of_disagreement(
@@ -58,14 +61,22 @@ def cause_of_disagreement(
         own = camera_alone(corners, term.board)
     except InputError:
         return "", ""
+    before, after = given.values["fx"], own.values["fx"]
+    if abs(np.log(after / before)) < np.log(OTHER_FOCAL):
+        return "", ""
     if _agrees(*_told(replace(term, camera=own)), term.setup, seed):
-        before, after = given.values["fx"], own.values["fx"]
         return (
             f"pictures of a focal length of some {after:.0f} px, where the camera's file says "
             f"{before:.0f} px",
             "the file must be of this camera, focus and size of picture",
         )
     return "", ""
+
+
+def loose(found: HandEyeCalibration) -> bool:
+    """Whether pairs agree so badly that pictures which are read wrongly are more likely."""
+    apart = found.rms / np.sqrt(3.0) / found.length
+    return bool(apart > SUSPICIOUS and found.rms_angle / np.sqrt(3.0) > TURNED)
 
 
 def _told(term: CameraView) -> tuple[Poses, Poses]:
@@ -98,4 +109,4 @@ def _agrees(hand: Poses, seen: Poses, setup: EyeSetup, seed: int) -> bool:
         found = calibrate_hand_eye(hand, seen, setup=setup, seed=seed)
     except SamplesError:
         return False
-    return bool(found.inliers.mean() > 1.0 - MANY_OUTLIERS)
+    return bool(found.inliers.mean() > 1.0 - MANY_OUTLIERS) and not loose(found)

@@ -28,10 +28,10 @@ from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.correlation import embedded
 from suta_calib.pose_calibration.eye_poses import Model
-from suta_calib.pose_calibration.hand_eye import FEW_PAIRS, calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye import ADVICE, FEW_PAIRS, calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
-from suta_calib.pose_calibration.picture_causes import cause_of_disagreement
+from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose
 from suta_calib.pose_calibration.picture_errors import picture_errors
 from suta_calib.pose_calibration.picture_noise import (
     FINEST,
@@ -39,6 +39,7 @@ from suta_calib.pose_calibration.picture_noise import (
     sizes_of_boards,
     weigh_pictures,
 )
+from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
@@ -119,6 +120,8 @@ def hand_eye_from_pictures(
             term.check_enough()
             believed.append(_agreeing(term, view, robust, seed))
     solution, believed = _settled(terms, believed, robust)
+    for term in terms:
+        refuse_undetermined(solution, term.owners[0], "X", ADVICE)
     hands = _hands(solution)
     weighed = weigh_pictures(solution.problem, solution.x, solution.free, *hands)
     problem, freed = solution.problem, weighed
@@ -191,7 +194,8 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
         [], np.zeros((n, 0)), labels={"image": hand.image}, origin=[str(row) for row in range(n)]
     )
     return CameraView.of_corners(
-        MeasuredPoses(*hand.pose, samples),
+        # What noise of the hand makes up is judged by pairs, before (`_agreeing`).
+        MeasuredPoses(*hand.pose, samples, judged=False),
         view.corners,
         view.board,
         view.camera,
@@ -206,13 +210,20 @@ def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArra
     """(n,) pictures whose boards agree with one X; refuses what no X explains, by its cause."""
     told = np.isfinite(term.seen_poses[1][:, 0])
     hand, seen = some_poses(term.poses.at({}), told), some_poses(term.seen_poses, told)
+    found, problem = None, None
     try:
         found = calibrate_hand_eye(hand, seen, setup=term.setup, robust=robust, seed=seed)
-    except SamplesError as problem:
+    except SamplesError as refused:
+        problem = refused
+    if found is None or loose(found):
         found_instead, hint = cause_of_disagreement(term, view.corners, view.camera, seed)
-        if not hint:
-            raise
-        raise SamplesError(found_instead, "pictures and poses that agree", hint=hint) from problem
+        if hint:
+            raise SamplesError(
+                found_instead, "pictures and poses that agree", hint=hint
+            ) from problem
+    if found is None:
+        assert problem is not None
+        raise problem
     believed = np.zeros(len(told), dtype=np.bool_)
     believed[told] = found.inliers
     return believed if robust else np.ones_like(believed)

@@ -3,47 +3,169 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.measurements.samples import Samples
-from suta_calib.model.parameters import PLACEMENT
+from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.pose_calibration.consensus import Consensus, some_rows
-from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
+from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
+from suta_calib.records import dataclass
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses
+from suta_calib.terms.outside import pose_parameters
 from suta_calib.terms.poses import MeasuredPoses
 
 # Before the data are asked: anything from none to all.
 EXPECTED: Final = 0.5
 SPREAD: Final = 0.29
 UNKNOWNS: Final = 12
+# How far the noise's centres may be from the frames' origins, in units of the extent: a standard
+# deviation before the data are asked. Zero unless they speak for another by this much (log-
+# likelihood): six numbers more follow noise, too.
+CENTRES: Final = (0.0, 0.05, 0.2, 1.0)
+CLEARLY: Final = 2.0
+# Standard deviations of the fraction up to which the hand's part may be larger than it seems.
+SURE: Final = 2.0
+# Times of a known unknown's plausible range that hand-eye's may take: what the pairs tell badly
+# gets a large standard deviation. Only what is singular is held, and then refused.
+ANYTHING: Final = 100.0
 # What the pose of the eye in the hand is called among the unknowns.
 EYE: Final = HandEye.frames[0].own
 
 
-def estimate_robot_noise_fraction(position: FloatArray, swept: FloatArray) -> float:
-    """Part of the rotational noise, as a variance, that is the hand's; between 0 and 1.
+@dataclass(frozen=True, eq=False)
+class LeverModel:
+    """How the turn in a pair's residual moves the target's position: ``turn x lever``.
+
+    The lever is ``fraction (p_seen - hand) + in_eye + R_seen in_target``, all in the eye. It stays
+    the same family whatever frames are chosen on hand, eye and target.
+
+    Attributes:
+        fraction: part of the rotational noise, as a variance, that is the hand's; between 0 and 1.
+        std: its standard deviation.
+        in_eye, in_target: (3,) in the axes of the eye and of the target, in the problem's unit.
+    """
+
+    fraction: float = EXPECTED
+    std: float = SPREAD
+    in_eye: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    in_target: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def at_most(self) -> float:
+        """The largest fraction that the residuals allow."""
+        return min(1.0, self.fraction + SURE * self.std)
+
+
+def estimate_lever(
+    position: FloatArray,
+    turn: FloatArray,
+    lever: FloatArray,
+    seen: FloatArray,
+    sight: FloatArray | None = None,
+) -> LeverModel:
+    """The lever by which the turns in the residuals of pairs move the target.
 
     A turn of the hand moves the target by turn x lever, seen from the eye; a turn of what the eye
     sees does not. The regression of one on the other is the fraction, shrunk towards one half where
-    few poses tell little.
+    few poses tell little. Where noise of places and turns is correlated because frames lie
+    elsewhere than what makes it, two points follow; the size of their prior is the one of most
+    likelihood (empirical Bayes).
 
-    ``position`` (n, 3) are residuals of the target's position in the eye, ``swept`` the turn in
-    each residual times the lever from hand to target, in the same unit.
+    Args:
+        position: (n, 3) residuals of the target's position in the eye.
+        turn: (n, 3) turn in each residual, rad, in the eye's axes.
+        lever: (n, 3) from the hand's origin to the target, in the eye's axes, and in the unit of
+            ``position``.
+        seen: (n, 3, 3) orientation of the target in the eye.
+        sight: (n, 3) from the eye to the target. A camera knows the distance worse than the
+            direction, and turns move the target sideways: both are weighed by their scatter.
     """
-    told, against = float(np.sum(swept**2)), float(np.sum(swept * position))
-    if told == 0.0:
-        return EXPECTED
-    fraction = against / told
-    freedom = max(position.size - UNKNOWNS / 2, 1.0)
-    prior = float(np.sum((position - fraction * swept) ** 2)) / freedom / SPREAD**2
-    return float(np.clip((against + EXPECTED * prior) / (told + prior), 0.0, 1.0))
+    cross = skew(turn)
+    columns = np.concatenate([(cross @ lever[..., None]), cross, cross @ seen], axis=2)
+    if not columns[..., 0].any():
+        return LeverModel()
+    if sight is not None:
+        along = _less_along(position, sight)
+        position, columns = along @ position[..., None], along @ columns
+    position, columns = position.ravel(), columns.reshape(-1, 7)
+    y = position - EXPECTED * columns[:, 0]
+    found = [_ridge(columns, y, size) for size in CENTRES]
+    best = max(range(len(found)), key=lambda k: found[k][0] - CLEARLY * (k > 0))
+    _, beta, std = found[best]
+    fraction = EXPECTED + float(beta[0])
+    if not 0.0 <= fraction <= 1.0:
+        fraction = float(np.clip(fraction, 0.0, 1.0))
+        if best:
+            rest = position - fraction * columns[:, 0]
+            beta = np.concatenate([[0.0], _ridge(columns[:, 1:], rest, CENTRES[best])[1]])
+    at = tuple(map(float, beta[1:])) if best else (0.0,) * 6
+    return LeverModel(fraction, std, at[:3], at[3:])  # type: ignore[arg-type]
+
+
+def _less_along(position: FloatArray, sight: FloatArray) -> FloatArray:
+    """(n, 3, 3) what makes residuals (n, 3) scatter along the sight (n, 3) as across it."""
+    unit = sight / np.maximum(np.linalg.norm(sight, axis=1), 1e-300)[:, None]
+    depth = np.einsum("ni,ni->n", unit, position)
+    across = float(np.sum(position**2) - depth @ depth) / 2.0
+    weight = min(np.sqrt(max(across, 0.0) / max(float(depth @ depth), 1e-300)), 1.0)
+    return np.asarray(np.eye(3) - (1.0 - weight) * unit[:, :, None] * unit[:, None, :])
+
+
+def _ridge(columns: FloatArray, y: FloatArray, size: float) -> tuple[float, FloatArray, float]:
+    """Logarithm of the marginal likelihood, the estimate, and the first one's std.
+
+    Args:
+        columns: (n, k): the fraction's, if there are seven, and those of two points.
+        y: (n,)
+        size: standard deviation of the points' coordinates before the data.
+    """
+    points = np.full(6, size)
+    prior = np.concatenate([[SPREAD], points]) if columns.shape[1] == 7 else points
+    used = np.flatnonzero(prior)
+    C, root = columns[:, used], prior[used]
+    freedom = max(len(y) - UNKNOWNS / 2, 1.0)
+    scaled = C * root
+    information, pull = scaled.T @ scaled, scaled.T @ y
+    # What exact poses leave is rounding.
+    least = ROUNDING**2 * max(float(information.max()), 1.0)
+    variance = max(float(y @ y) / freedom, least)
+    for _ in range(20):
+        step = np.linalg.solve(information + variance * np.eye(len(used)), pull)
+        left = y - scaled @ step
+        bayes = float(y @ left)
+        again = max(bayes / freedom, least)
+        if abs(again / variance - 1.0) < 1e-6:
+            break
+        variance = again
+    logarithm = np.linalg.slogdet(np.eye(len(used)) + information / variance)[1]
+    likelihood = -0.5 * (freedom * np.log(variance) + logarithm + bayes / variance)
+    beta = np.zeros(columns.shape[1])
+    beta[used] = root * step
+    spread = variance * np.linalg.inv(information + variance * np.eye(len(used)))
+    return float(likelihood), beta, float(root[0] * np.sqrt(spread[0, 0]))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PairedHandEye(HandEye):
+    """`HandEye` of which nothing is held because it is known badly: only what is singular."""
+
+    @cached_property
+    def own(self) -> tuple[Parameter, ...]:
+        """The poses of its frames."""
+        return tuple(
+            replace(p, plausible=ANYTHING * p.plausible)
+            for frame in self.frame_names
+            for p in pose_parameters(frame)
+        )
 
 
 class RobotNoise:
@@ -54,29 +176,47 @@ class RobotNoise:
         finest_turn: noise of a turn, rad, that is assumed at least.
 
     Attributes:
-        fraction: of the rotational noise that is the hand's, as `make` takes it.
+        lever: by which turns in the residuals move the target, as `make` takes it.
+        at_most: largest part of the rotational noise that the residuals allow the hand.
     """
 
     def __init__(self, hand: Poses, seen: Poses, finest_turn: float) -> None:
         self._seen, self._finest = seen, finest_turn
         nothing = np.zeros((len(hand[1]), 0))
         samples = Samples.from_arrays([], nothing, position=seen[1], rotation=seen[0])
-        self._poses = parts_of(MeasuredPoses(*hand, samples))
-        self.fraction = EXPECTED
+        # What noise makes up is judged here: `undetermined.noise_made_directions`.
+        self._poses = parts_of(MeasuredPoses(*hand, samples, judged=False))
+        self.lever = LeverModel()
+        self.at_most = 1.0
+
+    @property
+    def moves_targets(self) -> bool:
+        """Whether turns in the residuals are taken to move the target at all."""
+        return bool(self.lever.fraction or any(self.lever.in_eye + self.lever.in_target))
+
+    @property
+    def fraction(self) -> float:
+        """Part of the rotational noise, as a variance, that is the hand's."""
+        return self.lever.fraction
 
     def make(self, rows: IntArray, noises: Sequence[Noise]) -> HandEye:
         """The term over some rows."""
-        return self._term(rows, noises, self.fraction)
+        return self._term(rows, noises, self.lever)
 
     def revise(self, values: Mapping[str, float], inliers: BoolArray) -> None:
-        """Estimate the fraction from the inliers' residuals at the values found."""
+        """Estimate the lever from the inliers' residuals at the values found."""
         rows = np.flatnonzero(inliers)
-        at_target = term_residuals(self._term(rows, (Noise(), Noise()), 0.0), values)
+        at_target = term_residuals(self._term(rows, (Noise(), Noise()), NO_LEVER), values)
         x = np.array([values[f"{EYE}.{key}"] for key in PLACEMENT])
         R_seen, p_seen = self._seen[0][rows], self._seen[1][rows]
         in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
         lever = p_seen + rotation_from_vector(x[3:]).T @ x[:3]
-        self.fraction = estimate_robot_noise_fraction(at_target[0], np.cross(in_eye, lever))
+        self.lever = estimate_lever(at_target[0], in_eye, lever, R_seen, p_seen)
+        self.at_most = self.lever.at_most
+
+    def forget(self) -> None:
+        """Take the noise of places and turns for independent at the target's origin."""
+        self.lever, self.at_most = NO_LEVER, 1.0
 
     def explains(self, fit: RobustFit) -> bool:
         """Whether the residuals at the target grew no more by it than by chance.
@@ -87,16 +227,26 @@ class RobotNoise:
         rows = np.flatnonzero(fit.inliers)
         rows = rows[some_rows(len(rows))]
         plain = robust_fit(
-            lambda r, n: self._term(rows[r], n, 0.0),
+            lambda r, n: self._term(rows[r], n, NO_LEVER),
             Consensus.of_all(len(rows), *fit.sigmas),
             (0.0, self._finest),
             robust=False,
         )
-        term = self._term(rows, (Noise(), Noise()), 0.0)
+        term = self._term(rows, (Noise(), Noise()), NO_LEVER)
         with_robot_noise = [float(np.sum(r**2)) for r in term_residuals(term, fit.solution.values)]
         without = [float(np.sum(r**2)) for r in plain.residuals]
         allowed = 1.0 + 2.5 * UNKNOWNS / max(2 * len(rows) - UNKNOWNS, 1)
         return all(w <= allowed * p for w, p in zip(with_robot_noise, without, strict=True))
 
-    def _term(self, rows: IntArray, noises: Sequence[Noise], fraction: float) -> HandEye:
-        return HandEye(self._poses(rows), noises[0], noises[1], robot_noise_fraction=fraction)
+    def _term(self, rows: IntArray, noises: Sequence[Noise], lever: LeverModel) -> HandEye:
+        return PairedHandEye(
+            self._poses(rows),
+            noises[0],
+            noises[1],
+            robot_noise_fraction=lever.fraction,
+            lever_in_eye=lever.in_eye,
+            lever_in_target=lever.in_target,
+        )
+
+
+NO_LEVER: Final = LeverModel(fraction=0.0, std=0.0)

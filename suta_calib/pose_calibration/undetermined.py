@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,12 @@ NOTICEABLE: Final = 0.02
 
 
 def refuse_undetermined(
-    solution: Solution, unknown: str, what: str, advice: str, slides: FloatArray | None = None
+    solution: Solution,
+    unknown: str,
+    what: str,
+    advice: str,
+    slides: FloatArray | None = None,
+    more: Sequence[FloatArray] = (),
 ) -> None:
     """Refuse a solution whose data leave directions of an unknown open, and name them.
 
@@ -28,8 +34,9 @@ def refuse_undetermined(
         advice: what to do.
         slides: (k, 3) directions to name instead of those found at the solution, which says nothing
             true where the start was as undetermined as the solution.
+        more: displacements and turns (6,) that are undetermined beside what the solution holds.
     """
-    directions = undetermined_directions(solution, unknown)
+    directions = undetermined_directions(solution, unknown, more)
     if directions and slides is not None and len(slides):
         directions = [f"slide along {_vector(v)}" for v in slides]
     if directions:
@@ -40,10 +47,12 @@ def refuse_undetermined(
         )
 
 
-def undetermined_directions(solution: Solution, unknown: str) -> list[str]:
+def undetermined_directions(
+    solution: Solution, unknown: str, more: Sequence[FloatArray] = ()
+) -> list[str]:
     """What may change unnoticed, each in words such as ``slide along (0.00, 0.00, 1.00)``."""
     keys = {f"{unknown}.{key}": k for k, key in enumerate(PLACEMENT)}
-    weak = []
+    weak = [np.asarray(vector) for vector in more]
     for combination in solution.identification.combinations:
         vector = np.zeros(6)
         for name, part in combination.direction.items():

@@ -258,8 +258,8 @@ def _jitter(
             share = _levels(mine)["m"] * np.sqrt(3.0) / source.reach
             shifts.append(share * random.standard_normal(source.samples.q.shape))
         else:
-            exact = isinstance(source, MeasuredPoses) and source.exact
-            noise = np.zeros(6) if exact else _pose_noise(mine)
+            judged = not isinstance(source, MeasuredPoses) or source.judged
+            noise = _pose_noise(mine) if judged else np.zeros(6)
             shifts.append(noise * random.standard_normal((len(source), 6)))
     return shifts
 

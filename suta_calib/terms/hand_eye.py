@@ -51,7 +51,8 @@ def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     seen, robot_noise_fraction = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
     expected, hand_in_eye = _target_in_eye(poses, own), pose_of(own[0:6]).inverse_act([0, 0, 0])
     turn = symbolic_chordal_log(expected.R @ seen.R.T)
-    return expected.p - seen.p - robot_noise_fraction * ca.cross(turn, seen.p - hand_in_eye)
+    lever = robot_noise_fraction * (seen.p - hand_in_eye) + data[13:16]
+    return expected.p - seen.p - ca.cross(turn, lever)
 
 
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -76,6 +77,9 @@ class HandEye(SeenTerm):
         label: terms with the same label share the eye and the target.
         robot_noise_fraction: part of the rotational noise (of its variance) that is the hand's,
             0 to 1.
+        lever_in_eye, lever_in_target: (3,), m, in the axes of the eye and of the target; their sum
+            is added to the lever. Zero where the noise of places and turns is independent at the
+            hand's and the target's origins: a tag's may be at its middle while its frame is not.
 
     Raises:
         SamplesError: the samples hold no positions or no orientations.
@@ -106,6 +110,8 @@ class HandEye(SeenTerm):
     }
 
     robot_noise_fraction: float = 0.0
+    lever_in_eye: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lever_in_target: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def _seen(self) -> Poses:
@@ -121,7 +127,8 @@ class HandEye(SeenTerm):
         """Positions and rotations of the target in the eye."""
         (rotation, position), n = self._seen, len(self.poses)
         own, turned = np.tile(np.arange(12), (n, 1)), flat(rotation)
-        both = np.column_stack([position, turned, np.full(n, self.robot_noise_fraction)])
+        lever = np.array(self.lever_in_eye) + rotation @ self.lever_in_target
+        both = np.column_stack([position, turned, np.full(n, self.robot_noise_fraction), lever])
         block, labels, angular = Block.per_sample, self.poses.samples.origin, self.angular_noise
         return (
             block("position", "m", 3, _position, own, both, self.noise, labels),

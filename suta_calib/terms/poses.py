@@ -237,13 +237,20 @@ class MeasuredPoses(PoseSource):
         samples: what was observed beside them, n rows (may have no joints).
         exact: whether their own noise may be left out of account when it is judged what the data
             tell: because it is small, or the caller judges by himself.
+        judged: whether the solver judges what their noise makes up; False where the caller does.
     """
 
     def __init__(
-        self, rotation: FloatArray, position: FloatArray, samples: Samples, *, exact: bool = False
+        self,
+        rotation: FloatArray,
+        position: FloatArray,
+        samples: Samples,
+        *,
+        exact: bool = False,
+        judged: bool = True,
     ) -> None:
         self.rotation, self.position = rotation, position
-        self.samples, self.exact = samples, exact
+        self.samples, self.exact, self.judged = samples, exact, judged and not exact
 
     @cached_property
     def postures(self) -> IntArray:
@@ -259,12 +266,14 @@ class MeasuredPoses(PoseSource):
 
     def with_samples(self, samples: Samples) -> MeasuredPoses:
         """The same measured poses."""
-        return MeasuredPoses(self.rotation, self.position, samples, exact=self.exact)
+        kinds = {"exact": self.exact, "judged": self.judged}
+        return MeasuredPoses(self.rotation, self.position, samples, **kinds)
 
     def take(self, rows: ArrayLike) -> MeasuredPoses:
         """Some of the poses."""
         some, samples = np.asarray(rows), self.samples.take(rows)
-        return MeasuredPoses(self.rotation[some], self.position[some], samples, exact=self.exact)
+        kinds = {"exact": self.exact, "judged": self.judged}
+        return MeasuredPoses(self.rotation[some], self.position[some], samples, **kinds)
 
 
 def together(q: FloatArray, apart: float = WANDER) -> IntArray:

@@ -25,7 +25,7 @@ from suta_calib.geometry.numbers import (
     vector_from_rotation,
 )
 from suta_calib.pose_calibration.hand_eye import _loops, calibrate_hand_eye
-from suta_calib.pose_calibration.robot_noise import estimate_robot_noise_fraction
+from suta_calib.pose_calibration.robot_noise import estimate_lever
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -152,18 +152,39 @@ def test_knowing_whose_noise_it_is_makes_x_better(whose: str, gain: float) -> No
     assert (ratio < gain).all(), ratio
 
 
-def test_the_share_is_a_regression() -> None:
+def test_the_fraction_is_a_regression() -> None:
     """Displacements that are a known part of what the turns swept, and nothing else."""
-    swept = np.random.default_rng(0).standard_normal((200, 3))
+    random = np.random.default_rng(0)
+    turn, lever = random.standard_normal((2, 200, 3))
+    seen = random_rotations(random, 200)
+    swept = np.cross(turn, lever)
+
+    def fraction(position: FloatArray) -> float:
+        return estimate_lever(position, turn, lever, seen).fraction
+
     for share in (0.0, 0.3, 1.0):
-        assert estimate_robot_noise_fraction(share * swept, swept) == pytest.approx(
-            share, abs=1e-12
-        )
-    assert estimate_robot_noise_fraction(-swept, swept) == pytest.approx(0.0)
-    assert estimate_robot_noise_fraction(2.0 * swept, swept) == pytest.approx(1.0)
-    assert estimate_robot_noise_fraction(swept, np.zeros((200, 3))) == 0.5
+        assert fraction(share * swept) == pytest.approx(share, abs=1e-6)
+    assert fraction(-swept) == pytest.approx(0.0)
+    assert fraction(2.0 * swept) == pytest.approx(1.0)
+    assert estimate_lever(swept, np.zeros((200, 3)), lever, seen).fraction == 0.5
     swamped = 1e3 * np.random.default_rng(1).standard_normal((200, 3))
-    assert estimate_robot_noise_fraction(swamped, swept) == pytest.approx(0.5, abs=0.05)
+    assert fraction(swamped) == pytest.approx(0.5, abs=0.05)
+
+
+def test_the_points_at_which_noise_is_independent_are_found() -> None:
+    """A frame on the target 0.3 off the point whose place is noisy, and one 0.2 off on the hand."""
+    random = np.random.default_rng(3)
+    turn, lever = 0.02 * random.standard_normal((60, 3)), random.uniform(-0.5, 0.5, (60, 3))
+    seen, noise = random_rotations(random, 60), 1e-3 * random.standard_normal((60, 3))
+    in_eye, in_target = np.array([0.2, 0.0, -0.1]), np.array([0.0, 0.3, 0.0])
+    position = np.cross(turn, 0.3 * lever + in_eye + seen @ in_target) + noise
+    model = estimate_lever(position, turn, lever, seen)
+    assert model.fraction == pytest.approx(0.3, abs=3.0 * model.std)
+    np.testing.assert_allclose(model.in_eye, in_eye, atol=0.03)
+    np.testing.assert_allclose(model.in_target, in_target, atol=0.03)
+    # Where the frames are at those points nothing is added.
+    model = estimate_lever(np.cross(turn, 0.3 * lever) + noise, turn, lever, seen)
+    assert model.in_eye == model.in_target == (0.0, 0.0, 0.0)
 
 
 def test_loops_of_many_answers_are_those_of_each() -> None:
