@@ -58,8 +58,13 @@ def check_end_of_rows(
     start = text.find("\n", max(0, len(text) - _TAIL)) + 1 if len(text) > _TAIL else 0
     tail = "\n" * text.count("\n", 0, start) + text[start:]
     before, line = ["", *lines_of(tail)][-2:]
-    if not line.strip() or line.lstrip().startswith(("#", "%")):
+    # Blanks are no row, unless rows begin with them.
+    indented = before[:1].isspace() and bool(before.strip())
+    if line.lstrip().startswith(("#", "%")) or not (line.strip() or indented):
         return
+    if not line.strip():
+        said = "blanks at the end, with which rows begin"
+        raise cut_off(path, len(lines_of(tail)), said, "a whole row, or none")
     *above, last = rows_of_text(path, tail, separator)
     width = len(last.cells)
     same_width = takewhile(lambda row: len(row.cells) == width, reversed(above))
@@ -121,7 +126,8 @@ def _ends_matrix(cells: Sequence[str], rows: int) -> bool:
     """Whether they are the last row, 0 0 0 1, of a 4x4 transform, stacked or in one line."""
     if len(cells) != 16 and (len(cells) != 4 or rows % 4):
         return False
-    return tuple(map(number_in, cells[-4:])) == _LAST_OF_MATRIX
+    decimals = {len(cell.partition(".")[2]) for cell in cells[-4:]}
+    return len(decimals) == 1 and tuple(map(number_in, cells[-4:])) == _LAST_OF_MATRIX
 
 
 def check_end_of_program(
@@ -132,6 +138,7 @@ def check_end_of_program(
     comment: str,
     opening: re.Pattern[str],
     closing: re.Pattern[str],
+    last_word: re.Pattern[str],
 ) -> None:
     """Refuse a program that was cut off: an open block, bracket or statement at its end.
 
@@ -142,6 +149,7 @@ def check_end_of_program(
         comment: begins a comment.
         opening: matches a line that begins a block, such as a module.
         closing: matches a line that ends one.
+        last_word: matches such a line that is no beginning of another word.
 
     Raises:
         ForeignFileError: the program has no end.
@@ -155,7 +163,7 @@ def check_end_of_program(
         found = f"no end of {begun[ended][:_LONGEST]!r}"
         raise cut_off(path, len(lines), found, "a program with its end")
     last = lines[-1] if lines else ""
-    if text.endswith(("\n", "\r")) or not last or closing.match(last):
+    if text.endswith(("\n", "\r")) or not last or last_word.match(last):
         return
     balance = sum(last.count(sign) for sign in _OPENING) - sum(map(last.count, _CLOSING))
     if balance > 0 or not last.endswith((";", *_CLOSING)):

@@ -15,6 +15,8 @@ from suta_calib.exchange.option import Given
 from suta_calib.inputs import read_input
 
 _HEAD: Final = 4096
+# Endings of files that hold no rows of cells.
+_NO_TABLES: Final = (".yaml", ".yml", ".json", ".xml", ".urdf")
 # What is read where nothing else recognises a file.
 TABLE: Final = "table"
 
@@ -98,6 +100,13 @@ def recognised(path: Path) -> Reader:
         said = "a folder of no format that is known"
         hint = "suta-calib import --list names them"
         raise ForeignFileError(said, "a file, or a recording's folder", file=path, hint=hint)
+    if not found and path.suffix.lower() in _NO_TABLES:
+        raise ForeignFileError(
+            f"a {path.suffix.lower()} file of no format that is known",
+            "a table, or a file of one of the formats",
+            file=path,
+            hint="suta-calib import --list names them; cameras, boards and arms need no import",
+        )
     return found[0] if found else known[TABLE]
 
 

@@ -57,6 +57,7 @@ class ProgramReader(Reader):
         comment: begins a comment.
         opening: matches the beginning of a block of the program.
         closing: matches the end of one.
+        last_word: matches such an end that is no beginning of another word; closing where None.
         settings: matches what sets something other than a position, up to its end.
     """
 
@@ -66,6 +67,7 @@ class ProgramReader(Reader):
     comment: ClassVar[str]
     opening: ClassVar[re.Pattern[str]]
     closing: ClassVar[re.Pattern[str]]
+    last_word: ClassVar[re.Pattern[str] | None] = None
     settings: ClassVar[re.Pattern[str] | None] = None
 
     @abstractmethod
@@ -105,7 +107,13 @@ class ProgramReader(Reader):
             said = f"no {what or 'positions'}"
             raise ForeignFileError(said, f"positions as {self.summary} has them", file=path)
         check_end_of_program(
-            path, text, given, comment=self.comment, opening=self.opening, closing=self.closing
+            path,
+            text,
+            given,
+            comment=self.comment,
+            opening=self.opening,
+            closing=self.closing,
+            last_word=self.last_word or self.closing,
         )
         lines, labels, numbers, external = found[what]
         axes = ExternalAxes.of(path, lines, external)

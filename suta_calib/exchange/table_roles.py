@@ -73,7 +73,12 @@ _COUNTED: Final = (
     ("quat_0", "quat_1", "quat_2", "quat_3"),
     ("quat_1", "quat_2", "quat_3", "quat_4"),
 )
-_ANGLES: Final = (("rx", "ry", "rz"), ("roll", "pitch", "yaw"), ("a", "b", "c"))
+_ANGLES: Final = (
+    ("rx", "ry", "rz"),
+    ("roll", "pitch", "yaw"),
+    ("a", "b", "c"),
+    ("phix", "phiy", "phiz"),
+)
 _MATRICES: Final = tuple(
     tuple(f"{letter}{row}{column}" for row in range(k, k + 3) for column in range(k, k + 3))
     for letter in ("r", "m", "t")

@@ -97,6 +97,23 @@ def test_what_may_be_cut_off_is_refused_with_a_way_on(tmp_path: Path) -> None:
         imported(path)
 
 
+INDENTED = "x y z\n" + "".join(f" {x:8.4f} {y:8.4f} {z:8.4f}\n" for x, y, z in P)
+MATRICES = "1.00 0.00 0.00 0.10\n0.00 1.00 0.00 0.20\n0.00 0.00 1.00 0.30\n0.00 0.00 0.00 1.00\n"
+TRICKY = {
+    "blanks with which rows begin": INDENTED + " ",
+    "the 1 of a matrix": MATRICES + MATRICES[:-4],
+    "END of ENDIF": "DEF a( )\nIF x THEN\nPTP {A1 1,A2 2,A3 3,A4 4,A5 5,A6 6}\nEND",
+}
+
+
+@pytest.mark.parametrize("what", TRICKY)
+def test_what_looks_like_an_end(what: str, tmp_path: Path) -> None:
+    path = tmp_path / ("a.src" if "END" in what else "a.txt")
+    path.write_text(TRICKY[what])
+    with pytest.raises(InputError, match=r"cut off while it was written .*--whole"):
+        imported(path)
+
+
 PROGRAM = (
     "DEFDAT A\nDECL E6POS P={X 1,Y 2,Z 3,A 0,B 0,C 1}\nDECL E6POS Q={X 1,Y 2,Z 3,A 0,B 0,C 25}\n"
 )

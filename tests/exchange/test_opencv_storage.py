@@ -31,6 +31,7 @@ def test_two_series_are_pairs_and_one_is_a_body(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
+        ("frameCount: 8", "frameCount: 17", "found 16 matrices; expected 17, as the file says"),
         ("T2_7: ", "T2_9: ", "matrices of other numbers: 8 T1 and 8 T2; .*--body T1"),
         ("cols: 4", "cols: 3", "T1_0: found a matrix of 4 x 3; expected a 4x4 matrix"),
         (" ]", ", 1.0 ]", r"poses\.yml:4: T1_0: found other data; expected 16 finite numbers"),
@@ -49,6 +50,13 @@ def test_what_is_no_pose(old: str, new: str, says: str, tmp_path: Path) -> None:
     assert old in text
     path.write_text(text.replace(old, new, 1))
     with pytest.raises(InputError, match=says):
+        imported(path)
+
+
+def test_other_yaml_is_called_so(tmp_path: Path) -> None:
+    path = tmp_path / "camera.yaml"
+    path.write_text("image_width: 640\ndata: [1, 0, 0]\n")
+    with pytest.raises(InputError, match=r"found a \.yaml file of no format that is known"):
         imported(path)
 
 

@@ -386,6 +386,12 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
         {},
         r":2: found several columns of 'x', in units of their own",
     ),
+    "an origin of joints": (
+        "joint_1\n1\n2\n",
+        {"origin": "first", "separator": "comma"},
+        "--origin",
+    ),
+    "angles of FIGAROH": ("x,y,z,phix,phiy,phiz\n1,1,1,0,0,1\n", {}, "phix, phiy, phiz, which may"),
     "far away": ("x,y,z\n100,200,300\n", {}, r":2: found positions some 374 m away.*--unit mm"),
     "both units": ("x_mm,y_mm,z_mm\n1,2,3\n", {"unit": "m"}, "named as mm, with --unit m"),
 }

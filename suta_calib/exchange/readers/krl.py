@@ -36,6 +36,8 @@ class KrlReader(ProgramReader):
     comment: ClassVar[str] = ";"
     opening: ClassVar[re.Pattern[str]] = re.compile(r"(GLOBAL\s+)?DEF(DAT|FCT)?\s", re.IGNORECASE)
     closing: ClassVar[re.Pattern[str]] = re.compile(r"END(DAT|FCT)?$", re.IGNORECASE)
+    # END may be that of ENDIF.
+    last_word: ClassVar[re.Pattern[str] | None] = re.compile(r"END(DAT|FCT)$", re.IGNORECASE)
 
     def recognises(self, path: Path, head: str) -> bool:
         """A program's beginning, or positions."""

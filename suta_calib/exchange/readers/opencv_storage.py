@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY, BODY_OPTIONS, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import WHOLE, check_end_of_yaml
+from suta_calib.exchange.cut_off import WHOLE, check_count, check_end_of_yaml
 from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -69,6 +69,9 @@ class OpencvStorageReader(Reader):
                 file=path,
                 hint="a camera in such a file is read where --camera asks for one",
             )
+        # Of one series or of all: nothing says which.
+        counts = [data[key] for key in _COUNTS if isinstance(data.get(key), int)]
+        check_count(path, sum(map(len, series.values())), max(counts, default=0), "matrices", given)
         unit = given.text(UNIT, "m")
         if unit not in ("m", "mm"):
             raise given.refuse(UNIT, repr(unit), "m or mm")

@@ -210,6 +210,8 @@ class _Columns:
         if not self._poses and not self._readings:
             raise self._nothing()
         self._check_units()
+        if ORIGIN in self._given and not self._poses:
+            raise self._given.refuse(ORIGIN, "an origin, and no positions", "columns x, y, z")
         bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses} | self._others
         for body in bodies.values():
             whole &= body.seen
