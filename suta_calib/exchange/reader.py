@@ -136,7 +136,8 @@ def _head(path: Path) -> str:
             data = read_input(path)[:_HEAD]
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
-        said = "no such file" if isinstance(problem, FileNotFoundError) else f"({reason})"
+        gone = isinstance(problem, FileNotFoundError)
+        said = "no such file" if gone else f"an unreadable file ({reason})"
         raise ForeignFileError(said, "a file that can be read", file=path) from None
     utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16" if utf_16 else "utf-8-sig", errors="replace")
