@@ -51,8 +51,8 @@ def _read_stream(descriptor: int, most: int) -> bytes:
     parts, size = list[bytes](), 0
     while size <= most:
         if not select.select([descriptor], [], [], PATIENCE)[0]:
-            said = f"nothing comes from this pipe or device for {PATIENCE:g} s"
-            raise OSError(errno.ETIMEDOUT, said)
+            reason = f"nothing comes from this pipe or device for {PATIENCE:g} s"
+            raise OSError(errno.ETIMEDOUT, reason)
         part = os.read(descriptor, _AT_ONCE)
         parts.append(part)
         size += len(part)

@@ -63,8 +63,8 @@ def check_end_of_rows(
     if line.lstrip().startswith(("#", "%")) or not (line.strip() or indented):
         return
     if not line.strip():
-        said = "blanks at the end, with which rows begin"
-        raise cut_off(path, len(lines_of(tail)), said, "a whole row, or none")
+        blanks = "blanks at the end, with which rows begin"
+        raise cut_off(path, len(lines_of(tail)), blanks, "a whole row, or none")
     *above, last = rows_of_text(path, tail, separator)
     width = len(last.cells)
     same_width = takewhile(lambda row: len(row.cells) == width, reversed(above))
@@ -188,12 +188,12 @@ def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
         raise cut_off(path, len(lines_of(text)), found, "the end of a line behind it")
 
 
-def check_count(path: Path, found: int, stated: float, what: str, given: Given) -> None:
+def check_count(path: Path, count: int, stated: float, what: str, given: Given) -> None:
     """Refuse fewer rows than the file says that it has.
 
     Args:
         path: for messages.
-        found: how many there are.
+        count: how many there are.
         stated: how many the file says; NaN where it does not.
         what: they are.
         given: `WHOLE`.
@@ -201,8 +201,8 @@ def check_count(path: Path, found: int, stated: float, what: str, given: Given) 
     Raises:
         ForeignFileError: there are fewer.
     """
-    if WHOLE not in given and found < stated:
-        raise cut_off(path, None, f"{found} {what}", f"{stated:.0f}, as the file says")
+    if WHOLE not in given and count < stated:
+        raise cut_off(path, None, f"{count} {what}", f"{stated:.0f}, as the file says")
 
 
 def cut_off(path: Path, line: int | None, found: str, expected: str) -> ForeignFileError:

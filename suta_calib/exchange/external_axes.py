@@ -131,16 +131,16 @@ class ExternalAxes:
 
     def _units(self, given: Given) -> dict[str, str]:
         """By axis; one unit alone is that of all."""
-        found: dict[str, str] = {}
+        units: dict[str, str] = {}
         for part in given.texts(EXTERNAL_UNIT):
-            axis, equals, unit = (each.strip() for each in part.rpartition("="))
+            axis, equals, unit = map(str.strip, part.rpartition("="))
             if unit not in _UNITS:
                 raise given.refuse(EXTERNAL_UNIT, repr(unit), f"one of {', '.join(_UNITS)}")
             if equals and axis not in self.values:
                 there = ", ".join(self.values) or "none"
                 raise given.refuse(EXTERNAL_UNIT, f"the axis {axis!r}", f"one of {there}")
-            found |= dict.fromkeys([axis] if equals else self.values, unit)
-        return found
+            units |= dict.fromkeys([axis] if equals else self.values, unit)
+        return units
 
     def _line(self, axis: str) -> int:
         """Of the first position in which an axis is not zero."""

@@ -76,7 +76,7 @@ def plausible_rotations(
         units: the same.
     """
     most, norm = np.abs(numbers).max(), np.linalg.norm(numbers, axis=1).max()
-    found = list[tuple[str, str]]()
+    plausible = list[tuple[str, str]]()
     for unit in units:
         if unit == "deg" and "rad" in units and most <= _TURNS["rad"]:
             continue
@@ -85,8 +85,8 @@ def plausible_rotations(
         fitting = _fitting_neighbours(numbers, within, unit)
         euler = [form for form in fitting if form != VECTOR][:1]
         vector = [VECTOR] if VECTOR in fitting and not (euler and unit == "deg") else []
-        found += [(form, unit) for form in (*euler, *vector)]
-    return found
+        plausible += [(form, unit) for form in (*euler, *vector)]
+    return plausible
 
 
 def _fitting_neighbours(numbers: FloatArray, forms: Sequence[str], unit: str) -> list[str]:
@@ -129,16 +129,18 @@ def plausible_readings(
         lengths: units of the position that are possible.
         angles: units of the rotation that are possible.
     """
-    found = list[Reading]()
+    readings = list[Reading]()
     for first in firsts:
         position, rotation = numbers[:, :3], numbers[:, 3:]
         if first == "rotation":
             position, rotation = rotation, position
-        each = product(
-            plausible_rotations(rotation, forms, angles), plausible_lengths(position, lengths)
-        )
-        found += [Reading(first, form, length, angle) for (form, angle), length in each]
-    return found
+        rotations = plausible_rotations(rotation, forms, angles)
+        units = plausible_lengths(position, lengths)
+        readings += [
+            Reading(first, form, length, angle)
+            for (form, angle), length in product(rotations, units)
+        ]
+    return readings
 
 
 def open_forms() -> tuple[str, ...]:

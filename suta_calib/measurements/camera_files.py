@@ -50,7 +50,7 @@ def camera_document(path: Path) -> YamlDocument:
     document = YamlDocument(path, data, lines)
     if {"width", "height"} <= {*data} and ({"k", "d"} <= {*data} or {"K", "D"} <= {*data}):
         return _of_message(document)
-    chain = [key for key, each in data.items() if isinstance(each, dict) and _is_camera(each)]
+    chain = [key for key, part in data.items() if isinstance(part, dict) and _is_camera(part)]
     return _of_kalibr(document, chain) if chain else document
 
 

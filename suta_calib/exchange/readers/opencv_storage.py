@@ -76,11 +76,11 @@ class OpencvStorageReader(Reader):
         if unit not in ("m", "mm"):
             raise given.refuse(UNIT, repr(unit), "m or mm")
         bodies = {name: _body(path, matrices, lines, unit) for name, matrices in series.items()}
-        said = f"in {unit}" + ("" if UNIT in given else f", unless {UNIT.switch} says else")
+        unit_text = f"in {unit}" + ("" if UNIT in given else f", unless {UNIT.switch} says else")
         numbers = {tuple(sorted(matrices)) for matrices in series.values()}
         pair = len(bodies) == len(_PREFIXES) and BODY not in given
         if len(numbers) > 1 and (pair or REFERENCE in given):
-            counts = " and ".join(f"{len(each)} {name}" for name, each in series.items())
+            counts = " and ".join(f"{len(matrices)} {name}" for name, matrices in series.items())
             raise ForeignFileError(
                 f"matrices of other numbers: {counts}",
                 "the same numbers in each: they are of the same moments",
@@ -88,18 +88,18 @@ class OpencvStorageReader(Reader):
                 hint=f"say {BODY.switch} {next(iter(series))} for one of them",
             )
         notes = [
-            f"{key} is {stated}, and there are {len(each)} matrices {name}."
+            f"{key} is {stated}, and there are {len(matrices)} matrices {name}."
             for key, stated in data.items()
-            for name, each in series.items()
-            if key in _COUNTS and stated != len(each)
+            for name, matrices in series.items()
+            if key in _COUNTS and stated != len(matrices)
         ]
         if pair:
-            found = self._pairs(path, bodies, said)
+            rows = self._pairs(path, bodies, unit_text)
         else:
-            found = Recording(path, bodies, None, said).imported(self.name, given)
-        return replace(found, notes=(*notes, *found.notes))
+            rows = Recording(path, bodies, None, unit_text).imported(self.name, given)
+        return replace(rows, notes=(*notes, *rows.notes))
 
-    def _pairs(self, path: Path, bodies: Mapping[str, Body], said: str) -> ImportedRows:
+    def _pairs(self, path: Path, bodies: Mapping[str, Body], unit_text: str) -> ImportedRows:
         """Rows of a hand-eye problem, of two bodies of as many poses."""
         columns: dict[str, NDArray[Any]] = {}
         for prefix, body in zip(_PREFIXES, bodies.values(), strict=True):
@@ -109,13 +109,13 @@ class OpencvStorageReader(Reader):
             f"{hand} is taken for the hand in the base (a_), {target} for the target in the eye "
             f"(b_): if they are others, take each with {BODY.switch}."
         ]
-        asked = (distance_note(body.position, f"lengths {said}") for body in bodies.values())
+        asked = (distance_note(body.position, f"lengths {unit_text}") for body in bodies.values())
         return ImportedRows(
             source=path,
             form=self.name,
             columns=columns,
             notes=(*notes, *filter(None, asked)),
-            seen=(f"Lengths are {said}.",),
+            seen=(f"Lengths are {unit_text}.",),
         )
 
 
@@ -123,7 +123,7 @@ def _series(
     path: Path, data: Mapping[str, Any], lines: Mapping[KeyPath, int]
 ) -> dict[str, dict[int, tuple[str, list[float]]]]:
     """Matrices by series and number: the key of each, and twelve numbers by rows."""
-    found: dict[str, dict[int, tuple[str, list[float]]]] = {}
+    by_series: dict[str, dict[int, tuple[str, list[float]]]] = {}
     matrices = [
         (key, match, value if isinstance(value, dict) else {})
         for key, value in data.items()
@@ -136,18 +136,21 @@ def _series(
         numbers, shape = value.get("data"), _shape(value)
         line = lines[(key,)]
         if shape not in _SHAPES or not isinstance(numbers, list):
-            said = f"a matrix of {shape[0]} x {shape[1]}" if value else "no matrix"
-            raise ForeignFileError(said, "a 4x4 matrix", file=path, line=line, where=key)
+            found = f"a matrix of {shape[0]} x {shape[1]}" if value else "no matrix"
+            raise ForeignFileError(found, "a 4x4 matrix", file=path, line=line, where=key)
         count = shape[0] * shape[1]
         finite = all(isinstance(n, int | float) and np.isfinite(n) for n in numbers)
         if len(numbers) != count or not finite:
-            said, expected = "other data", f"{count} finite numbers"
-            raise ForeignFileError(said, expected, file=path, line=line, where=key)
+            expected = f"{count} finite numbers"
+            raise ForeignFileError("other data", expected, file=path, line=line, where=key)
         if tuple(numbers[12:]) not in ((), _LAST_ROW):
-            said = "a last row that is not 0 0 0 1"
-            raise ForeignFileError(said, "a transform", file=path, line=line, where=key)
-        found.setdefault(match[1] or "T", {})[int(match[2])] = (key, [*map(float, numbers[:12])])
-    return found
+            found = "a last row that is not 0 0 0 1"
+            raise ForeignFileError(found, "a transform", file=path, line=line, where=key)
+        by_series.setdefault(match[1] or "T", {})[int(match[2])] = (
+            key,
+            [*map(float, numbers[:12])],
+        )
+    return by_series
 
 
 def _shape(value: Mapping[str, Any]) -> tuple[Any, Any]:
