@@ -63,8 +63,8 @@ def check_end_of_rows(
     if line.lstrip().startswith(("#", "%")) or not (line.strip() or indented):
         return
     if not line.strip():
-        blanks = "blanks at the end, with which rows begin"
-        raise cut_off(path, len(lines_of(tail)), blanks, "a whole row, or none")
+        found = "blanks at the end, with which rows begin"
+        raise cut_off(path, len(lines_of(tail)), found, "a whole row, or none")
     *above, last = rows_of_text(path, tail, separator)
     width = len(last.cells)
     same_width = takewhile(lambda row: len(row.cells) == width, reversed(above))

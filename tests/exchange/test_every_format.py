@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from functools import cache
 from pathlib import Path
 
@@ -134,6 +135,14 @@ def test_a_file_without_end_is_not_read_to_its_end(
     sample.path.write_bytes(content * (2 + 2000 // len(content)))
     with pytest.raises(SutaCalibError, match=r"more than|without end"):
         read_foreign(sample.path, name, **sample.options)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names")
+def test_a_pipe_is_refused(tmp_path: Path) -> None:
+    """Its beginning, which says of which format it is, cannot be read twice."""
+    os.mkfifo(tmp_path / "pipe.csv")
+    with pytest.raises(InputError, match=r"pipe\.csv: found a pipe; expected a file"):
+        read_foreign(tmp_path / "pipe.csv")
 
 
 def test_a_device_that_never_ends(tmp_path: Path) -> None:

@@ -80,9 +80,9 @@ class OpencvStorageReader(Reader):
         numbers = {tuple(sorted(matrices)) for matrices in series.values()}
         pair = len(bodies) == len(_PREFIXES) and BODY not in given
         if len(numbers) > 1 and (pair or REFERENCE in given):
-            counts = " and ".join(f"{len(matrices)} {name}" for name, matrices in series.items())
+            lengths = " and ".join(f"{len(matrices)} {name}" for name, matrices in series.items())
             raise ForeignFileError(
-                f"matrices of other numbers: {counts}",
+                f"matrices of other numbers: {lengths}",
                 "the same numbers in each: they are of the same moments",
                 file=path,
                 hint=f"say {BODY.switch} {next(iter(series))} for one of them",
