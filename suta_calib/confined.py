@@ -25,8 +25,11 @@ _CLOCK_SECONDS: Final = 30.0
 # Python with MuJoCo and NumPy maps 0.14 GB, with xacro 0.02 GB, before it reads anything.
 _MEMORY: Final = 1 << 30
 _MOST_OUTPUT: Final = 64 << 20
-# What Python itself may need to start, and nothing of the user's.
-_VARIABLES: Final = ("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "PYTHONHOME", "SYSTEMROOT")
+# What Python itself may need to start and to find its packages; forgotten before the work begins.
+_VARIABLES: Final = (
+    *("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT"),
+    *("PYTHONHOME", "PYTHONUSERBASE", "HOME"),
+)
 
 
 class ConfinedError(Exception):
@@ -80,6 +83,7 @@ def answer(work: Callable[[], Mapping[str, Any]]) -> None:
     Whatever the work needs is imported before: afterwards the process may be unable to.
     """
     _limit()
+    os.environ.clear()
     try:
         found = work()
         data = json.dumps(found).encode()
