@@ -190,11 +190,14 @@ def test_a_body_with_several_joints_and_a_chain_of_it(tmp_path: Path) -> None:
             "arm.xml:2: found a model that MuJoCo",
         ),
         (f"{HEAD}<include file='nowhere.xml'/></mujoco>", "Error opening file 'nowhere.xml'"),
+        (f"{HEAD}\n<include file='deep.xml'/></mujoco>", "deep.xml:1: "),
+        (f"{HEAD}\n<include file='/dev/zero'/></mujoco>", "arm.xml:2: /dev/zero: found "),
     ],
 )
 def test_refusals(text: str, says: str, tmp_path: Path) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(text)
+    (tmp_path / "deep.xml").write_text("<mujoco><include file='/dev/zero'/></mujoco>")
     with pytest.raises(InputError) as refused:
         read_foreign(path, "mjcf")
     assert says in str(refused.value)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
@@ -93,9 +94,8 @@ def _check(path: Path, data: bytes) -> None:
     """Refuse what is no MJCF, or has entities, which MuJoCo would ignore."""
     if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
         raise ForeignFileError("a document type or an entity", "a plain MJCF file", file=path)
-    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
     try:
-        root = etree.fromstring(data, parser)
+        root = _parsed(data)
     except etree.XMLSyntaxError as problem:
         said = f"text that is not XML ({' '.join(problem.msg.split())})"
         line = problem.lineno or None
@@ -103,6 +103,35 @@ def _check(path: Path, data: bytes) -> None:
     if root.tag != "mujoco":
         found = f"the root element <{str(root.tag)[:40]}>"
         raise ForeignFileError(found, "<mujoco>", file=path, line=root.sourceline)
+    _check_included(path, root, path.parent, {path})
+
+
+def _parsed(data: bytes) -> Any:
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
+    return etree.fromstring(data, parser)
+
+
+def _check_included(path: Path, root: Any, folder: Path, known: set[Path]) -> None:
+    """Refuse pipes and devices in place of the files that a model includes: MuJoCo would wait.
+
+    Args:
+        path: a file.
+        root: its root element.
+        folder: of the model, in which MuJoCo looks.
+        known: files that were looked at already.
+    """
+    for element in root.iter("include", "model"):
+        target = folder / element.get("file", "")
+        # What is not there MuJoCo may find elsewhere, or refuses itself.
+        if not element.get("file") or target in known or not target.exists():
+            continue
+        known.add(target)
+        try:
+            data = read_bounded(target)
+        except ForeignFileError as problem:
+            raise ForeignFileError.of(problem, path, element.sourceline, str(target)) from None
+        with contextlib.suppress(etree.XMLSyntaxError):
+            _check_included(target, _parsed(data), folder, known)
 
 
 def _refusal(path: Path, reason: str) -> ForeignFileError:
