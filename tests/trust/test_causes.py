@@ -27,7 +27,7 @@ from suta_calib.terms import Term
 from suta_calib.trust.hypotheses.exchanged_marks import ExchangedMarks
 from suta_calib.trust.hypotheses.late_rows import per_row
 from suta_calib.trust.hypotheses.stretch import stretched
-from suta_calib.trust.spoiling import with_readings
+from suta_calib.trust.spoiling import displaced, with_readings
 
 
 def judged(term: Term, unknown: ParameterSet = UNKNOWN) -> Assessment:
@@ -42,6 +42,17 @@ def dragged(term: Term, ratio: float = 0.01) -> Term:
     return with_readings(term, q)
 
 
+def wobbling(term: Term, size: float = 0.03) -> Term:
+    """The first joint's axis goes round a circle of this radius, deg, twice a turn."""
+    angle = 2.0 * term.poses.samples.q[:, 0]
+    turn = np.zeros((len(angle), 6))
+    turn[:, 3:5] = np.radians(size) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    _, position = term.poses.at(TRUTH)
+    # About the joint's own origin, 89 mm above the base.
+    turn[:, :3] = np.cross(turn[:, 3:], position - [0.0, 0.0, 0.089159])
+    return displaced(term, TRUTH, turn)
+
+
 def old(term: Term, late: float) -> Term:
     """Readings that are older than what the instrument saw, by so much of a row."""
     q = term.poses.samples.q
@@ -53,10 +64,11 @@ def old(term: Term, late: float) -> Term:
     ("make", "said", "size"),
     [
         (lambda: dragged(TRACKED.make(1)), "a coupling of two joints: wrist_2_joint moves", 0.01),
+        (lambda: wobbling(TRACKED.make(1)), "an axis of shoulder_pan_joint that", 0.0424),
         (lambda: old(MOVING.make(1), 0.2), "taken before what was observed", 0.2),
         (lambda: old(MOVING.make(1), -0.1), "taken after what was observed", 0.1),
     ],
-    ids=["coupling", "late", "early"],
+    ids=["coupling", "wobble", "late", "early"],
 )
 def test_the_cause_is_said_alone_with_its_size(
     make: Callable[[], Term], said: str, size: float

@@ -59,7 +59,8 @@ class Wobble(AddedVariable):
             f"The residuals look like an axis of {joint} that wobbles {often} a turn, by "
             f"{text(size, 'rad')} ± {text(std, 'rad', with_unit=True)}: it moves the tip by "
             f"{text(float(at_tip), 'm', with_unit=True)} (RMS) in these postures. No parameter "
-            "describes it and no ± includes it: look at the bearing of this joint."
+            "describes it, and ± includes it only as far as held-out errors show it: look at the "
+            "bearing of this joint."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
