@@ -9,7 +9,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.option import Given
-from suta_calib.exchange.plausible import open_forms, plausible_readings
+from suta_calib.exchange.plausible import RPY, open_forms, plausible_readings, quaternion_order
 from suta_calib.exchange.rotations import NUMBERS, is_rotation
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.exchange.table_roles import (
@@ -76,20 +76,17 @@ def _position_and_rotation(
                 hint="say which columns are what with --columns 1=x,2=y,…",
             )
         seen = "seven numbers a row, of which the first and the last four may be a quaternion"
-        first = settled(sheet, given, FIRST, fitting, seen)
+        first = settled(sheet, given, FIRST, fitting, seen, likeliest=fitting[0])
         seen = "seven numbers a row, a quaternion whose scalar may be its first or its last number"
         choices = ["xyzw", "wxyz"] if first == "position" else ["wxyz", "xyzw"]
-        # Many programs turn the sign so that the scalar is never negative.
-        four = numbers[:, list(orders[first])]
-        positive = {"xyzw": np.all(four[:, 3] >= 0.0), "wxyz": np.all(four[:, 0] >= 0.0)}
-        choices.sort(key=lambda name: not positive[name])
-        form = settled(sheet, given, ROTATION, choices, seen)
+        likeliest = quaternion_order(numbers[:, list(orders[first])])
+        form = settled(sheet, given, ROTATION, choices, seen, likeliest=likeliest)
     else:
         seen = "six numbers a row, of which three are a position and three may be any angles"
         if GUESS in given:
             return _guessed_pose(sheet, numbers, seen, given)
         asked = [each for each, numbers_ in NUMBERS.items() if numbers_ == 3]
-        form = settled(sheet, given, ROTATION, asked, seen)
+        form = settled(sheet, given, ROTATION, asked, seen, likeliest=RPY)
         first = given.text(FIRST, "position")
     position = (0, 1, 2) if first == "position" else tuple(range(count, count + 3))
     return PoseColumns("", position, orders[first], form)
@@ -171,7 +168,8 @@ def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
     else:
         seen = f"{4 * width} numbers a row, which are a transform as {' and as '.join(fitting)}"
         asked = ["columns" if n == "columns" else "rows" for n in fitting]
-        answer = settled(sheet, given, ROTATION, list(dict.fromkeys(asked)), seen)
+        ways = list(dict.fromkeys(asked))
+        answer = settled(sheet, given, ROTATION, ways, seen, likeliest=ways[0])
         chosen = next(n for n, a in zip(fitting, asked, strict=True) if a == answer)
     rotation, position = arranged[chosen]
     return PoseColumns("", position, rotation, "rows")

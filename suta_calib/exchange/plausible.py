@@ -62,6 +62,18 @@ def plausible_lengths(position: FloatArray, units: Sequence[str]) -> list[str]:
     return [unit for unit in units if _DISTANCES[unit][0] <= distance <= _DISTANCES[unit][1]]
 
 
+def quaternion_order(numbers: FloatArray) -> str:
+    """``xyzw`` or ``wxyz`` of quaternions (n, 4), empty where their numbers do not say it.
+
+    Many programs choose the sign so that the scalar is never negative; no other number of a motion
+    has one sign alone.
+    """
+    never_negative = np.all(numbers >= 0.0, axis=0)
+    if never_negative[0] == never_negative[3]:
+        return ""
+    return "wxyz" if never_negative[0] else "xyzw"
+
+
 def plausible_rotations(
     numbers: FloatArray, forms: Sequence[str], units: Sequence[str]
 ) -> list[tuple[str, str]]:

@@ -16,6 +16,7 @@ from suta_calib.exchange.plausible import (
     open_forms,
     plausible_lengths,
     plausible_rotations,
+    quaternion_order,
 )
 from suta_calib.exchange.rotations import NUMBERS
 from suta_calib.exchange.sheet import Sheet
@@ -231,14 +232,17 @@ def _named_rotation(
                 form, angle = _guessed_angles(sheet, columns, angle, names, given)
                 given.note_guess(ROTATION, form, seen)
                 return columns, angle, form
-            return columns, angle, settled(sheet, given, ROTATION, asked, seen)
+            return columns, angle, settled(sheet, given, ROTATION, asked, seen, likeliest=RPY)
     for names in _COUNTED:
         whole = [prefix + name for name in names]
         if not all(name in plain for name in whole) or not _is_quaternion(sheet, plain, whole):
             continue
         seen = f"a quaternion in columns {', '.join(whole)}, whose scalar may be the first or last"
         columns, angle = _numbers(sheet, plain, whole)
-        return columns, angle, settled(sheet, given, ROTATION, ["wxyz", "xyzw"], seen)
+        numbers = sheet.numbers(columns)
+        likeliest = quaternion_order(numbers[np.isfinite(numbers).all(axis=1)])
+        order = settled(sheet, given, ROTATION, ["wxyz", "xyzw"], seen, likeliest=likeliest)
+        return columns, angle, order
     for names in _QUATERNIONS:
         gone = [prefix + name for name in names if prefix + name not in plain]
         if len(gone) == 1:
@@ -358,15 +362,15 @@ def settled(
     *,
     likeliest: str = "",
 ) -> str:
-    """What an option says, or the only choice; with ``--guess`` the likeliest.
+    """What an option says, or the only choice; with ``--guess`` the likeliest, if there is one.
 
     Args:
         sheet: for messages.
         given: the options.
         option: that settles it.
-        choices: that the file allows, the likeliest first unless it is named.
+        choices: that the file allows.
         seen: what was found that leaves them open.
-        likeliest: of the choices.
+        likeliest: of the choices; empty where none is likelier than the others.
 
     Raises:
         ForeignFileError: several are left, and nobody says which.
@@ -380,15 +384,14 @@ def settled(
         return chosen
     if len(choices) == 1:
         return choices[0]
-    if GUESS in given:
-        chosen = likeliest or choices[0]
-        given.note_guess(option, chosen, seen)
-        return chosen
+    if GUESS in given and likeliest:
+        given.note_guess(option, likeliest, seen)
+        return likeliest
     shown = choices if len(choices) <= _MOST_CHOICES else (*choices[:_MOST_CHOICES], "…")
     raise ForeignFileError(
         seen,
         "that it be said which",
         file=sheet.path,
         line=sheet.lines[0],
-        hint=f"say {option.switch} {'|'.join(shown)}, or --guess",
+        hint=f"say {option.switch} {'|'.join(shown)}" + (", or --guess" if likeliest else ""),
     )

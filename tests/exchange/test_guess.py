@@ -106,8 +106,22 @@ def test_no_layout_is_misread_in_silence(seeds: int, suta_urdf: Path, tmp_path: 
     arm = ArmModel.from_urdf(suta_urdf, tip="tip")
     found = outcomes(arm, range(seeds), tmp_path)
     assert not found.get("wrong")
-    # Roll, pitch, yaw, and quaternions of either order, whose scalar keeps its sign.
-    assert len(found["right"]) > 0.25 * sum(map(len, found.values()))
+    # Right are roll, pitch, yaw and KUKA's angles: other orders than the usual one cannot be seen.
+    assert len(found["right"]) > 0.2 * sum(map(len, found.values()))
+    assert not [each for each in found["said"] if each.startswith(("xyzw", "wxyz"))]
+
+
+@pytest.mark.parametrize("order", ["xyzw", "wxyz"])
+def test_a_scalar_that_is_never_negative_says_the_order(order: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    turn = Rotation.from_rotvec(rng.uniform(-1.5, 1.5, (20, 3)))
+    position = rng.uniform(0.2, 0.8, (20, 3))
+    numbers = np.roll(turn.as_quat(canonical=True), order == "wxyz", axis=1)
+    path = written(tmp_path / "t.csv", np.hstack([position, numbers]))
+    assert outcome(path, turn.as_matrix(), position) == "right"
+    written(path, np.hstack([position, np.where(np.arange(20)[:, None] % 2, 1, -1) * numbers]))
+    with pytest.raises(InputError, match=r"say --rotation xyzw\|wxyz$"):
+        imported(path, guess=True)
 
 
 def test_a_rotation_vector_in_front_of_millimetres(tmp_path: Path) -> None:
