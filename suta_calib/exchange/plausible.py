@@ -30,6 +30,8 @@ _ROUNDED: Final = 1.005
 # is so many times as large, and larger than steps of recorded motions are, rad.
 _WORSE: Final = 3.0
 _STEP: Final = 0.5
+# Share of rows in which a number must have a sign, to be said to have it.
+_FEW: Final = 0.1
 # Rows that are looked at for steps, and that tell something.
 _ROWS: Final = 2000
 _LEAST_ROWS: Final = 5
@@ -65,13 +67,14 @@ def plausible_lengths(position: FloatArray, units: Sequence[str]) -> list[str]:
 def quaternion_order(numbers: FloatArray) -> str:
     """``xyzw`` or ``wxyz`` of quaternions (n, 4), empty where their numbers do not say it.
 
-    Many programs choose the sign so that the scalar is never negative; no other number of a motion
-    has one sign alone.
+    Many programs choose the sign so that the scalar is never negative. Where all others have both
+    signs, it is the scalar that is not: a short motion may keep the sign of others, too.
     """
-    never_negative = np.all(numbers >= 0.0, axis=0)
-    if never_negative[0] == never_negative[3]:
-        return ""
-    return "wxyz" if never_negative[0] else "xyzw"
+    negative = np.mean(numbers < 0.0, axis=0)
+    both_signs = (negative > _FEW) & (negative < 1.0 - _FEW)
+    if not negative[0] and both_signs[1:].all():
+        return "wxyz"
+    return "xyzw" if not negative[3] and both_signs[:3].all() else ""
 
 
 def plausible_rotations(
