@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from scipy.special import gammaln
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.terms.term import Term
@@ -55,7 +54,7 @@ class RowsElsewhere(AddedVariable):
             _, frame, columns, some = best
             window = answer.row_of_sample(some.astype(float))
             n, k = len(some), int(some.sum())
-            ways = float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+            ways = math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
             about = some, answer
             yield Effect(frame, columns, windows=[window], about=about, log_choices=ways)
 
@@ -163,7 +162,7 @@ def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float
     whole = float(np.sum((cloud - cloud.mean(axis=0)) ** 2))
     inside = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)
     n, k = len(cloud), int(some.sum())
-    ways = float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+    ways = math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
     # Of the likelihood ratio; two sorts of axes were tried.
     chance = 0.5 * (3 * n - 6) * math.log(max(inside / max(whole, 1e-300), 1e-300))
     return chance + ways + math.log(2.0), some
