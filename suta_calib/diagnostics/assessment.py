@@ -24,7 +24,7 @@ from suta_calib.diagnostics.odd_readings import (
 )
 from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
 from suta_calib.diagnostics.repeats import lack_of_fit
-from suta_calib.diagnostics.scale_effects import scale_effects
+from suta_calib.diagnostics.scale_effects import held_unseen, scale_effects
 from suta_calib.diagnostics.score_tests import geometry_is_held, score_tests
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.solver.solution import Solution
@@ -194,7 +194,9 @@ def _as_drawn(solution: Solution) -> list[str]:
 
 def _on_scale(solution: Solution) -> list[str]:
     """Whatever makes all that was measured longer makes the arm longer, and leaves no residual."""
-    return [effect.sentence for effect in scale_effects(solution) if effect.carries]
+    unseen = held_unseen(solution)
+    carried = [effect.sentence for effect in scale_effects(solution) if effect.carries]
+    return [*carried, *([unseen] if unseen else [])]
 
 
 def _on_widening(solution: Solution) -> list[str]:

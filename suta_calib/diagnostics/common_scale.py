@@ -19,12 +19,14 @@ from numpy.typing import ArrayLike
 
 from suta_calib import distributions
 from suta_calib.arrays import FloatArray
+from suta_calib.measurements.scale import GRADES
 from suta_calib.model.parameters import POSITION
 from suta_calib.records import dataclass
+from suta_calib.solver.held_geometry import TOLERANCES
 from suta_calib.solver.information import robust_jacobian, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate, Solution
-from suta_calib.terms.length_scale import lengthened, scale_carrier
+from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers
 
 # Step of the numerical derivative, relative.
 STEP: Final = 1e-6
@@ -53,12 +55,15 @@ class CommonScale:
         std: standard deviation of it.
         gain: share that it explains: of the priors' squared pulls or of the squared residuals,
             whichever is more; or of the arm's squared changes.
+        by_priors: whether it is the priors' pulls of which it explains more. They cannot tell an
+            instrument that is too long from an arm that is.
     """
 
     what: str
     value: float
     std: float
     gain: float
+    by_priors: bool = False
 
     @property
     def significance(self) -> float:
@@ -158,8 +163,42 @@ def scale_step(
     # What must be made longer is stated too short.
     value, variance = -float(step[-1]), float(inverse[-1, -1])
     pulled, left = (float(precision @ d**2) for d in (off, off + step[:-1]))
-    gain = max((pulled - left) / max(pulled, 1.0), value**2 / variance / squares)
-    return CommonScale(what, value, math.sqrt(variance), gain)
+    of_priors = (pulled - left) / max(pulled, 1.0)
+    of_residuals = value**2 / variance / squares
+    gain = max(of_priors, of_residuals)
+    return CommonScale(what, value, math.sqrt(variance), gain, of_priors > of_residuals)
+
+
+def beyond_drawing(solution: Solution) -> CommonScale | None:
+    """The factor by which an arm came out longer than a drawing of its grade lets it be.
+
+    Each length is off by the tolerance of the grade and by its own uncertainty. Where nobody states
+    a grade, that of the worst.
+
+    Args:
+        solution: a converged one, of terms over an arm.
+
+    Returns:
+        The factor; its standard deviation holds how far the grade, and what carries the scale, may
+        be off by one factor. None where fewer than two lengths were estimated.
+    """
+    problem, arm = solution.problem, solution.problem.arm
+    long = {n: e for n, e in _lengths(solution).items() if abs(e.nominal) > SHORTEST}
+    if arm is None or len(long) < FEWEST:
+        return None
+    grade = arm.grade or max(GRADES, key=lambda each: GRADES[each])
+    at = [problem.names.index(name) for name in long]
+    length = np.array([e.nominal for e in long.values()])
+    change = np.array([e.value - e.nominal for e in long.values()])
+    spread = solution.covariance_within_scale[np.ix_(at, at)]
+    inverse = np.linalg.inv(spread + TOLERANCES[grade][0] ** 2 * np.eye(len(at)))
+    precision = float(length @ inverse @ length)
+    value = float(length @ inverse @ change) / precision
+    carried = max((c.scale.std for c in scale_carriers(problem.terms)), default=0.0)
+    left = change - value * length
+    gain = 1.0 - float(left @ inverse @ left) / max(float(change @ inverse @ change), 1e-300)
+    std = math.sqrt(1.0 / precision + GRADES[grade] ** 2 + carried**2)
+    return CommonScale("arm", value, std, gain)
 
 
 def _lengths(solution: Solution) -> dict[str, Estimate]:

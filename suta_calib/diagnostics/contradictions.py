@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from suta_calib.diagnostics.accuracy import Accuracy, fitted_too
-from suta_calib.diagnostics.common_scale import common_scales
+from suta_calib.diagnostics.common_scale import CommonScale, beyond_drawing, common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
 from suta_calib.diagnostics.odd_readings import (
     may_read_alike,
@@ -59,6 +59,8 @@ class ContradictionOptions:
             arm: half a per cent moves a tip at arm's length by millimetres.
         scale_most: beyond which it is no scale, but data that do not fit.
         scale_significance: standard deviations that it must be off.
+        scale_by_priors: the same to refuse an answer where priors alone speak against it: of 42
+            sound sets one had an arm that was four prior standard deviations long.
         scale_of_arm: the same of the arm's lengths, which say it only by growing evenly: one chance
             in twenty, of arms whose lengths are off by ``scale``.
         scale_gain: share of the priors' pulls or the residuals that it must explain.
@@ -84,6 +86,7 @@ class ContradictionOptions:
     scale_care: float = 2e-3
     scale_most: float = 0.1
     scale_significance: float = 4.0
+    scale_by_priors: float = 6.0
     scale_of_arm: float = 2.0
     scale_gain: float = 0.5
     starts: float = 0.5
@@ -281,6 +284,7 @@ def _held_out(
 
 
 def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
+    named = False
     for each in common_scales(solution):
         size, of_arm = abs(each.value), each.what == "arm"
         wanted = options.scale_of_arm if of_arm else options.scale_significance
@@ -297,10 +301,34 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
             else f"The data agree better if all lengths of the {each.what} are {by} too "
             f"{'long' if longer else 'short'}"
         )
+        if each.by_priors and not of_arm:
+            found = f"{found}, or the arm's lengths that much longer than their priors say"
+        weak = each.by_priors and each.significance < options.scale_by_priors
         yield Contradiction(
-            size > options.scale and not of_arm,
+            size > options.scale and not of_arm and not weak,
             f"{found}: check the scale and the certificate of what was measured with, and whether "
             "the URDF is of another arm.",
+        )
+        named = True
+    beyond = None if named else beyond_drawing(solution)
+    if beyond is not None and beyond.gain > options.scale_gain:
+        yield from _on_drawing(solution, beyond, options)
+
+
+def _on_drawing(
+    solution: Solution, each: CommonScale, options: ContradictionOptions
+) -> Iterator[Contradiction]:
+    """Lengths that came out longer together than a drawing of the arm's grade lets them be."""
+    if each.significance > options.scale_significance and abs(each.value) > options.scale_care:
+        assert solution.problem.arm is not None
+        grade = solution.problem.arm.grade
+        drawn = f"than a {grade} arm is" if grade else "than even a printed arm is"
+        yield Contradiction(
+            False,
+            f"All lengths of the arm came out {100 * abs(each.value):.2f} % "
+            f"{'longer' if each.value > 0 else 'shorter'} than nominal, farther off {drawn} "
+            f"({100 * each.std:.2g} %, one sigma): check the scale and the certificate of what was "
+            "measured with, and whether the URDF is of another arm.",
         )
 
 

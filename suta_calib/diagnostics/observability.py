@@ -19,9 +19,11 @@ from suta_calib.diagnostics.explanation import (
     explain,
     redundant_names,
 )
+from suta_calib.diagnostics.scale_effects import held_scale
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import predicted_covariance, predicted_scale_covariance
+from suta_calib.solver.held_geometry import held_geometry
 from suta_calib.solver.identifiability import WEAK, Identification, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -120,6 +122,8 @@ class Observability(Shown):
         singular_values: (L,) of the identified parameters' Jacobian, descending; the terms' own
             unknowns are free to follow. Parameters in plausible ranges, residuals in sigmas.
         indices: O1 to O5 of these singular values.
+        notes: which held length carries the scale; a reason for care unless the arm's grade says
+            how good it is.
     """
 
     problem: Problem
@@ -133,6 +137,7 @@ class Observability(Shown):
     rank: int
     singular_values: FloatArray
     indices: Indices
+    notes: tuple[str, ...] = ()
 
     @property
     def unidentified(self) -> tuple[str, ...]:
@@ -191,7 +196,9 @@ class Observability(Shown):
     def assessment(self) -> Assessment:
         """Care where other data could tell what these cannot; `explanations` say which."""
         open_ones = len(self.unidentified) > len(self.redundant)
-        return Assessment("care" if open_ones else "good", self.sentence)
+        arm = self.problem.arm
+        assumed = bool(self.notes) and (arm is None or not arm.grade)
+        return Assessment("care" if open_ones or assumed else "good", self.sentence, self.notes)
 
 
 def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
@@ -215,6 +222,11 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     explanations = explain(problem, x, identification)
     covariance = predicted_covariance(problem, information, estimated)
     covariance += predicted_scale_covariance(problem, x, sigmas, estimated)
+    held_length = None
+    geometry = held_geometry(problem, x, sigmas, estimated, covariance, robust=False)
+    if geometry is not None:
+        covariance += geometry.of_estimate @ geometry.of_estimate.T
+        held_length = held_scale(problem, geometry)
     prospects = _prospects(problem, covariance, identification, estimated)
     as_drawn = as_drawn_names(explanations)
     prospects |= {
@@ -237,6 +249,7 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
         rank=asked - fixed,
         singular_values=singular,
         indices=Indices.of(singular, samples),
+        notes=() if held_length is None else (held_length.sentence,),
     )
 
 

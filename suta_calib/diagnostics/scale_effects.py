@@ -9,15 +9,22 @@ from __future__ import annotations
 from functools import lru_cache
 from typing import Final
 
-from suta_calib.diagnostics.common_scale import relied_on
+import numpy as np
+
+from suta_calib.diagnostics.common_scale import SHORTEST, relied_on
 from suta_calib.diagnostics.tip_motion import tip_motion
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements.scale import LengthScale
 from suta_calib.records import dataclass
+from suta_calib.solver.held_geometry import HeldGeometry
+from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.length_scale import scale_carriers
 from suta_calib.units import text
+from suta_calib.words import listed
 
+# What it is called where a length that a job holds is all that has a unit.
+HELD: Final = "held length"
 # Shift of the tip, m, below which a scale means nothing at the tip.
 NOTHING: Final = 1e-9
 
@@ -27,8 +34,8 @@ class ScaleEffect:
     """One thing that gives observations their unit of length.
 
     Attributes:
-        what: ``artefact``, ``board`` or ``instrument``.
-        name: tells several of one sort apart.
+        what: ``artefact``, ``board``, ``instrument``, or ``held length``.
+        name: tells several of one sort apart; of what is held, the parameter.
         scale: how well it is known.
         carries: whether the arm's lengths rest on it, because the data tell it less well.
         tip: by how much the tip moves with one standard deviation of it, m, root mean square over
@@ -44,6 +51,14 @@ class ScaleEffect:
     @property
     def sentence(self) -> str:
         """That it carries the scale, how well it is known, and what that is at the tip."""
+        if self.what == HELD:
+            return (
+                f"No observation knows a length: {self.name}, which is held at nominal, carries "
+                f"the scale of the arm's lengths (taken to be {self.scale.sentence}, one sigma: "
+                f"{text(self.tip, 'm', with_unit=True)} at the tip, which every ± holds). State "
+                "how good the drawing is (arm: {grade: …}), free it with prior_mm, or measure a "
+                "length."
+            )
         return (
             f"The {self.what} carries the scale of the arm's lengths, and no residual checks it "
             f"({self.scale.sentence}, one sigma): that is {text(self.tip, 'm', with_unit=True)} at "
@@ -75,4 +90,41 @@ def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
                 tip if tip > NOTHING else 0.0,
             )
         )
-    return tuple(effects)
+    held = held_scale(problem, solution.spread.held)
+    return tuple(effects) if held is None else (*effects, held)
+
+
+def held_scale(problem: Problem, held: HeldGeometry | None) -> ScaleEffect | None:
+    """The held length that carries the scale; None where observations know lengths.
+
+    Args:
+        problem: terms over an arm.
+        held: of it, what no residual shows.
+    """
+    if held is None or problem.arm is None or scale_carriers(problem.terms):
+        return None
+    tip = float(np.linalg.norm(held.tip))
+    # The longest has most of the arm's size in it.
+    k = int(np.argmax(np.abs(held.nominal)))
+    if abs(held.nominal[k]) < SHORTEST:
+        return None
+    relative = float(held.tolerance[k] / abs(held.nominal[k]))
+    return ScaleEffect(HELD, held.names[k], LengthScale(relative, problem.arm.grade), True, tip)
+
+
+def held_unseen(solution: Solution) -> str:
+    """What no residual shows of the held geometry, where that is not the scale; empty if nothing.
+
+    Args:
+        solution: as of `scale_effects`.
+    """
+    held = solution.spread.held
+    if held is None or not held.matters or held_scale(solution.problem, held):
+        return ""
+    tip = text(float(np.linalg.norm(held.tip)), "m", with_unit=True)
+    return (
+        f"{listed(held.carriers)} held at nominal, and no residual shows how right that is: that "
+        f"is {tip} at the tip (one sigma) if the drawing is as good there as it turned out to be "
+        "elsewhere, which every ± holds. State how good it is (arm: {grade: …}) or free more with "
+        "prior_mm and prior_deg."
+    )

@@ -31,6 +31,13 @@ ARM_KEYS: Final = Keys(
         "{joint_2: -1}} turns joint_3 by -1 of what joint_2 reads beside its own. Held there, "
         "unless a row frees joint_3.coupling[joint_2].",
     ),
+    Key(
+        "grade",
+        "certified, machined or printed",
+        "How it was made: how far the dimensions may be off that no row frees, and all lengths by "
+        "one factor. Without it, as far as those that are estimated turn out to be, and at least "
+        "as of machined parts. It enters every ± of what only held dimensions carry.",
+    ),
 )
 
 _BOUND: Final = "How far from nominal {} may be, at most"

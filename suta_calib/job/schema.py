@@ -27,7 +27,7 @@ from suta_calib.job.keys import (
 from suta_calib.job.tip_offset import TipOffset
 from suta_calib.measurements.exclusion import Exclusion, read_exclusion
 from suta_calib.measurements.keys import SCALE_KEYS
-from suta_calib.measurements.scale import LengthScale, read_scale
+from suta_calib.measurements.scale import GRADES, LengthScale, read_scale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
@@ -52,6 +52,7 @@ class ArmSpec:
         tip_offset: where the tip is in that frame, or None where it is its origin.
         section: where the job says so, for messages; None for no job.
         couplings: which of its joints the readings of others move too, or None.
+        grade: how it was made, of `measurements.scale.GRADES`; empty where the job does not say.
     """
 
     urdf: Path
@@ -60,6 +61,7 @@ class ArmSpec:
     tip_offset: TipOffset | None = None
     section: YamlSection | None = field(default=None, repr=False, compare=False)
     couplings: Couplings | None = None
+    grade: str = ""
 
     def model(self) -> ArmModel:
         """The arm at nominal.
@@ -78,6 +80,7 @@ class ArmSpec:
             raise self.section.refuse(problem.found, expected, at=at, hint=hint) from None
         if self.couplings is not None:
             arm = self.couplings.on(arm)
+        arm = arm.of_grade(self.grade)
         return arm if self.tip_offset is None else self.tip_offset.on(arm)
 
     def model_of(self, urdf: Path) -> ArmModel:
@@ -237,10 +240,12 @@ def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
     ARM_KEYS.check(arm)
     base = arm.text("base") if "base" in arm else None
     offset, couplings = TipOffset.read(arm), Couplings.read(arm)
+    grade = arm.choice("grade", GRADES) if "grade" in arm else ""
     if urdf is not None:
         # A calibrated one has the offset in it.
-        return ArmSpec(urdf, arm.text("tip"), base, section=arm, couplings=couplings)
-    return ArmSpec(arm.existing_file("urdf"), arm.text("tip"), base, offset, arm, couplings)
+        return ArmSpec(urdf, arm.text("tip"), base, section=arm, couplings=couplings, grade=grade)
+    file = arm.existing_file("urdf")
+    return ArmSpec(file, arm.text("tip"), base, offset, arm, couplings, grade)
 
 
 def _selection(row: YamlSection) -> Selection:

@@ -57,6 +57,8 @@ class ArmModel(Shown):
         model: `pin.Model` in which the chain's joints move, and all others are fixed.
         segments: the same chain as Pinocchio understood it.
         parameters: every placement and offset that could be unknown, all at nominal.
+        grade: how it was made, of `measurements.scale.GRADES`, where somebody says it: how far held
+            dimensions may be from the drawing.
         nongeometric: gain of its joints, and coupling of each to every other of its kind;
             eccentricity, compliance and backlash of its revolute ones; expansion of its links,
             together and each by itself (`kinematics`): zero unless the arm is held at other values.
@@ -65,6 +67,7 @@ class ArmModel(Shown):
     def __init__(self, chain: Chain, model: pin.Model) -> None:
         self.chain = chain
         self.model = model
+        self.grade = ""
         # A fixed joint that carries the tip is known by the tip's name, all others by their own.
         last = chain.joints[-1]
         tip = {} if last.moving or last.climbed else {last.name: chain.tip}
@@ -122,6 +125,12 @@ class ArmModel(Shown):
         for derived in ("offered", "gearing"):
             arm.__dict__.pop(derived, None)
         arm._check_masses(n for n, p in arm.nongeometric.items() if p.nominal)
+        return arm
+
+    def of_grade(self, grade: str) -> ArmModel:
+        """The same arm, made like this: one of `measurements.scale.GRADES`."""
+        arm = copy(self)
+        arm.grade = grade
         return arm
 
     def with_tip_moved(self, by: ArrayLike) -> ArmModel:

@@ -462,14 +462,22 @@ def _metrics(result: CalibrationResult) -> Json:
 
 
 def _matrices(solution: Solution) -> Mapping[str, Any]:
-    """Of the arm's estimated parameters, with the standard deviations told of each."""
-    names: tuple[str, ...] = ()
+    """Of the arm's estimated parameters, with the standard deviations told of each.
+
+    The covariance has those too that are held, and that the tip hangs on though nothing shows it.
+    """
+    names = more = tuple[str, ...]()
     correlation = covariance = np.zeros((0, 0))
     if solution.converged:
         names, correlation = solution.correlation(arm=True)
         std = np.array([solution.estimates[name].std for name in names], dtype=float)
         covariance = correlation * np.outer(std, std)
+        if (held := solution.spread.held) is not None:
+            rows, more = [solution.problem.names.index(name) for name in names], held.names
+            across = held.of_estimate[rows] @ held.of_held.T
+            square = held.of_held @ held.of_held.T
+            covariance = np.block([[covariance, across], [across.T, square]])
     return {
         "correlations": {"parameters": names, "matrix": np.round(correlation, 4)},
-        "covariance": {"parameters": names, "unit": "m, rad", "matrix": covariance},
+        "covariance": {"parameters": (*names, *more), "unit": "m, rad", "matrix": covariance},
     }

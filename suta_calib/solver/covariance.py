@@ -28,6 +28,7 @@ from suta_calib.solver.artefact_covariance import (
     shifts,
 )
 from suta_calib.solver.evaluation import AT_ONCE
+from suta_calib.solver.held_geometry import HeldGeometry, held_geometry
 from suta_calib.solver.information import (
     Information,
     Rows,
@@ -77,10 +78,21 @@ class Spread:
         parts = self._parts
         return np.asarray(parts.scatter + parts.artefact + self.learned)
 
+    @cached_property
+    def held(self) -> HeldGeometry | None:
+        """What held geometry does where no residual shows it; None where it does nothing."""
+        return held_geometry(self.problem, self.x, self.sigmas, self.free, self.within_scale)
+
     @property
     def of_scale(self) -> FloatArray:
-        """(n, n) the part of it that all data share which have the same unit of length."""
-        return self._parts.of_scale
+        """(n, n) the part of it that residuals of these kinds never show.
+
+        Of scales, and of what is held.
+        """
+        scale = self._parts.of_scale
+        if self.held is None:
+            return scale
+        return np.asarray(scale + self.held.of_estimate @ self.held.of_estimate.T)
 
     @property
     def of_artefact(self) -> FloatArray:

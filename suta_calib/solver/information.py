@@ -81,6 +81,14 @@ def block_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) 
     return [_summed(problem, line) for line in problem.linearise(x, sigmas)]
 
 
+def curvature_at(
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], *, robust: bool
+) -> FloatArray:
+    """Curvature (n, n) of the cost at x, priors excluded, without room for the rows."""
+    lines = problem.linearise(x, sigmas)
+    return sum((_summed(problem, line, robust=robust) for line in lines), _nothing(x))
+
+
 def _summed(problem: Problem, line: Linearised, *, robust: bool = False) -> FloatArray:
     """JᵀJ (n, n) of a block's whitened rows; where ``robust``, the curvature of Huber's loss."""
     evaluation = problem.evaluation

@@ -203,9 +203,18 @@ class Solution(Shown):
 
     @property
     def arm_covariance(self) -> tuple[tuple[str, ...], FloatArray]:
-        """Names (p,) of the arm's parameters that were estimated, and their covariance (p, p)."""
+        """Names (p,) of the arm's parameters, and their covariance (p, p).
+
+        Of those that were estimated; then of those held at nominal that the tip hangs on though no
+        residual shows it (`solver.held_geometry`), with the errors that all of them share.
+        """
         rows = self.free[self.free < self.problem.arm_count]
-        return tuple(self.problem.names[k] for k in rows), self.covariance[np.ix_(rows, rows)]
+        names, found = [self.problem.names[k] for k in rows], self.covariance[np.ix_(rows, rows)]
+        if (held := self.spread.held) is None:
+            return tuple(names), found
+        across = held.of_estimate[rows] @ held.of_held.T
+        both = np.block([[found, across], [across.T, held.of_held @ held.of_held.T]])
+        return (*names, *held.names), both
 
     @property
     def in_a_line(self) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence, Set
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, Literal
@@ -230,7 +230,7 @@ def read_uncertainty(
             file=path,
             where="parameters",
         )
-    names, covariance, source = _covariance(data, own, estimated, path)
+    names, covariance, source = _covariance(data, own, estimated, known, path)
     _check_covariance(covariance, path, source)
     values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in own.items()}
     fixed = tuple(str(n) for n in data.get("unidentified", []) if n in known)
@@ -257,7 +257,11 @@ def _held(
 
 
 def _covariance(
-    data: dict[str, Any], own: dict[str, dict[str, Any]], estimated: Sequence[str], path: Path
+    data: dict[str, Any],
+    own: dict[str, dict[str, Any]],
+    estimated: Sequence[str],
+    known: Set[str],
+    path: Path,
 ) -> tuple[tuple[str, ...], FloatArray, Source]:
     for source in ("covariance", "correlations"):
         table = data.get(source)
@@ -266,7 +270,9 @@ def _covariance(
         names = tuple(map(str, table["parameters"]))
         shape = (len(names), len(names))
         matrix = numbers(table.get("matrix"), shape, path, f"{source}: matrix")
-        if missing := [name for name in names if name not in own]:
+        # What a job holds without naming it may be among them.
+        of_table = own if source == "correlations" else known
+        if missing := [name for name in names if name not in of_table]:
             where = f"{source}: parameters"
             raise InputError(repr(missing[0]), "a parameter of this arm", file=path, where=where)
         if source == "covariance":

@@ -127,3 +127,38 @@ def test_a_scale_is_seen_beside_what_the_model_lacks(factor: float) -> None:
     assert solution.noise[0] > 3e-4
     said = " ".join(assess_calibration(solution, assess(solution)).notes)
     assert ("All lengths of the arm came out" in said) == (factor != 1.0)
+
+
+@pytest.mark.parametrize(("grade", "factor"), [("", 1.03), ("machined", 1.004), ("", 1.0)])
+def test_lengths_that_no_drawing_of_the_grade_allows_are_named(grade: str, factor: float) -> None:
+    """Two lengths are freed: too few for their evenness alone to say anything."""
+    arm = arm_named("suta").of_grade(grade)
+    lengths = Selection(("joint_4.z", "joint_6.z"), bound_m=0.05)
+    unknown = arm.select(Selection(("joint_*.offset",), bound_rad=0.26), lengths)
+    scene = artefact_scene("pairwise_distance", arm, truth_of(arm), artefact(6), placements(5))
+    marks = {n: replace(m, position=factor * m.position) for n, m in artefact(6).landmarks.items()}
+    term = replace(scene, artefact=Artefact("scaled", marks)).term(scene.samples(NOISE)[0])
+    solution = solve(Problem([term], unknown), ONCE)
+    found = assess_calibration(solution, assess(solution))
+    said = " ".join(found.notes)
+    assert ("All lengths of the arm came out" in said) == (factor != 1.0)
+    assert "The artefact carries the scale" in said
+
+
+@pytest.mark.parametrize(("priors_off", "level"), [(0.0, "care"), (5.0, "care"), (8.0, "bad")])
+def test_an_arm_that_priors_hold_too_short_is_no_wrong_instrument(
+    priors_off: float, level: str
+) -> None:
+    """Both explain the same: up to six prior standard deviations, none of them is refused."""
+    arm = arm_named("suta")
+    parameters = unknowns(arm, priors=True)
+    longer = 1.0 + 1.81e-3 * priors_off
+    truth = {p.name: p.nominal for p in parameters.values()} | truth_of(arm)
+    truth |= {n: v * longer for n, v in truth.items() if n.rpartition(".")[2] in "xyz"}
+    term = tracked_scene(arm, truth, 60).term(tracked_scene(arm, truth, 60).samples(NOISE)[0])
+    solution = solve(Problem([term], parameters), ONCE)
+    found = assess_calibration(solution, assess(solution))
+    said = " ".join(found.notes)
+    # There are no validation data.
+    assert found.level == level
+    assert ("or the arm's lengths that much longer" in said) == (priors_off > 0.0)
