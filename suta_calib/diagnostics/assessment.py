@@ -23,7 +23,7 @@ from suta_calib.diagnostics.odd_readings import (
     rounded,
 )
 from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
-from suta_calib.diagnostics.repeats import lack_of_fit
+from suta_calib.diagnostics.repeats import LACKING, lack_of_fit
 from suta_calib.diagnostics.scale_effects import held_unseen, scale_effects
 from suta_calib.diagnostics.score_tests import geometry_is_held, score_tests
 from suta_calib.diagnostics.thinned import thinned
@@ -34,8 +34,6 @@ from suta_calib.trust.hypothesis import strongest_cause
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 
-# Residuals over the scatter of repeats from which a model is said to lack something.
-LACKING: Final = 1.5
 # Suspects that are tried one by one, beside all of them together.
 MOST_SUSPECTS: Final = 3
 # Equations beyond the unknowns from which on residuals tell the noise to a third or so.

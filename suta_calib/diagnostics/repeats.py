@@ -22,6 +22,8 @@ from suta_calib.terms.block import Block
 from suta_calib.terms.term import Term
 from suta_calib.units import Unit
 
+# Residuals over the scatter of repeats from which a model is said to lack something.
+LACKING: Final = 1.5
 # Of a normal distribution: median absolute value over standard deviation.
 NORMAL_MEDIAN: Final = 0.6745
 # Groups of repeats below which their scatter says too little.

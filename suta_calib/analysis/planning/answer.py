@@ -247,6 +247,12 @@ class Plan(Shown):
                 "The present data are too few to be fitted: predicted at the nominal arm with "
                 "assumed noise (0.5 mm where the job does not say)."
             )
+        if self.situation.lacking > 1.0:
+            notes.append(
+                f"The residuals are {self.situation.lacking:.1f} times what repeats scatter, or "
+                "what the job states: the model lacks something, which more rows do not average "
+                "out. Every ± here is wider by that; free more of the geometry first."
+            )
         if left := [r.parameter for r in self.remedies if r.by_all and r.parameter in after.fixed]:
             notes.append(f"Still open after this plan: {', '.join(left)}; choose more.")
         if after.tip > (1 - _USELESS) * self.before.tip:

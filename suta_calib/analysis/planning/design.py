@@ -50,10 +50,12 @@ class Space:
     """The unknowns that data from different places have in common.
 
     They are the arm's free ones, ``arm_count`` of them, then those of instruments and of seats.
+    What the model lacks, ``lacking`` times the noise, is in every variance of information here.
     """
 
     parameters: ParameterSet
     arm_count: int
+    lacking: float = 1.0
 
     @classmethod
     def of(cls, situation: Situation) -> Space:
@@ -62,7 +64,7 @@ class Space:
         free = [p for p in problem.parameters.values() if p.free]
         arm = [p for p in free if p.name in problem.arm_parameters]
         own = [p for p in free[len(arm) :] if not p.name.startswith(_PRIVATE)]
-        return cls(ParameterSet([*arm, *own]), len(arm))
+        return cls(ParameterSet([*arm, *own]), len(arm), situation.lacking)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -97,7 +99,13 @@ class Space:
             )
             for p in self.parameters.values()
         )
-        return identify(parameters, self.arm_count, information, self.precision)
+        # As a calibration does, which holds nothing for what its model lacks.
+        told = Information(
+            information.curvature,
+            information.variance / self.lacking**2,
+            information.noise_induced,
+        )
+        return identify(parameters, self.arm_count, told, self.precision)
 
     def covariance(self, information: SharedInformation, estimated: IntArray) -> FloatArray:
         """Sandwich (p, p) in SI units, with all but ``estimated`` taken as known."""
@@ -166,7 +174,8 @@ def _shared_information(
     information = predicted_information(problem, x, sigmas)
     unit = problem.parameters.array("plausible")
     scale = np.outer(unit, unit)
-    matrices = [information.curvature, information.variance, information.noise_induced]
+    variance = space.lacking**2 * information.variance
+    matrices = [information.curvature, variance, information.noise_induced]
     index = {name: k for k, name in enumerate(space.names)}
     fixed = {p.name for p in problem.parameters.values() if not p.free}
     kept = [k for k, name in enumerate(problem.names) if name in index]

@@ -9,6 +9,7 @@ import numpy as np
 
 from suta_calib.analysis.planning.candidates import Candidate, Placement, Point, Posture
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.diagnostics.repeats import LACKING, lack_of_fit
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
@@ -30,6 +31,9 @@ class Situation:
         sigmas: noise level of each block of the problem, m or rad per component.
         solved: whether x is a solution and ``sigmas`` are what its residuals show.
         trouble: why a fit of the data may not be used; empty where it may, or none was possible.
+        lacking: how many times as large residuals are as repeats, or what is stated, scatter, where
+            the model lacks something: every ± that is planned is wider by it. One where it lacks
+            nothing.
     """
 
     problem: Problem
@@ -37,6 +41,7 @@ class Situation:
     sigmas: tuple[float, ...]
     solved: bool
     trouble: str = ""
+    lacking: float = 1.0
 
     @classmethod
     def of(cls, problem: Problem, solution: Solution | None = None, trouble: str = "") -> Situation:
@@ -56,7 +61,7 @@ class Situation:
             trouble = str(solution.sentence)
         if solution is None or trouble:
             return cls(problem, problem.start(), tuple(problem.assumed_sigmas()), False, trouble)
-        return cls(problem, solution.x, solution.noise, True)
+        return cls(problem, solution.x, solution.noise, True, lacking=_lacking(solution))
 
     @property
     def arm(self) -> ArmModel:
@@ -201,3 +206,18 @@ class Situation:
             touch += [sigma / own.noise_factor] if block.unit == "m" else []
         other = {"m": [*touch, DEFAULT_SIGMA["m"]][0], "rad": DEFAULT_SIGMA["rad"]}
         return [known.get((term.kind, block.name), other[block.unit]) for block in term.blocks]
+
+
+def _lacking(solution: Solution) -> float:
+    """How many times the scatter of repeats, or what is stated, residuals are; one if hardly more.
+
+    What a model lacks is the same in all rows of a posture and alike in neighbouring ones: more
+    rows do not average it out as they do noise.
+    """
+    ratios = [fit.ratio for fit in lack_of_fit(solution)]
+    ratios += [
+        noise / block.noise.sigma
+        for block, noise in zip(solution.problem.blocks, solution.noise, strict=True)
+        if block.noise.sigma and block.noise.fixed
+    ]
+    return max((ratio for ratio in ratios if ratio > LACKING), default=1.0)
