@@ -97,7 +97,7 @@ def scale_rows(
         )
     jacobian = tuple(np.column_stack(block) for block in zip(*columns, strict=True))
     keys = tuple((carrier.what, carrier.name) for carrier in known)
-    return ArtefactRows(keys, np.array([c.scale.std for c in known]), jacobian)
+    return ArtefactRows(keys, np.array([c.std for c in known]), jacobian)
 
 
 def joined_rows(*parts: ArtefactRows | None) -> ArtefactRows | None:

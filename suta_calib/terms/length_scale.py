@@ -25,11 +25,18 @@ class ScaleCarrier:
         what: ``artefact``, ``board`` or ``instrument``.
         name: tells several of one sort apart; terms with the same one share the error.
         scale: how well the factor on all of its lengths is known.
+        estimated: whether its stretch is an unknown, whose prior holds that already.
     """
 
     what: str
     name: str
     scale: LengthScale
+    estimated: bool = False
+
+    @property
+    def std(self) -> float:
+        """Standard deviation of the factor beside what unknowns hold of it."""
+        return 0.0 if self.estimated else self.scale.std
 
 
 # Of an instrument of which nobody says it. What a camera sees is as large as the target was
@@ -45,9 +52,11 @@ def scale_carrier(term: Term) -> ScaleCarrier | None:
     """
     samples = term.poses.samples
     if term.touched is not None:
-        return ScaleCarrier("artefact", term.touched.name, term.touched.length_scale)
-    if term.board_seen is not None:
-        return ScaleCarrier("board", getattr(term, "target", ""), term.board_seen.length_scale)
+        body = term.touched
+        return ScaleCarrier("artefact", body.name, body.length_scale, body.stretch is not None)
+    if (board := term.board_seen) is not None:
+        free = board.stretch is not None
+        return ScaleCarrier("board", getattr(term, "target", ""), board.length_scale, free)
     if samples.position is None and not samples.lengths:
         return None
     if term.scale is None and not isinstance(term.poses, ArmPoses):

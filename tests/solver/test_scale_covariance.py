@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -84,3 +85,19 @@ def test_an_exact_scale_adds_nothing() -> None:
     exact = solve(measured("tracked_point", 1.0, 3, LengthScale(0.0)), ONCE)
     np.testing.assert_array_equal(exact.covariance, exact.covariance_within_scale)
     assert solve(measured("tracked_point", 1.0, 3), ONCE).covariance.max() > exact.covariance.max()
+
+
+def test_a_stretch_that_is_estimated_holds_the_scale_already() -> None:
+    """Its prior is the grade's: ± would otherwise be larger by the root of two."""
+    problem = measured("pairwise_distance", 1.0, 3)
+    (term,) = problem.terms
+    assert term.touched is not None
+    bodies = [replace(term.touched, stretch=None), replace(term.touched, stretch=SCALE.std)]
+    stds = []
+    for body in bodies:
+        changed: dict[str, Any] = {"artefact": body}
+        again = solve(Problem([replace(term, **changed)], problem.arm_parameters), ONCE)
+        std = again.arm_estimates["elbow_joint.z"].std
+        assert std is not None
+        stds.append(std)
+    assert stds[1] < 1.15 * stds[0]
