@@ -101,7 +101,7 @@ def held_scale(problem: Problem, held: HeldGeometry | None) -> ScaleEffect | Non
         problem: terms over an arm.
         held: of it, what no residual shows.
     """
-    if held is None or problem.arm is None or scale_carriers(problem.terms):
+    if held is None or problem.arm is None or scale_carriers(problem.terms) or not held.is_scale:
         return None
     tip = float(np.linalg.norm(held.tip))
     # The longest has most of the arm's size in it.

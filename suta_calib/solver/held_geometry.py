@@ -34,6 +34,9 @@ SILENT: Final = 0.1
 UNMOVED: Final = 1e-6
 # Part of the largest from which on a held parameter is named.
 MAIN: Final = 0.5
+# Cosine, in units of the tolerances, from which on a direction is a factor on all lengths: two that
+# do the same, such as a slide of a joint along its axis, share it and have 0.7.
+ALIKE: Final = 0.5
 # Of the tip's standard deviation by noise: then the whole is larger by a twentieth.
 NOTICEABLE: Final = 0.3
 # Part of a held parameter in a direction, m or rad, that is rounding.
@@ -80,6 +83,15 @@ class HeldGeometry:
         """Which of them the tip hangs on most, by one standard deviation of the worst direction."""
         share = np.abs(self.of_held[:, int(np.argmax(self.tip))]) / self.tolerance
         return tuple(self.names[k] for k in np.argsort(-share) if share[k] > MAIN * share.max())
+
+    @property
+    def is_scale(self) -> bool:
+        """Whether a direction that moves the tip makes all held lengths longer by one factor."""
+        lengths = np.array([n.rpartition(".")[2] in POSITION for n in self.names])
+        length = np.where(lengths, self.nominal, 0.0) / self.tolerance
+        along = np.abs(length @ (self.of_held / self.tolerance[:, None]))
+        sizes = np.linalg.norm(self.of_held / self.tolerance[:, None], axis=0)
+        return bool(np.any(along > ALIKE * sizes * max(float(np.linalg.norm(length)), 1e-300)))
 
     @property
     def matters(self) -> bool:
