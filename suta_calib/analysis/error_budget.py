@@ -304,7 +304,8 @@ def error_budget(
     if validation:
         values = fit_own(validation, problem.arm_parameters, solution.values)
         held_out = linear(validation, names, values, std)
-        blocks += _blocks("validation", validation, held_out, known, covariance)
+        seen = solution.covariance_seen_by(validation)[: len(names), : len(names)]
+        blocks += _blocks("validation", validation, held_out, known, seen)
     # The model's share of a position; held-out data tell it best.
     lengths = sorted((b for b in blocks if b.unit == "m"), key=lambda b: b.data != "validation")
     model = lengths[0].variance_of("model") if lengths else None

@@ -3,8 +3,8 @@
 Points, planes and lines that are touched know no length: the arm's lengths are then as good as the
 one that is held. With h the held parameters, known to T by the drawing, and x what is estimated,
 
-    I = A_hh - A_hx A_xx⁻¹ A_xh                information of the data on h, x following
     dx̂/dh = -A_xx⁻¹ A_xh
+    I = A_hh - A_hx A_xx⁻¹ A_xh                information of the data on h, x following
 
 A direction of h about which the data say less than the drawing (an eigenvalue of I in units of T
 below `SILENT`) leaves no residual. Its error δ is in the estimate, as -A_xx⁻¹ A_xh δ, and in what
@@ -24,7 +24,7 @@ from suta_calib.geometry.numbers import skew
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.parameters import OFFSET, POSITION, ROTATION, ParameterSet
 from suta_calib.records import dataclass
-from suta_calib.solver.information import curvature_at, scaled_inverse
+from suta_calib.solver.information import curvature_at, noise_levels, scaled_inverse
 from suta_calib.solver.problem import Problem
 from suta_calib.units import from_deg, from_mm
 
@@ -148,7 +148,12 @@ def held_geometry(
     known = problem.stated_precision()[free]
     inverse = scaled_inverse(curvature[np.ix_(estimated, estimated)] + np.diag(known))
     follow = -inverse @ curvature[np.ix_(estimated, held)]
-    information = curvature[np.ix_(held, held)] + curvature[np.ix_(held, estimated)] @ follow
+    # What the data tell hangs on the noise that they have, not on the one that weighs them.
+    if robust:
+        curvature = curvature_at(wider, at, noise_levels(wider, at, sigmas), robust=True)
+    both = np.concatenate([estimated, held])
+    moves = np.vstack([follow, np.eye(len(held))])
+    information = moves.T @ curvature[np.ix_(both, both)] @ moves
     nominal = at[held]
     spread = drawing_covariance(problem, x, within, names, nominal)
     root = np.linalg.cholesky(spread)
