@@ -36,7 +36,7 @@ NOISE = 0.02e-3
 
 def seated_scene(certified: Artefact, *, turn: float = TURN) -> Scene:
     """The SUTA as drawn, its tip always seated off the axis and turned."""
-    arm = arm_named("suta")
+    arm = arm_named("suta").of_grade("certified")
     scene = artefact_scene("landmark", arm, {}, certified, placements(4))
     position = scene.position + scene.rotation @ np.array([*SHIFT, 0.0])
     rotation = scene.rotation @ rotation_from_vector([0.0, 0.0, turn])
@@ -67,7 +67,7 @@ def term_of(
 
 
 def solved(*terms: Term, select: tuple[str, ...] = ("joint_4.z",)) -> Solution:
-    arm = arm_named("suta")
+    arm = arm_named("suta").of_grade("certified")
     row = Selection(select, bound_m=0.03 if any(not n.endswith("offset") for n in select) else None)
     return solve(Problem(terms, arm.select(row)), SolverOptions(starts=1))
 
