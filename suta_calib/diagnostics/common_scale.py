@@ -23,7 +23,7 @@ from suta_calib.measurements.scale import GRADES
 from suta_calib.model.parameters import POSITION
 from suta_calib.records import dataclass
 from suta_calib.solver.held_geometry import TOLERANCES
-from suta_calib.solver.information import robust_jacobian, whitened_rows
+from suta_calib.solver.information import robust_jacobian, scaled_inverse, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate, Solution
 from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers
@@ -57,6 +57,8 @@ class CommonScale:
             whichever is more; or of the arm's squared changes.
         by_priors: whether it is the priors' pulls of which it explains more. They cannot tell an
             instrument that is too long from an arm that is.
+        one_alone: the parameter of the arm that explains as much by being off alone, and by how
+            much it then is, m or rad; None where there is none.
     """
 
     what: str
@@ -64,6 +66,7 @@ class CommonScale:
     std: float
     gain: float
     by_priors: bool = False
+    one_alone: tuple[str, float] | None = None
 
     @property
     def significance(self) -> float:
@@ -165,8 +168,37 @@ def scale_step(
     pulled, left = (float(precision @ d**2) for d in (off, off + step[:-1]))
     of_priors = (pulled - left) / max(pulled, 1.0)
     of_residuals = value**2 / variance / squares
-    gain = max(of_priors, of_residuals)
-    return CommonScale(what, value, math.sqrt(variance), gain, of_priors > of_residuals)
+    gain, by_priors = max(of_priors, of_residuals), of_priors > of_residuals
+    alone = _one_alone(curvature[:-1, :-1], gradient[:-1], precision, off)
+    rival = None
+    if by_priors and alone is not None and alone[1] > value**2 / variance:
+        rival = problem.names[free[alone[0]]], alone[2]
+    return CommonScale(what, value, math.sqrt(variance), gain, by_priors, rival)
+
+
+def _one_alone(
+    curvature: FloatArray, gradient: FloatArray, precision: FloatArray, off: FloatArray
+) -> tuple[int, float, float] | None:
+    """The parameter that its prior holds back most (leave one prior out).
+
+    Args:
+        curvature: (n, n) of half the cost with all priors.
+        gradient: (n,) of it.
+        precision: (n,) of the priors.
+        off: (n,) how far the parameters are from their priors' means.
+
+    Returns:
+        Its number, by how much twice the cost falls without its prior, and how far off it is then;
+        None without a prior.
+    """
+    if not np.any(precision > 0):
+        return None
+    inverse = scaled_inverse(curvature)
+    pulled = off - inverse @ gradient
+    free = np.maximum(1.0 - precision * np.diag(inverse), 1e-9)
+    lowered = precision * pulled**2 / free
+    worst = int(np.argmax(lowered))
+    return worst, float(lowered[worst]), float(pulled[worst] / free[worst])
 
 
 def beyond_drawing(solution: Solution) -> CommonScale | None:

@@ -294,6 +294,10 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
             or not options.scale_care < size < options.scale_most
         ):
             continue
+        named = True
+        if each.one_alone is not None:
+            yield _on_one_alone(solution, *each.one_alone)
+            continue
         by, longer = f"{100 * size:.2f} ± {100 * each.std:.2f} %", each.value > 0
         found = (
             f"All lengths of the arm came out {by} {'longer' if longer else 'shorter'} than nominal"
@@ -309,10 +313,21 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
             f"{found}: check the scale and the certificate of what was measured with, and whether "
             "the URDF is of another arm.",
         )
-        named = True
     beyond = None if named else beyond_drawing(solution)
     if beyond is not None and beyond.gain > options.scale_gain:
         yield from _on_drawing(solution, beyond, options)
+
+
+def _on_one_alone(solution: Solution, name: str, off: float) -> Contradiction:
+    """A parameter that is far off alone, where a scale would make all of them so."""
+    p = solution.problem.parameters[name]
+    by, prior = (text(v, p.unit, with_unit=True) for v in (off, p.prior or 0.0))
+    return Contradiction(
+        False,
+        f"{name} alone is {by} off its nominal value, where its prior is {prior}; the other "
+        "parameters make up for what that prior does not allow. Correct the URDF there, or widen "
+        "the prior of this parameter.",
+    )
 
 
 def _on_drawing(

@@ -12,7 +12,7 @@ from simulated import arm_named, artefact, artefact_scene, perturbed, placements
 
 from suta_calib import Problem, Selection, assess, solve
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.common_scale import grown_together, relied_on
+from suta_calib.diagnostics.common_scale import _one_alone, grown_together, relied_on
 from suta_calib.measurements import Artefact, LengthScale
 
 
@@ -44,6 +44,29 @@ def test_a_scale_that_joints_would_absorb_is_named(kind: str, factor: float) -> 
     assert f"all lengths of the {what} are 1." in said
     assert f"too {'long' if factor > 1 else 'short'}" in said
     assert not found.usable
+
+
+@pytest.mark.parametrize("name", ["joint_4.z", "joint_6.z"])
+def test_one_length_that_is_off_alone_is_no_scale(name: str) -> None:
+    """A link 15 mm off was first called an instrument 1.9 % too short."""
+    arm = arm_named("suta")
+    parameters = unknowns(arm, priors=True)
+    truth = {p.name: p.nominal for p in parameters.values()} | truth_of(arm)
+    truth[name] += 0.015
+    term = tracked_scene(arm, truth, 60).samples(NOISE)[0]
+    solution = solve(Problem([tracked_scene(arm, truth, 60).term(term)], parameters), ONCE)
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert "all lengths" not in said
+
+
+def test_the_length_that_is_off_alone_is_named_with_its_size() -> None:
+    """Without its prior: H⁻¹ says what a fit would find (leave one out)."""
+    curvature, precision = np.diag([40.0, 5.0]), np.array([30.0, 1.0])
+    number, lowered, off = _one_alone(curvature, np.zeros(2), precision, np.array([0.25, 0.1]))
+    assert number == 0
+    # Data of weight 10 say 1.0, a prior of weight 30 says 0: together 0.25.
+    assert off == pytest.approx(1.0)
+    assert lowered == pytest.approx(10 * 0.75**2 + 30 * 0.25**2)
 
 
 def test_lengths_rest_on_an_instruments_scale_unless_something_else_tells_it() -> None:
