@@ -192,6 +192,15 @@ def test_motive_keeps_solved_and_measured_markers_apart(tmp_path: Path) -> None:
     np.testing.assert_allclose(marker.columns["x"], [0.11, 0.12])
 
 
+def test_a_word_of_half_its_length_is_refused(tmp_path: Path) -> None:
+    """A line of GSI-16 that lost the end of its last word has one of GSI-8."""
+    path = leica_gsi(tmp_path).path
+    first, *others = path.read_text().splitlines()
+    path.write_text("\n".join([first.rstrip()[:-8], *others]) + "\n")
+    with pytest.raises(InputError, match=r"gsi:1: found words of 8 and of 16 characters"):
+        imported(path)
+
+
 GRID = np.array([3_455_012.25, 5_428_530.5, 312.125])
 
 

@@ -82,6 +82,9 @@ class LeicaGsiReader(Reader):
             if _POINT not in words:
                 said = f"{content[:40]!r}, without the word {_POINT} of a point"
                 raise ForeignFileError(said, "a line of GSI", file=path, line=number)
+            if len({len(digits) for _, _, digits in words.values()}) > 1:
+                mixed = "words of 8 and of 16 characters"
+                raise ForeignFileError(mixed, "words of one length", file=path, line=number)
             place = _place(path, number, words)
             if place is None:
                 left_out += 1
