@@ -29,7 +29,7 @@ _WITH_FRAMES: Final = re.compile(r"(p_([A-Z]+)_[A-Z]+|q_([A-Z]+))_([wxyz])(\s*[\
 # Digits of a column's number.
 _LONGEST_NUMBER: Final = 6
 # TUM's trajectories: seconds, metres, scalar last.
-_TUM: Final = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
+TUM: Final = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _ANGLES: Final = ("roll", "pitch", "yaw")
 
 
@@ -49,7 +49,7 @@ def usual_names(names: Sequence[str]) -> list[str]:
 
     Only where there is one such pose. The clock of TUM's trajectories is in s: a time.
     """
-    if tuple(names) == _TUM:
+    if tuple(names) == TUM:
         return ["time", *names[1:]]
     found = {name: _WITH_FRAMES.fullmatch(name) for name in names}
     if len({match[2] or match[3] for match in found.values() if match}) != 1:

@@ -28,6 +28,14 @@ def test_a_trajectory_of_tum(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found.columns["time"], rows[:, 0])
 
 
+def test_a_trajectory_without_names_is_asked_about(tmp_path: Path) -> None:
+    path = written(tmp_path / "t.txt", np.hstack([TIME, P, XYZW]), " ")
+    way = "1=time,2=x,3=y,4=z,5=qx,6=qy,7=qz,8=qw"
+    with pytest.raises(InputError, match=f"--columns {way} for a trajectory of TUM"):
+        imported(path)
+    check(imported(path, columns=way), tmp_path / "o.csv", R, P)
+
+
 @pytest.mark.parametrize("more", ["", ",v_RS_R_x [m s^-1],b_w_RS_S_x [rad s^-1]"])
 def test_ground_truth_of_euroc(more: str, tmp_path: Path) -> None:
     rows = np.hstack([1e9 + 5e6 * TIME, P, np.roll(XYZW, 1, axis=1)])

@@ -18,6 +18,7 @@ from suta_calib.exchange.cells import is_plain_file
 from suta_calib.exchange.column_names import (
     COLUMNS,
     JOINT_NAMES,
+    TUM,
     is_joint,
     refuse_numbered,
     renamed,
@@ -402,13 +403,16 @@ class _Columns:
 
     def _nothing(self) -> ForeignFileError:
         sheet = self._sheet
+        trajectory = len(sheet.names) == len(TUM) and not sheet.headed
+        columns = ",".join(f"{k}={name}" for k, name in enumerate(("time", *"xyz", *TUM[4:]), 1))
         return ForeignFileError(
             f"{len(sheet.names)} columns: {listed(list(sheet.names), 16)}",
             "columns of a pose or of joints by name; or 3, 6, 7, 12 or 16 numbers",
             file=sheet.path,
             line=sheet.lines[0],
             hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
-            f"for a pose, or with {FROM.switch} N where a pose begins",
+            f"for a pose, or with {FROM.switch} N where a pose begins"
+            + (f"; {COLUMNS.switch} {columns} for a trajectory of TUM" if trajectory else ""),
         )
 
 
