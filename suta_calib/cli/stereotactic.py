@@ -17,10 +17,12 @@ from suta_calib.report.document import Document
 @click.option("--dewarp", is_flag=True, help="Correct the EM tracker's distortion, and navigate.")
 @click.option(
     "--robust/--no-robust",
-    default=False,
-    help="Find markers and frames that do not fit the others, and leave them out.",
+    default=None,
+    show_default=False,
+    help="Leave out markers and frames that do not fit the others; without, in each step where "
+    "that predicts left-out frames better.",
 )
-def stereotactic(prefix: Path, dewarp: bool, robust: bool) -> Document:
+def stereotactic(prefix: Path, dewarp: bool, robust: bool | None) -> Document:
     """Solve the stereotactic navigation problem of the files PREFIX-calbody.txt and so on.
 
     Writes NAME-output1.txt and a picture; with --dewarp also NAME-output2.txt, where the fiducials

@@ -8,8 +8,10 @@ devices, IEEE Virtual Reality), in the Bernstein basis: a tensor product, one de
 Where nothing was measured a polynomial of high degree is arbitrary. Beyond the box of the measured
 points the displacement f goes on by what a polynomial g of a lower degree (or the same, or none)
 changes from the nearest point c of the box: f(c) + g(x) - g(c), without a step at the border. Which
-degree, and how fast the error grows with the distance, is told by layers at each side of the box
-that are left out and predicted from the rest; it goes on no farther than these are thick.
+degree, and how fast the error grows with the distance, is told by a layer at each side of the box
+that is left out and predicted from the rest. It is as thick as the points that are to be corrected
+lie outside, for a polynomial that is right a centimetre outside may be wild a decimetre out; and
+it goes on no farther than that.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.records import dataclass
+from suta_calib.stereotactic.left_out import robust_predicts_better
 from suta_calib.threads import single_threaded
 
 # Beyond this the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.
@@ -38,11 +41,14 @@ COARSE: Final = (1, 2, 3)
 RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
 UNDETERMINED: Final = 1e-9
-# Thickness of the layers left out at each side, as part of the box.
-LAYERS: Final = (0.1, 0.2)
-# Part of the error of staying as at the border that going on must leave at most to be trusted:
-# readings may lie farther out than any layer.
-DECISIVE: Final = 0.5
+# Thickness of the layers left out at each side, as part of the box: what is tried where nobody says
+# what is to be corrected, and at most; and at least, or hardly a marker is in one.
+THICKEST: Final = 0.2
+THINNEST: Final = 0.03
+# Part of the squared error of staying as at the border that going on must leave at most to be
+# trusted; and where readings lie farther out than any layer.
+WORTH_IT: Final = 0.8
+DECISIVE: Final = 0.25
 # Mean square error at the border beyond that inside, as part of it, that is more than chance.
 GROWN: Final = 0.5
 MAX_ROUNDS: Final = 10
@@ -64,6 +70,7 @@ class DistortionCorrection:
         coefficients: ((degree + 1)³, 3) displacements at the control points, m.
         continuation: degree by which it goes on outside; 0 where it stays as at the border.
         continued: ((continuation + 1)³, 3) control points of that.
+        reach: how far it goes on, as part of the box.
         growth: 3-D RMS error to expect outside beyond that inside, m per m from the border.
         hull: (facets, 4) outward normals and offsets of the convex hull of the measured points.
         common: correlation of the errors of a frame's points when the frame is left out, 0 to 1.
@@ -78,6 +85,7 @@ class DistortionCorrection:
     coefficients: FloatArray
     continuation: int
     continued: FloatArray
+    reach: float
     growth: float
     hull: FloatArray
     common: float
@@ -93,7 +101,7 @@ class DistortionCorrection:
         """What is added to measured points: (..., 3) → (..., 3), m."""
         at = (np.asarray(points, dtype=float) - self.lower) / (self.upper - self.lower)
         # No farther than what was tested.
-        reached = np.clip(at, -LAYERS[-1], 1.0 + LAYERS[-1])
+        reached = np.clip(at, -self.reach, 1.0 + self.reach)
         return _displacement(reached, np.clip(at, 0.0, 1.0), self.coefficients, self.continued)
 
     def correct(self, points: FloatArray) -> FloatArray:
@@ -132,7 +140,10 @@ class DistortionCorrection:
 
 
 def fit_distortion(
-    measured: FloatArray, expected: FloatArray, degrees: Sequence[int] = DEGREES
+    measured: FloatArray,
+    expected: FloatArray,
+    degrees: Sequence[int] = DEGREES,
+    corrected: FloatArray | None = None,
 ) -> DistortionCorrection:
     """Fit the correction; cross-validation over frames chooses the degree, over borders how on.
 
@@ -145,11 +156,13 @@ def fit_distortion(
         measured: (N_frames, n, 3) points as the EM tracker saw them, m.
         expected: (N_frames, n, 3) where they were, m.
         degrees: to choose from, 0 or more.
+        corrected: (..., 3) points as the tracker saw them that are to be corrected, m: they say how
+            far outside it must be right.
 
     Raises:
         SamplesError: fewer than two frames, or all measured points in one plane.
     """
-    return _continued(*_fit_inside(measured, expected, degrees))
+    return _continued(*_fit_inside(measured, expected, degrees), corrected)
 
 
 @single_threaded
@@ -182,6 +195,7 @@ def _fit_inside(
         coefficients=chosen.coefficients,
         continuation=0,
         continued=np.zeros((1, 3)),
+        reach=THICKEST,
         growth=0.0,
         hull=hull,
         common=_intraclass(chosen.left_out),
@@ -193,33 +207,48 @@ def _fit_inside(
 
 @single_threaded
 def _continued(
-    found: DistortionCorrection, fits: Mapping[int, _PolynomialFit]
+    found: DistortionCorrection,
+    fits: Mapping[int, _PolynomialFit],
+    corrected: FloatArray | None,
 ) -> DistortionCorrection:
-    """The same with the continuation that best predicts the layers at the border from the rest."""
+    """The same with the continuation that best predicts the frames at the border from the rest."""
     degree, size = found.degree, found.upper - found.lower
+    farthest = THICKEST if corrected is None else _farthest(found, corrected)
+    reach = float(np.clip(farthest, THINNEST, THICKEST))
     at, wanted = fits[degree].at, fits[degree].wanted
-    distance, inside, lowest = 0.0, 0.0, degree
-    excess = dict.fromkeys((k for k in fits if k <= degree), 0.0)
-    for share in LAYERS:
-        sides = [side for axis in at.T for side in (axis < share, axis > 1 - share)]
-        squared = {k: np.zeros(len(sides)) for k in excess}
-        for side, rows in enumerate(sides):
-            rest = at[~rows]
-            nearest = np.clip(at[rows], rest.min(axis=0), rest.max(axis=0))
-            fitted = {k: fits[k].without(rows) for k in squared}
-            usual = float(rows.sum()) * found.cross_validation[degree] ** 2
-            inside += usual
-            distance += float(np.sum(((at[rows] - nearest) * size) ** 2))
-            for k, sums in squared.items():
-                error = _displacement(at[rows], nearest, fitted[degree], fitted[k])
-                sums[side] = np.sum((error - wanted[rows]) ** 2)
-                excess[k] += float(sums[side]) - usual
-        lowest = min(lowest, _lowest_as_good(squared))
-        if squared[lowest].sum() > DECISIVE**2 * squared[0].sum():
-            lowest = 0
-    grows = excess[lowest] > GROWN * inside
-    growth = float(np.sqrt(excess[lowest] / distance)) if grows else 0.0
-    return replace(found, continuation=lowest, continued=fits[lowest].coefficients, growth=growth)
+    frames = np.repeat(np.arange(len(found.residuals)), found.residuals.shape[1])
+    # Squared errors by frame, for a frame's points err together; and what is usual inside.
+    squared = {k: np.zeros(len(found.residuals)) for k in fits if k <= degree}
+    distance, inside = 0.0, 0.0
+    for rows in (side for axis in at.T for side in (axis < reach, axis > 1.0 - reach)):
+        rest = at[~rows]
+        if not rows.any() or not len(rest):
+            continue
+        nearest = np.clip(at[rows], rest.min(axis=0), rest.max(axis=0))
+        fitted = {k: fits[k].without(rows) for k in squared}
+        inside += float(rows.sum()) * found.cross_validation[degree] ** 2
+        distance += float(np.sum(((at[rows] - nearest) * size) ** 2))
+        for k, sums in squared.items():
+            error = _displacement(at[rows], nearest, fitted[degree], fitted[k]) - wanted[rows]
+            np.add.at(sums, frames[rows], np.sum(error**2, axis=-1))
+    at_border = {k: sums[squared[0] > 0] for k, sums in squared.items()}
+    chosen = _lowest_as_good(at_border) if len(at_border[0]) > 1 else 0
+    total = {k: float(sums.sum()) for k, sums in squared.items()}
+    if total[chosen] > (DECISIVE if farthest > THICKEST else WORTH_IT) * total[0]:
+        chosen = 0
+    excess = total[chosen] - inside
+    grows = excess > GROWN * inside and distance > 0.0
+    growth = float(np.sqrt(excess / distance)) if grows else 0.0
+    continued = fits[chosen].coefficients
+    return replace(found, continuation=chosen, continued=continued, reach=reach, growth=growth)
+
+
+def _farthest(found: DistortionCorrection, points: FloatArray) -> float:
+    """How far outside the box the farthest point lies, as part of the box."""
+    at = (np.asarray(points, dtype=float).reshape(-1, 3) - found.lower) / (
+        found.upper - found.lower
+    )
+    return float(np.maximum(-at, at - 1.0).max(initial=0.0))
 
 
 def smooth_distortion(measured: FloatArray, expected: FloatArray) -> DistortionCorrection:
@@ -378,7 +407,7 @@ def _basis(at: FloatArray, degree: int) -> FloatArray:
 
 
 def fit_distortion_robustly(
-    measured: FloatArray, expected: FloatArray
+    measured: FloatArray, expected: FloatArray, corrected: FloatArray | None = None
 ) -> tuple[DistortionCorrection, BoolArray]:
     """`fit_distortion` without readings that do not fit the others.
 
@@ -389,6 +418,7 @@ def fit_distortion_robustly(
     Args:
         measured: (N_frames, n, 3) points as the EM tracker saw them, m.
         expected: (N_frames, n, 3) where they were, m.
+        corrected: (..., 3) points that are to be corrected, as of `fit_distortion`.
 
     Returns:
         the correction, whose residuals are those of all readings; (N_frames, n) readings set aside.
@@ -396,6 +426,44 @@ def fit_distortion_robustly(
     Raises:
         SamplesError: as of `fit_distortion`.
     """
+    fit, fits, residuals, wrong = _robustly(measured, expected)
+    return replace(_continued(fit, fits, corrected), residuals=residuals), wrong
+
+
+def fit_distortion_by_left_out(
+    measured: FloatArray, expected: FloatArray, corrected: FloatArray | None = None
+) -> tuple[DistortionCorrection, BoolArray]:
+    """`fit_distortion_robustly` where that predicts left-out frames better, else `fit_distortion`.
+
+    Args:
+        measured: (N_frames, n, 3) points as the EM tracker saw them, m.
+        expected: (N_frames, n, 3) where they were, m.
+        corrected: (..., 3) points that are to be corrected, as of `fit_distortion`.
+
+    Returns:
+        As of `fit_distortion_robustly`.
+    """
+    fit, fits = _fit_inside(measured, expected)
+    if far_off(fit.residuals).any() or far_off(measured - expected).any():
+        robust, other_fits, residuals, wrong = _robustly(measured, expected)
+
+        def left_out(errors: FloatArray) -> FloatArray:
+            """RMS (N_frames,) over the readings that both believe, of the frame left out."""
+            squares = np.sum(errors**2, axis=-1) * ~wrong
+            return np.asarray(np.sqrt(squares.sum(axis=1) / np.maximum((~wrong).sum(axis=1), 1)))
+
+        plain_errors, robust_errors = fits[fit.degree].left_out, other_fits[robust.degree].left_out
+        # Where nothing is corrected either way, what is set aside would only widen the ±.
+        nothing = fit.degree == robust.degree == 0
+        if nothing or robust_predicts_better(left_out(plain_errors), left_out(robust_errors)):
+            return replace(_continued(robust, other_fits, corrected), residuals=residuals), wrong
+    return _continued(fit, fits, corrected), np.zeros(measured.shape[:2], dtype=np.bool_)
+
+
+def _robustly(
+    measured: FloatArray, expected: FloatArray
+) -> tuple[DistortionCorrection, dict[int, _PolynomialFit], FloatArray, BoolArray]:
+    """The fit and those of all degrees, residuals of all readings, and those set aside."""
     wrong, degree = far_off(measured - expected), -1
     believed = np.where(wrong[..., None], expected, measured)
     for _ in range(MAX_ROUNDS):
@@ -410,7 +478,7 @@ def fit_distortion_robustly(
             seen = expected - fit.displacement(seen)
         believed = np.where(again[..., None], seen, measured)
         wrong, degree = again, fit.degree
-    return replace(_continued(fit, fits), residuals=residuals), wrong
+    return fit, fits, residuals, wrong
 
 
 def far_off(errors: FloatArray) -> BoolArray:

@@ -24,6 +24,9 @@ from suta_calib.records import dataclass
 # Numbers that a pose takes of its markers'.
 OF_A_POSE: Final = 6
 MAX_ROUNDS: Final = 10
+# Times less squared error of the markers that stay, from which on one that is left out is wrong:
+# a marker at the limit of what noise makes gives about two.
+FAR_BETTER: Final = 3.0
 # Residual relative to the size of the body that is rounding.
 ROUNDING: Final = 1e-9
 
@@ -85,7 +88,7 @@ class MarkerCloud:
         lever, arm = along @ along - along**2, (spread @ spread - spread**2) / len(centred)
         return float(np.sqrt(1.0 + np.sum(lever / arm) / 3.0))
 
-    def poses(self, frames: FloatArray, *, robust: bool = False) -> BodyPoses:
+    def poses(self, frames: FloatArray, *, robust: bool | None = False) -> BodyPoses:
         """Pose of the body in every frame, by least squares over the markers.
 
         Closed form, because there are many frames and no unknown that they share: Arun, Huang,
@@ -93,7 +96,8 @@ class MarkerCloud:
 
         Args:
             frames: (N_frames, n, 3) the markers in the tracker, m.
-            robust: leave markers out that do not fit the others, where there are five or more.
+            robust: leave markers out that do not fit the others, where there are five or more;
+                None: only in frames whose other markers then predict one another far better.
 
         Raises:
             SamplesError: fewer than three markers, markers on a line, or a frame that shows the
@@ -106,8 +110,9 @@ class MarkerCloud:
             raise SamplesError("all markers of a body on one line", "three or more that are not")
         used = np.ones(frames.shape[:2], dtype=bool)
         _check_handedness(self.markers, frames, used)
-        if robust and len(self.markers) >= ENOUGH_TO_JUDGE:
+        if robust is not False and len(self.markers) >= ENOUGH_TO_JUDGE:
             used = _agreeing(self.markers, frames)
+            used = used if robust else _proven(self.markers, frames, used)
         shown = np.where(used[..., None], frames, _centres(frames, used))
         for frame in np.flatnonzero(_on_a_line(shown)):
             raise SamplesError(
@@ -193,6 +198,23 @@ def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
             break
         used = agreeing
     return used
+
+
+def _proven(markers: FloatArray, frames: FloatArray, used: BoolArray) -> BoolArray:
+    """The markers used; all of them in frames whose others predict one another no better so."""
+    everything = np.ones_like(used)
+    # What is judged are the markers that both ways believe, each predicted from the others.
+    errors = {}
+    for way, believed in (("plain", everything), ("robust", used)):
+        squares = np.zeros(used.shape)
+        for marker in range(used.shape[1]):
+            others = believed.copy()
+            others[:, marker] = False
+            squares[:, marker] = _norms(markers, frames, others)[:, marker] ** 2
+        errors[way] = np.sum(squares * used, axis=1)
+    enough = used.sum(axis=1) > LEAST_POINTS
+    far_better = enough & (errors["plain"] > FAR_BETTER * errors["robust"])
+    return np.asarray(used | ~far_better[:, None])
 
 
 def _check_handedness(markers: FloatArray, frames: FloatArray, everything: BoolArray) -> None:

@@ -7,10 +7,10 @@ its own markers. Frames: ``T_em_base`` is what the optical tracker says of the E
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cached_property
-from typing import Final
+from functools import cached_property, partial
+from typing import Final, TypeVar
 
 import numpy as np
 
@@ -36,9 +36,15 @@ from suta_calib.stereotactic.distortion import (
     DistortionCorrection,
     far_off,
     fit_distortion,
+    fit_distortion_by_left_out,
     fit_distortion_robustly,
     is_distorted,
     smooth_distortion,
+)
+from suta_calib.stereotactic.left_out import (
+    left_out_of_pivot,
+    left_out_of_registration,
+    robust_predicts_better,
 )
 from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud, SeenBody
 from suta_calib.stereotactic.navigation import Navigation
@@ -54,6 +60,7 @@ from suta_calib.stereotactic.shapes import (
 from suta_calib.units import mm
 from suta_calib.words import listed
 
+A = TypeVar("A", PivotCalibration, Registration)
 # Misfit of EM readings that asks for a reason, as part of the markers' extent.
 ELSEWHERE: Final = 0.05
 # A field bends by less than half; what is turned or stretched by more is in other axes or units.
@@ -143,14 +150,16 @@ class StereotacticResult:
 
 
 def solve_stereotactic(
-    data: StereotacticData, *, dewarp: bool = False, robust: bool = False
+    data: StereotacticData, *, dewarp: bool = False, robust: bool | None = None
 ) -> StereotacticResult:
     """Solve the problem.
 
     Args:
         data: the given files.
         dewarp: correct the EM tracker's distortion first.
-        robust: hold single markers, frames and fiducials that do not fit the others for outliers.
+        robust: whether single markers, frames and fiducials that do not fit the others are left
+            out as outliers; None: in each step for itself, where that predicts left-out frames
+            better.
 
     Raises:
         SamplesError: the data leave a pose, a pivot, the correction or the registration
@@ -184,7 +193,7 @@ def solve_stereotactic(
 class _Bodies:
     """Poses of marker bodies by the file their frames come from; counts outliers by file."""
 
-    def __init__(self, data: StereotacticData, robust: bool) -> None:
+    def __init__(self, data: StereotacticData, robust: bool | None) -> None:
         self.data, self.robust = data, robust
         self.outliers: dict[str, int] = {}
         self.seen: dict[str, SeenBody] = {}
@@ -194,7 +203,7 @@ class _Bodies:
         kind = name.partition(":")[0]
         with error_context(path_of(self.data.prefix, kind)):
             poses = cloud.poses(frames, robust=self.robust)
-        if self.robust:
+        if self.robust is not False:
             self.outliers[kind] = self.outliers.get(kind, 0) + poses.outliers
         self.seen[name] = SeenBody(cloud, frames, poses)
         return poses
@@ -202,8 +211,35 @@ class _Bodies:
     def pivot(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> PivotCalibration:
         """Pivot calibration of one body; an error names the file."""
         poses = self.poses(kind, cloud, frames)
+        solve = partial(calibrate_pivot, poses.rotation, poses.position)
+
+        def left_out(found: PivotCalibration) -> FloatArray:
+            return left_out_of_pivot(poses.rotation, poses.position, found.inliers)
+
         with error_context(path_of(self.data.prefix, kind)):
-            return calibrate_pivot(poses.rotation, poses.position, robust=self.robust)
+            return self.better(lambda robust: solve(robust=robust), left_out)
+
+    def better(self, solve: Callable[[bool], A], left_out: Callable[[A], FloatArray]) -> A:
+        """The answer as asked for; or the one that predicts left-out rows better.
+
+        Args:
+            solve: robustly or not.
+            left_out: errors (n,) of rows that the others predict, m.
+        """
+        if self.robust is not None:
+            return solve(self.robust)
+        try:
+            robust = solve(True)
+        except SamplesError:
+            return solve(False)
+        try:
+            plain = solve(False)
+        except SamplesError:
+            # Gross errors may leave nothing that all rows together fit.
+            return robust
+        if robust.inliers.all():
+            return plain
+        return robust if robust_predicts_better(left_out(plain), left_out(robust)) else plain
 
 
 def _expected_markers(bodies: _Bodies) -> FloatArray:
@@ -219,10 +255,12 @@ def _expected_markers(bodies: _Bodies) -> FloatArray:
 
 def _correction(bodies: _Bodies, expected: FloatArray) -> DistortionCorrection:
     measured = bodies.data.readings.em
+    used = np.concatenate([seen.reshape(-1, 3) for seen in bodies.data.em_uses.values()])
     with error_context(path_of(bodies.data.prefix, "calreadings")):
-        if not bodies.robust:
-            return fit_distortion(measured, expected)
-        correction, wrong = fit_distortion_robustly(measured, expected)
+        if bodies.robust is False:
+            return fit_distortion(measured, expected, corrected=used)
+        fit = fit_distortion_robustly if bodies.robust else fit_distortion_by_left_out
+        correction, wrong = fit(measured, expected, used)
     bodies.outliers["calreadings"] += int(wrong.sum())
     return correction
 
@@ -243,7 +281,10 @@ def _navigate(
 
     fiducials, em = tips(EM_FIDUCIALS[0], given.em_fiducials), tips(EM_PROBE[2], given.em_nav)
     with error_context(path_of(data.prefix, "ct-fiducials")):
-        registration = register(fiducials, given.ct_fiducials, robust=bodies.robust)
+        registration = bodies.better(
+            lambda robust: register(fiducials, given.ct_fiducials, robust=robust),
+            lambda found: left_out_of_registration(fiducials, given.ct_fiducials, found.inliers),
+        )
 
     def tip_error(frames: FloatArray) -> FloatArray:
         if correction is not None:

@@ -140,14 +140,18 @@ def test_table(prefix: Path, out: Path, dewarp: bool, capsys: pytest.CaptureFixt
     assert f"{NAME}-output1.txt" in printed
 
 
-def test_robust_is_asked_for(prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_wrong_marker_is_left_out_unless_all_are_to_be_believed(
+    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     path = of(prefix, "optpivot")
     lines = path.read_text().splitlines()
     x, y, z = map(float, lines[1 + 8].split(","))
     lines[1 + 8] = f"{x + 8:8.2f}, {y - 6:8.2f}, {z + 9:8.2f}"
     path.write_text("\n".join(lines) + "\n")
-    believed = answer(capsys, prefix, "--out", out)
+    believed = answer(capsys, prefix, "--out", out, "--no-robust")
+    unasked = answer(capsys, prefix, "--out", out)
     found = answer(capsys, prefix, "--out", out, "--robust")
+    assert unasked["comparison"]["optical_post_mm"] < 0.02
     assert believed["comparison"]["optical_post_mm"] > 0.1
     assert found["comparison"]["optical_post_mm"] < 0.02
     assert found["marker_outliers"]["optpivot"] >= 1

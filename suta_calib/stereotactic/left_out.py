@@ -1,0 +1,67 @@
+"""Whether a step leaves rows out as outliers: what predicts left-out frames better decides.
+
+A robust fit pays where rows are wrong, and loses where they only scatter. Nobody knows beforehand,
+and each step may differ: both fits are made, and each predicts every frame from the others.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.geometry.numbers import register_points
+
+# Errors count as so many times the usual one at most: a wrong frame is predicted by neither fit.
+CAPPED: Final = 3.0
+# Standard errors by which a robust fit must predict better to be believed.
+PROVEN: Final = 2.0
+# Errors, m, that no instrument resolves: the files of the course have two decimals of a millimetre.
+RESOLVED: Final = 1e-6
+# Distance from one, of a leverage, where the others do not tell a row.
+UNDETERMINED: Final = 1e-9
+
+
+def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
+    """Whether leaving rows out predicts left-out frames better, by more than chance.
+
+    Args:
+        plain: (n,) errors of left-out frames if all rows are believed, m.
+        robust: (n,) the same if rows that do not fit are left out.
+    """
+    usual = max(min(float(np.median(plain)), float(np.median(robust))), RESOLVED)
+    squares = (np.minimum(each, CAPPED * usual) ** 2 for each in (plain, robust))
+    gain = np.subtract(*squares)
+    if len(gain) < 2:
+        return False
+    return bool(gain.mean() > PROVEN * gain.std(ddof=1) / np.sqrt(len(gain)))
+
+
+def left_out_of_pivot(rotation: FloatArray, position: FloatArray, used: BoolArray) -> FloatArray:
+    """Distance (n,) of each frame's tip from the post that the other frames used tell, m.
+
+    Args:
+        rotation: (n, 3, 3) of the body in the tracker.
+        position: (n, 3) of it, m.
+        used: (n,) frames that are fitted; the others are only predicted.
+    """
+    n = len(rotation)
+    columns = np.concatenate([rotation, -np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
+    inverse = np.linalg.pinv(np.einsum("nij,nik->jk", columns[used], columns[used]))
+    solved = -inverse @ np.einsum("nij,ni->j", columns[used], position[used])
+    error = columns @ solved + position
+    # Errors that a frame would have if it were not fitted: (I - H)⁻¹ e with the hat matrix H.
+    fitted = columns @ inverse @ np.swapaxes(columns, 1, 2) * used[:, None, None]
+    left = np.linalg.solve((1.0 + UNDETERMINED) * np.eye(3) - fitted, error[..., None])[..., 0]
+    return np.asarray(np.linalg.norm(left, axis=1))
+
+
+def left_out_of_registration(source: FloatArray, target: FloatArray, used: BoolArray) -> FloatArray:
+    """Distance (n,) of each point from where the registration of the others used has it, m."""
+    errors = []
+    for row, (here, there) in enumerate(zip(source, target, strict=True)):
+        others = used & (np.arange(len(used)) != row)
+        R, p = register_points(source[others], target[others])
+        errors.append(float(np.linalg.norm(R @ here + p - there)))
+    return np.array(errors)
