@@ -248,7 +248,10 @@ def _named_cause(solution: Solution, accuracy: Accuracy) -> list[str]:
     better.
     """
     cause = strongest_cause(solution)
-    if cause is None or any(c.share >= cause.evidence.share for c in changes(solution)):
+    if cause is None:
+        return []
+    share = cause.evidence.share_beyond_choice
+    if any(change.share >= share for change in changes(solution)):
         return []
     names = cause.evidence.effect.parameters
     if not names:

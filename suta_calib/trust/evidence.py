@@ -128,15 +128,24 @@ class LinearFit:
 
         Zero step for parameters that were fitted. Parameters that were held move now.
         """
-        slope = self._weighted.T @ self.residual
-        if self.from_prior is not None:
-            slope = slope + self._prior * self.from_prior
-        return self.residual - self.jacobian @ (self._inverse @ slope)
+        return self.residual + self.jacobian @ self._step
+
+    @property
+    def _from_prior(self) -> FloatArray:
+        none = np.zeros(self.jacobian.shape[1])
+        return none if self.from_prior is None else self.from_prior
+
+    @cached_property
+    def _step(self) -> FloatArray:
+        """(p,) to the minimum of the linear fit."""
+        slope = self._weighted.T @ self.residual + self._prior * self._from_prior
+        return -self._inverse @ slope
 
     @cached_property
     def squares(self) -> float:
-        """Sum of the weighted squares of the settled residuals."""
-        return float(self._weight @ self.settled**2)
+        """Weighted squares of the settled residuals, and of the pulls of the priors there."""
+        pulls = self._prior * (self._from_prior + self._step) ** 2
+        return float(self._weight @ self.settled**2 + np.sum(pulls))
 
     @cached_property
     def spent(self) -> float:
@@ -277,10 +286,19 @@ class Evidence:
         It compares effects with different numbers of components, and with different numbers of
         alternatives that they were chosen from.
         """
-        windows = 1 if self.effect.windows is None else len(self.effect.windows)
-        choices = math.log(windows) + self.effect.log_choices
-        penalty = self.rank * math.log(max(rows, 2.0)) + 2.0 * choices
+        penalty = self.rank * math.log(max(rows, 2.0)) + 2.0 * self._log_choices
         return self.gain / self.noise / self.design - penalty
+
+    @property
+    def _log_choices(self) -> float:
+        windows = 1 if self.effect.windows is None else len(self.effect.windows)
+        return math.log(windows) + self.effect.log_choices
+
+    @property
+    def share_beyond_choice(self) -> float:
+        """`share` less what the best of so many alternatives explains by chance."""
+        chance = 2.0 * self._log_choices * self.noise * self.design
+        return self.share * max(1.0 - chance / max(self.gain, 1e-300), 0.0)
 
     def supported(self, rule: Rule = Rule()) -> bool:
         """Whether it is worth a report."""

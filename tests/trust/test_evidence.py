@@ -54,6 +54,8 @@ def test_weights_and_priors_equal_a_weighted_fit_with_prior_rows() -> None:
     right = -np.concatenate([root[:, 0] * plain.residual, np.sqrt(prior) * away])
     step = np.linalg.lstsq(rows, right, rcond=None)[0]
     np.testing.assert_allclose(found.size, step[PARAMETERS:], rtol=1e-9)
+    # What is left are the squares of the rows and of the priors' pulls.
+    assert fit.squares - found.gain == pytest.approx(np.sum((rows @ step - right) ** 2), rel=1e-9)
 
 
 def test_without_an_effect_p_values_are_uniform() -> None:
