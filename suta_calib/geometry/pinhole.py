@@ -21,6 +21,9 @@ DISTORTION: Final = ("k1", "k2", "p1", "p2", "k3")
 INTRINSICS: Final = (*FOCAL, *CENTRE, *DISTORTION)
 # Rounds of a fixed-point iteration, of which each gains a digit for any lens without a fold.
 _ROUNDS: Final = 20
+# Coordinate at unit depth, half a degree from the side, that no pinhole camera sees: where a lens
+# folds back, the iteration goes beyond all bounds.
+_FARTHEST: Final = 100.0
 
 
 def distorted(x: Any, y: Any, coefficients: Any) -> tuple[Any, Any]:
@@ -78,4 +81,4 @@ def undistorted(pixels: ArrayLike, intrinsics: ArrayLike | Sequence[float]) -> F
         for _ in range(_ROUNDS):
             x, y = np.moveaxis(found, -1, 0)
             found = found + seen - np.stack(distorted(x, y, values[4:]), axis=-1)
-    return np.asarray(np.where(np.isfinite(found), found, seen))
+    return np.asarray(np.where(np.abs(found) < _FARTHEST, found, seen))

@@ -83,7 +83,7 @@ class EyePoses:
     @property
     def unsure(self) -> str:
         """How badly X is known, as the beginning of a sentence; empty where it is well known."""
-        displaced, turned = self._displaced_turned
+        displaced, turned = self.displaced_turned
         if displaced <= UNSURE and turned <= UNSURE_TURN:
             return ""
         return f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only (one sigma)"
@@ -91,14 +91,14 @@ class EyePoses:
     @property
     def known(self) -> str:
         """How well X is known, as the beginning of a sentence."""
-        displaced, turned = self._displaced_turned
+        displaced, turned = self.displaced_turned
         return (
             f"X is known to ± {text(displaced, 'm', with_unit=True)} and "
             f"± {deg(turned):.3f}° (one sigma, 3-D)"
         )
 
     @property
-    def _displaced_turned(self) -> tuple[float, float]:
+    def displaced_turned(self) -> tuple[float, float]:
         """Standard deviations of X's position, m, and turn, rad, each over three axes."""
         displaced, turned = np.linalg.norm(self.std["X"].reshape(2, 3), axis=1)
         return float(displaced), float(turned)

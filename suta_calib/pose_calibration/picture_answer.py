@@ -17,6 +17,7 @@ from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
 from suta_calib.pose_calibration.picture_likelihood import WAYS
+from suta_calib.pose_calibration.picture_models import ErrorModel, ReprojectionError
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
 from suta_calib.records import dataclass
@@ -25,6 +26,7 @@ from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
 from suta_calib.terms.intrinsics import CALIBRATED
+from suta_calib.units import deg, mm
 from suta_calib.words import listed
 
 # Times what the camera alone leaves from where on it is the robot that leaves the rest.
@@ -39,7 +41,28 @@ UNKNOWNS: Final = 13
 RESCALED: Final = 0.05
 # Focal lengths and principal point among the intrinsics.
 PAIRS: Final = (slice(0, 2), slice(2, 4))
+# Times by which X is better known with the intrinsics held, from which on it is told.
+WORTH_HOLDING: Final = 1.2
 COUNTED: Final = "Pixels are counted from 0 at the centre of the first one."
+
+
+@dataclass(frozen=True, eq=False)
+class HeldIntrinsics:
+    """X as it would be with the intrinsics held at what the camera's file says.
+
+    Attributes:
+        X: (4, 4).
+        std: (6,) as `EyePoses.std` has it, the file's own ± counted.
+    """
+
+    X: FloatArray
+    std: FloatArray
+
+    @property
+    def sizes(self) -> tuple[float, float]:
+        """Standard deviations of the position, m, and of the turn, rad, each over three axes."""
+        displaced, turned = np.linalg.norm(self.std.reshape(2, 3), axis=1)
+        return float(displaced), float(turned)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -53,6 +76,8 @@ class SeenCamera(EyePoses):
             held.
         given: as they were given, or None.
         same_corners: whether they were calibrated from these very corners, which count once.
+        if_held: X with the intrinsics held at the file's; None where it says no ± of its own, or
+            they were held.
         told: as the pictures alone tell them, with covariance; where they were held, focal lengths
             and principal point beside the distortion of the file.
         images: (n,) names of its pictures.
@@ -82,6 +107,7 @@ class SeenCamera(EyePoses):
     camera: Camera
     given: Camera | None
     same_corners: bool
+    if_held: HeldIntrinsics | None
     told: Camera
     images: tuple[str, ...]
     rows: IntArray
@@ -136,6 +162,8 @@ class PictureCalibration:
         cameras: one or more.
         solution: of the solver, over the fitted pictures as it weighs them: where `noise` began.
         noise: what scatters; the pictures are weighed by it.
+        error_model: how the hand's errors are taken (`picture_models`).
+        errors: of the corners, by model; empty of few pictures.
         notes: what the files give to think about, one sentence each.
     """
 
@@ -144,6 +172,8 @@ class PictureCalibration:
     cameras: tuple[SeenCamera, ...]
     solution: Solution
     noise: PictureNoise
+    error_model: ErrorModel
+    errors: Mapping[ErrorModel, ReprojectionError]
     notes: tuple[str, ...] = ()
 
     @property
@@ -156,6 +186,11 @@ class PictureCalibration:
         """Root mean square reprojection error of all fitted corners, px."""
         every = np.concatenate([seen.corners for seen in self.cameras])
         return rms_length(every[every[:, 6] > 0, 4:6])
+
+    @property
+    def left_out(self) -> float | None:
+        """Root mean square reprojection error of pictures left out in turn, px; None of few."""
+        return self.errors[self.error_model].left_out if self.errors else None
 
     @property
     def outliers(self) -> tuple[int, ...]:
@@ -172,12 +207,14 @@ class PictureCalibration:
             bad.append(f"The solver did not converge: {self.solution.sentence}.")
         for seen in self.cameras:
             which = f"Camera {seen.label}: " if len(self.cameras) > 1 else ""
-            more_bad, more_care = _judged(seen)
+            more_bad, more_care = _judged(seen, self.noise)
             bad += [which + sentence for sentence in more_bad]
             care += [which + sentence for sentence in more_care]
             said, level = _against_the_file(seen)
             if said:
                 (care if level == "care" else known).append(which + said)
+            if level == "good" and (better := _better_if_held(seen)):
+                known.append(which + better)
         sentence = "; ".join(
             f"{f'camera {seen.label}: ' if len(self.cameras) > 1 else ''}{seen.known}, by "
             f"{int(seen.inliers.sum())} of {len(seen.inliers)} pictures"
@@ -228,6 +265,20 @@ def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:
     )
 
 
+def _better_if_held(seen: SeenCamera) -> str:
+    """How well X would be known with the intrinsics held, where that is worth a word."""
+    if seen.if_held is None:
+        return ""
+    (shift, turn), (held_shift, held_turn) = seen.displaced_turned, seen.if_held.sizes
+    if shift < WORTH_HOLDING * held_shift and turn < WORTH_HOLDING * held_turn:
+        return ""
+    return (
+        "If the intrinsics of the camera's file are as good as its own ± says, X would be known to "
+        f"± {mm(held_shift):.2f} mm and ± {deg(held_turn):.3f}° with --intrinsics fixed, that ± "
+        f"counted, instead of ± {mm(shift):.2f} mm and ± {deg(turn):.3f}°."
+    )
+
+
 def _told_centre(told: Camera) -> str:
     (u, v), (by_u, by_v) = told.intrinsics[2:4], _stds(told)[2:4]
     return f"({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f})"
@@ -268,7 +319,7 @@ def _contradiction(seen: SeenCamera, given: Camera) -> str:
     return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
 
-def _judged(seen: SeenCamera) -> tuple[list[str], list[str]]:
+def _judged(seen: SeenCamera, noise: PictureNoise) -> tuple[list[str], list[str]]:
     """Why a camera's X must not be used, and what must be known to use it."""
     bad, care = list[str](), list[str]()
     fitted, count = int(seen.inliers.sum()), len(seen.inliers)
@@ -289,10 +340,13 @@ def _judged(seen: SeenCamera) -> tuple[list[str], list[str]]:
             "picture may not show; take a dozen or more."
         )
     if seen.unsure:
-        care.append(
-            f"{seen.unsure}: add pictures, turned by 30° or more about different axes, near and "
-            "far."
-        )
+        remedy = "add pictures, turned by 30° or more about different axes, near and far."
+        if noise.shared[0] > noise.position.value or noise.shared[1] > noise.rotation.value:
+            remedy = (
+                "neighbouring poses of the hand share errors, as of an arm with wrong lengths or "
+                f"angles, which many pictures do not remove. Calibrate the arm, and {remedy}"
+            )
+        care.append(f"{seen.unsure}: {remedy}")
     care += [
         f"In {listed(list(names), QUOTED)} {TURNED[what]} They are left out."
         for what, names in seen.turned.items()

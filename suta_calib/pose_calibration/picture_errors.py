@@ -10,8 +10,8 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.distributions import chi2
-from suta_calib.pose_calibration.picture_likelihood import WAYS
-from suta_calib.pose_calibration.picture_noise import FINEST
+from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS, WAYS
+from suta_calib.pose_calibration.picture_rows import FINEST
 from suta_calib.records import dataclass
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
@@ -42,6 +42,18 @@ class PictureErrors:
         squared = np.sum(self.residual**2, axis=1)
         corners = np.bincount(self.picture, minlength=self.count)
         return np.asarray(np.sqrt(np.bincount(self.picture, squared, self.count) / corners))
+
+    @cached_property
+    def by_hand(self) -> FloatArray:
+        """(count, 2) by how much each picture has the hand off, to first order: m and rad."""
+        found = np.zeros((self.count, 2))
+        for k in np.unique(self.picture):
+            mine = self.picture == k
+            residual = self.residual[mine].ravel()
+            matrix = self.by_pose[mine].reshape(len(residual), WAYS)
+            pose = np.linalg.lstsq(matrix, residual, rcond=None)[0]
+            found[k] = np.linalg.norm(pose.reshape(2, DIRECTIONS), axis=1)
+        return found
 
     def scatter(self, good: BoolArray) -> float:
         """Of one component, px, by the middle one of the errors in pictures that are believed."""

@@ -46,6 +46,18 @@ class Sums:
     pr: FloatArray
     pp: FloatArray
 
+    def without(self, some: Sums) -> Sums:
+        """Over the corners that are not in ``some``, which are among these."""
+        return Sums(
+            self.count - some.count,
+            self.jj - some.jj,
+            self.jr - some.jr,
+            self.rr - some.rr,
+            self.pj - some.pj,
+            self.pr - some.pr,
+            self.pp - some.pp,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Known:
@@ -56,21 +68,27 @@ class Known:
         away: (p,) where they are against it.
         groups: (g, p) which of them may be worse known than is said, together.
         spread: of the logarithm of what that adds, in units of the priors.
+        shared: (k, p) which of them are errors that neighbouring poses of the hand share, and whose
+            scatter is a level; their precision is 1 here.
     """
 
     precision: FloatArray
     away: FloatArray
     groups: BoolArray
     spread: float
+    shared: BoolArray
 
-    def widened(self, added: FloatArray) -> FloatArray:
-        """(p,) precision of priors to which independent errors come.
+    def at(self, levels: FloatArray) -> FloatArray:
+        """(p,) precision of every unknown.
 
         Args:
-            added: (g,) of each group, in units of the priors. A calibration that seems better than
-                it says may be so by chance: no prior becomes narrower.
+            levels: (g + k,) what comes to the priors of each group, in units of them: a calibration
+                that seems better than it says may be so by chance, so that no prior becomes
+                narrower; and the scatter of each sort of shared errors, m and rad.
         """
-        return self.precision / (1.0 + added**2 @ self.groups)
+        added, scatter = np.split(levels**2, [len(self.groups)])
+        unit = np.where(self.shared.any(axis=0), scatter @ self.shared, 1.0)
+        return self.precision / (1.0 + added @ self.groups) / unit
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,8 +116,8 @@ class Point:
 class Likelihood:
     """-log of the restricted likelihood of the levels, with what is known of them.
 
-    The levels are the logarithms of σ of each camera, of τ_p and τ_r, and of what comes to the
-    priors of each group.
+    The levels are the logarithms of σ of each camera, of τ_p and τ_r, of what comes to the priors
+    of each group, and of the scatter of what neighbours share.
     """
 
     def __init__(self, sums: Sums, known: Known) -> None:
@@ -109,7 +127,7 @@ class Likelihood:
         """At some levels."""
         sums, known, c = self.sums, self.known, self.cameras
         inverse, scale = np.exp(-2.0 * eta[:c]), self._scale(eta)
-        precision = known.widened(np.exp(eta[c + 2 :]))
+        precision = known.at(np.exp(eta[c + 2 :]))
         pp = scale[:, None] * np.tensordot(inverse, sums.pp, 1) * scale
         pj = scale[:, None] * np.tensordot(inverse, sums.pj, 1)
         pr = scale * np.tensordot(inverse, sums.pr, 1)
@@ -127,9 +145,11 @@ class Likelihood:
         energy -= float(np.sum(pr * solved[:, :, -1])) - float(slope @ step)
         whole = 2.0 * float(sums.count @ eta[:c]) + float(np.linalg.slogdet(inner)[1].sum())
         whole += float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(unit).sum())
-        whole -= float(np.log(precision[known.groups.any(axis=0)]).sum())
-        value = 0.5 * (energy + whole) - float(eta[c : c + 2].sum())
-        value += 0.5 * float(np.sum((eta[c + 2 :] / known.spread) ** 2))
+        levelled = known.groups.any(axis=0) | known.shared.any(axis=0)
+        whole -= float(np.log(precision[levelled]).sum())
+        added, scatter = np.split(eta[c + 2 :], [len(known.groups)])
+        value = 0.5 * (energy + whole) - float(eta[c : c + 2].sum()) - float(scatter.sum())
+        value += 0.5 * float(np.sum((added / known.spread) ** 2))
         answers = solved[:, :, :-1]
         poses = scale * (solved[:, :, -1] + answers @ step)
         return Point(value, step, covariance, poses, (pp, pj, pr), answers)
@@ -142,7 +162,9 @@ class Likelihood:
         are expected to sum to, and the same of the hand's poses and of what is known.
         """
         sums, known, c = self.sums, self.known, self.cameras
-        scale, added = self._scale(eta), np.exp(2.0 * eta[c + 2 :])
+        scale, tail = self._scale(eta), eta[c + 2 :]
+        widening = tail[: len(known.groups)]
+        added = np.exp(2.0 * widening)
         # Second moments of the step and of the hand's poses in their scatter.
         moved, together = here.poses / scale, here.answers @ here.covariance
         steps = here.covariance + np.outer(here.step, here.step)
@@ -155,13 +177,14 @@ class Likelihood:
         squares += np.tensordot(sums.pp, scale[:, None] * poses * scale, 3)
         ways = np.sum(1.0 - np.diagonal(poses, axis1=1, axis2=2), axis=0).reshape(2, DIRECTIONS)
         away = np.diag(here.covariance) + (here.step + known.away) ** 2
-        excess = 1.0 - known.widened(np.sqrt(added)) * away
+        excess = 1.0 - known.at(np.exp(tail)) * away
         part = added[:, None] * known.groups / (1.0 + added @ known.groups)
         return np.concatenate(
             [
                 sums.count - np.exp(-2.0 * eta[:c]) * squares,
                 ways.sum(axis=1) - 1.0,
-                part @ excess + eta[c + 2 :] / known.spread**2,
+                part @ excess + widening / known.spread**2,
+                known.shared @ excess - 1.0,
             ]
         )
 

@@ -12,11 +12,14 @@ of largest restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biome
 covariance is averaged over what else they may be (Kass and Steffey 1989,
 doi:10.1080/01621459.1989.10478825).
 
+Neither a hand nor who finds corners errs for itself in every picture. An arm of wrong geometry errs
+by a smooth function of its posture, which is estimated beside the rest: e_i has a part ``F_i b``
+with functions of the pose (`shared_errors`) and b ~ N(0, s_p²) for displacements, s_r² for turns.
+What neighbours have in common beyond it is added to the covariance, by `correlation`. Which frames
+then follow the pixels, pictures that are left out decide (`picture_models`).
+
 Of a hand's scatter all sizes are taken to be equally likely beforehand (Gelman 2006,
 doi:10.1214/06-BA117A): that of a hand which is exactly where it says may be nothing.
-
-Neither a hand nor who finds corners errs for itself in every picture: what neighbouring pictures
-have in common is added to the covariance, by `correlation`.
 """
 
 from __future__ import annotations
@@ -28,37 +31,36 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
-from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.correlation import common_covariance
 from suta_calib.pose_calibration.picture_likelihood import (
+    DIRECTIONS,
     WAYS,
     Known,
     Likelihood,
     Point,
-    Sums,
 )
+from suta_calib.pose_calibration.picture_models import Chosen, choose_model
+from suta_calib.pose_calibration.picture_rows import PictureRows
 from suta_calib.records import dataclass
-from suta_calib.solver.kernel import dense
 from suta_calib.solver.level_uncertainty import covariance_of_levels
-from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import CAMERA, Learned, prior_groups
 from suta_calib.terms import CameraView
 from suta_calib.terms.intrinsics import HELD
 
-# No corner is found more finely, px: what is smaller is rounding.
-FINEST: Final = 1e-3
-# Distance of a corner from where it belongs, in its scatter, that one in a hundred good ones has:
-# what is farther off pulls no harder.
-FAR: Final = 3.03
 # Linearisations, until a step is shorter than this part of its standard deviation.
 ROUNDS: Final = 10
 SETTLED: Final = 1e-3
 # Corners' σ, px, and the hand's τ, m and rad, from where the search begins.
 BEGIN: Final = (0.1, 1e-4, 1e-4)
+# Part of their errors that poses have for themselves, from where the search begins.
+UNSHARED: Final = 0.3
+# Logarithm of the likelihood by which errors that poses share are better than none: of poses that
+# err each for itself one set in fifty has as much by chance, and of arms with wrong geometry 28
+# pictures have 10 to 80.
+EVIDENCE: Final = 3.0
 # Relative eigenvalue that is none.
 ROUNDING: Final = 1e-10
 # What of a level's logarithm is no move any more.
@@ -72,19 +74,38 @@ ANY_SIZE: Final = 0.3
 NEAR: Final = 5e-3
 
 
+@dataclass(frozen=True, eq=False)
+class Hands:
+    """Poses of the hand at which pictures were taken.
+
+    Attributes:
+        of_sample: (samples,) which of them every sample of every term has, from 0: cameras that
+            took pictures at the same one share what is wrong with it.
+        alike: spaces (poses, k) in which neighbours may err alike; 1 is far.
+        shared: (poses, 6, k) errors that they share, by `shared_errors`.
+    """
+
+    of_sample: IntArray
+    alike: Sequence[FloatArray]
+    shared: FloatArray
+
+
 @dataclass(frozen=True)
 class PictureNoise:
     """What scatters, as the pictures tell it.
 
     Attributes:
         corners: of one component of a corner, px, by camera.
-        position: of a hand's pose against what was reported, m, of each direction.
+        position: of a hand's pose against what was reported, m, of each direction; of each pose.
         rotation: the same, rad, about each axis.
+        shared: errors that neighbouring poses share, m of each direction and rad about each axis;
+            zero where there are too few poses to tell.
     """
 
     corners: dict[str, float]
     position: Learned
     rotation: Learned
+    shared: tuple[float, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +121,8 @@ class Weighed:
         told: (n,) of them as the pictures alone tell them, whatever is known of the cameras.
         told_covariance: (n, n) of these.
         levels: logarithms of what scatters, as `Likelihood` has them.
+        chosen: the model of the hand's errors.
+        hands: poses of the hand, with what they share if they do.
     """
 
     names: tuple[str, ...]
@@ -110,71 +133,13 @@ class Weighed:
     told: FloatArray
     told_covariance: FloatArray
     levels: FloatArray
+    chosen: Chosen
+    hands: Hands
 
     @property
     def values(self) -> dict[str, float]:
         """Every parameter's value by name, SI and px."""
         return dict(zip(self.names, self.x.tolist(), strict=True))
-
-
-class _Rows:
-    """The corners of every camera at one x, in px."""
-
-    def __init__(
-        self,
-        problem: Problem,
-        x: FloatArray,
-        free: IntArray,
-        hands: IntArray,
-        boards: Sequence[str] = (),
-    ) -> None:
-        self.groups = int(hands.max()) + 1
-        self.parts: list[tuple[IntArray, FloatArray, FloatArray, FloatArray]] = []
-        lines = problem.linearise(x, problem.assumed_sigmas())
-        for term, line in zip(problem.terms, lines, strict=True):
-            assert isinstance(term, CameraView)
-            _, own = problem.evaluation.columns(line, line.by_pose, line.by_own)
-            hand = hands[line.view.block.samples[:, 0] + line.view.first_sample]
-            every = dense(own).reshape(*line.residual.shape, -1)
-            jacobian = every[:, :, free]
-            if boards:
-                larger = _by_size(problem, term, every, x)
-                mine = [np.where(term.target == board, larger, 0.0) for board in boards]
-                jacobian = np.concatenate([jacobian, np.stack(mine, axis=2)], axis=2)
-            self.parts.append(
-                (
-                    hand,
-                    line.residual / term.pixel,
-                    jacobian / term.pixel,
-                    # The pose may be any: all six ways show in every corner.
-                    line.by_pose / term.pixel,
-                )
-            )
-
-    def sums(self, weights: Sequence[FloatArray]) -> Sums:
-        """Over the corners, each weighed."""
-        found = []
-        for (hand, r, J, P), w in zip(self.parts, weights, strict=True):
-            wr, wJ, wP = w[:, None] * r, w[:, None, None] * J, w[:, None, None] * P
-            pj = np.zeros((self.groups, WAYS, J.shape[2]))
-            pr, pp = np.zeros((self.groups, WAYS)), np.zeros((self.groups, WAYS, WAYS))
-            np.add.at(pj, hand, np.swapaxes(P, 1, 2) @ wJ)
-            np.add.at(pr, hand, np.einsum("ndc,nd->nc", P, wr))
-            np.add.at(pp, hand, np.swapaxes(P, 1, 2) @ wP)
-            flat, width = wJ.reshape(-1, J.shape[2]), J.shape[2]
-            jj, jr = J.reshape(-1, width).T @ flat, flat.T @ r.reshape(-1)
-            # Rounding of this size is always there.
-            rr = float(np.sum(wr * r)) + r.size * FINEST**2
-            found.append((float(r.size), jj, jr, rr, pj, pr, pp))
-        return Sums(*map(np.array, zip(*found, strict=True)))
-
-    def beliefs(self, here: Point, sigmas: FloatArray) -> list[FloatArray]:
-        """Huber's weight of every corner, with the hand where its picture puts it."""
-        weights = []
-        for (hand, r, J, P), sigma in zip(self.parts, sigmas, strict=True):
-            own = r + J @ here.step - np.einsum("ndc,nc->nd", P, here.poses[hand])
-            weights.append(huber_weight(np.sum(own**2, axis=1) / sigma**2, np.array(FAR)))
-        return weights
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,13 +150,15 @@ class _Settled:
         problem: with the boards as large as they came out.
         x: (n,) its parameters.
         eta: the levels.
-        likelihood: about x.
+        rows: the corners about x less the last step.
+        likelihood: of them.
         here: of the levels.
     """
 
     problem: Problem
     x: FloatArray
     eta: FloatArray
+    rows: PictureRows
     likelihood: Likelihood
     here: Point
 
@@ -200,7 +167,7 @@ def _settled(
     problem: Problem,
     start: FloatArray,
     free: IntArray,
-    hands: IntArray,
+    hands: Hands,
     boards: Mapping[str, float],
     eta: FloatArray | None = None,
     rounds: int = ROUNDS,
@@ -211,7 +178,7 @@ def _settled(
         problem: of the pictures of every camera, as its job gives it.
         start: (n,) near the answer.
         free: indices of what is estimated.
-        hands: (samples,) pose of the hand of every sample.
+        hands: poses of the hand.
         boards: those whose size is estimated too, by label; how well it is known, as a part of it.
         eta: the levels to begin from.
         rounds: linearisations at most.
@@ -223,39 +190,50 @@ def _settled(
     precision = np.concatenate([problem.prior_precision(), known_sizes])[unknown]
     groups = np.pad(_camera_groups(problem), ((0, 0), (0, len(boards))))[:, unknown]
     groups = groups[groups.any(axis=1)]
+    shared = _shared_groups(hands.shared.shape[2])
+    precision = np.concatenate([precision, np.ones(shared.shape[1])])
+    groups = np.pad(groups, ((0, 0), (0, shared.shape[1])))
+    shared = np.pad(shared, ((0, 0), (len(unknown), 0)))
     cameras = len(problem.terms)
     if eta is None:
-        eta = np.log([*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))])
+        begin = [*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))]
+        eta = np.log([*begin, *BEGIN[1 : 1 + len(shared)]])
     weights: list[FloatArray] | None = None
     now = problem
     for _ in range(rounds):
-        rows = _Rows(now, x, free, hands, list(boards))
-        weights = weights or [np.ones(len(part[0])) for part in rows.parts]
+        rows = PictureRows.about(now, x, free, hands.of_sample, hands.shared, list(boards), weights)
+        # What neighbours share is found anew each time: the problem knows nothing of it.
         away = np.concatenate([(x - nominal)[free], sizes])
-        likelihood = Likelihood(
-            rows.sums(weights), Known(precision, away, groups, WeightOptions().camera)
-        )
+        away = np.pad(away, (0, shared.shape[1] - len(unknown)))
+        known = Known(precision, away, groups, WeightOptions().camera, shared)
+        likelihood = Likelihood(rows.sums, known)
         before, eta = eta, likelihood.best(eta)
         here = likelihood.at(eta)
         if _robust(problem):
             weights = rows.beliefs(here, np.exp(eta[:cameras]))
         x[free] += here.step[:count]
         std = np.sqrt(np.diag(here.covariance))
-        settled = np.all(np.abs(here.step) <= SETTLED * std)
+        settled = np.all(np.abs(here.step) <= SETTLED * std, where=np.arange(len(std)) < count)
         if boards:
-            sizes = sizes + here.step[count:]
+            sizes = sizes + here.step[count : len(unknown)]
             now = _resized(problem, dict(zip(boards, np.exp(sizes).tolist(), strict=True)))
         if settled and np.all(np.abs(eta - before) <= STILL):
             break
-    return _Settled(now, x, eta, likelihood, here)
+    return _Settled(now, x, eta, rows, likelihood, here)
+
+
+def _shared_groups(count: int) -> BoolArray:
+    """(2, count) coefficients of displacements and of turns; (0, 0) of none."""
+    if not count:
+        return np.zeros((0, 0), dtype=np.bool_)
+    return np.tile(np.repeat(np.eye(2, dtype=np.bool_), DIRECTIONS, axis=1), count // WAYS)
 
 
 def weigh_pictures(
     problem: Problem,
     start: FloatArray,
     free: IntArray,
-    hands: IntArray,
-    alike: Sequence[FloatArray] = (),
+    hands: Hands,
 ) -> Weighed:
     """The unknowns with every picture weighed by how far the hand is off, and how certainly.
 
@@ -263,22 +241,30 @@ def weigh_pictures(
         problem: of the pictures of every camera.
         start: (n,) near the answer, as a solver leaves it, SI and px.
         free: indices of what is estimated.
-        hands: (samples,) pose of the hand of every sample of every term, from 0: cameras that took
-            pictures at the same one share what is wrong with it.
-        alike: spaces (poses of the hand, k) in which neighbours may err alike; 1 is far.
+        hands: poses of the hand.
     """
     problem = problem.as_given()
-    cameras = len(problem.terms)
-    found = _settled(problem, start, free, hands, {})
+    cameras, count = len(problem.terms), len(free)
+    alone = replace(hands, shared=hands.shared[:, :, :0])
+    found = _settled(problem, start, free, alone, {})
+    levels = _with_shared(found, hands)
+    if levels is None:
+        hands = alone
+    else:
+        found = _settled(problem, found.x, free, hands, {}, levels)
     x, eta, likelihood, here = found.x, found.eta, found.likelihood, found.here
     uncertainty = likelihood.uncertainty(eta)
     log_std = np.sqrt(np.diag(uncertainty))
     covariance = here.covariance + covariance_of_levels(likelihood.at, eta, uncertainty)
-    covariance = covariance + _in_common(here, alike)
+    covariance = covariance + _in_common(here, hands.alike)
+    chosen = choose_model(
+        problem, found.rows, likelihood, eta, covariance, np.isin(np.arange(len(x)), free)
+    )
     wide = eta.copy()
-    wide[cameras + 2 :] = np.log(WIDE)
-    alone = likelihood.at(wide)
-    told_covariance = alone.covariance + _in_common(alone, alike)
+    shared = cameras + 2 + len(likelihood.known.groups)
+    wide[cameras + 2 : shared] = np.log(WIDE)
+    untold = likelihood.at(wide)
+    told_covariance = untold.covariance + _in_common(untold, hands.alike)
     position, rotation = (
         Learned(float(np.exp(eta[k])), float(log_std[k]), None) for k in (cameras, cameras + 1)
     )
@@ -290,19 +276,58 @@ def weigh_pictures(
         },
         position,
         rotation,
+        _shared_scatter(hands.shared, np.exp(eta[shared:])),
     )
     whole = np.ix_(free, free)
     every, of_alone, told = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
-    every[whole], of_alone[whole] = covariance, told_covariance
-    told[free] += alone.step - here.step
-    return Weighed(problem.names, x, every, noise, free, told, of_alone, eta)
+    every[whole], of_alone[whole] = chosen.covariance, told_covariance[:count, :count]
+    told[free] += (untold.step - here.step)[:count]
+    x[free] += chosen.change
+    return Weighed(problem.names, x, every, noise, free, told, of_alone, eta, chosen, hands)
+
+
+def _with_shared(found: _Settled, hands: Hands) -> FloatArray | None:
+    """Levels with what poses share, if that makes the corners likely; None where it is chance.
+
+    Args:
+        found: with every pose for itself.
+        hands: poses of the hand.
+    """
+    if not hands.shared.shape[2]:
+        return None
+    known, cameras = found.likelihood.known, found.likelihood.cameras
+    shared = _shared_groups(hands.shared.shape[2])
+    more = ((0, 0), (0, shared.shape[1]))
+    beliefs = Known(
+        np.concatenate([known.precision, np.ones(shared.shape[1])]),
+        np.pad(known.away, more[1]),
+        np.pad(known.groups, more),
+        known.spread,
+        np.pad(shared, ((0, 0), (len(known.precision), 0))),
+    )
+    likelihood = Likelihood(replace(found.rows, shared=hands.shared).sums, beliefs)
+    # What each pose had for itself is shared for the most part.
+    begin = np.concatenate([found.eta, found.eta[cameras : cameras + 2]])
+    begin[cameras : cameras + 2] += np.log(UNSHARED)
+    eta = likelihood.best(begin)
+    # Of the scatter of either, all sizes are equally likely beforehand: that is no evidence.
+    with_shared = likelihood.at(eta).value + float(eta[-2:].sum())
+    return eta if with_shared < found.here.value - EVIDENCE else None
+
+
+def _shared_scatter(shared: FloatArray, levels: FloatArray) -> tuple[float, float]:
+    """Root mean square of what poses share, less what all have in common in the base: m and rad."""
+    if not len(levels):
+        return 0.0, 0.0
+    # Displacements by the first coefficient of every six, and turns by the fourth alike.
+    part = shared[:, 0, : -2 * WAYS : WAYS]
+    size = float(np.sqrt(np.mean(np.sum((part - part.mean(axis=0)) ** 2, axis=1))))
+    return size * float(levels[0]), size * float(levels[1])
 
 
 def sizes_of_boards(
     problem: Problem,
     weighed: Weighed,
-    hands: IntArray,
-    alike: Sequence[FloatArray] = (),
 ) -> dict[str, Learned]:
     """How many times as large as its file says every board is, by the motions of the hand.
 
@@ -312,8 +337,6 @@ def sizes_of_boards(
     Args:
         problem: of which ``weighed`` is the answer.
         weighed: what `weigh_pictures` found.
-        hands: as it was given them.
-        alike: as it was given them.
 
     Returns:
         By the board's label.
@@ -321,38 +344,21 @@ def sizes_of_boards(
     problem, first = problem.as_given(), len(weighed.free)
     targets = dict.fromkeys(t.target for t in problem.terms if isinstance(t, CameraView))
     boards = dict.fromkeys(targets, ANY_SIZE)
+    hands, sizes = weighed.hands, slice(first, first + len(boards))
     for rounds in (1, ROUNDS):
         found = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
-        away = (found.likelihood.known.away + found.here.step)[first:]
+        away = (found.likelihood.known.away + found.here.step)[sizes]
         # So near, one step is enough.
         if np.all(np.abs(away) < NEAR):
             break
     levels = found.likelihood.uncertainty(found.eta)
-    covariance = found.here.covariance + _in_common(found.here, alike)
+    covariance = found.here.covariance + _in_common(found.here, hands.alike)
     covariance = covariance + covariance_of_levels(found.likelihood.at, found.eta, levels)
-    stds = np.sqrt(np.diag(covariance))[first:]
+    stds = np.sqrt(np.diag(covariance))[sizes]
     return {
         board: Learned(float(np.exp(size)), float(std), None)
         for board, size, std in zip(boards, away, stds, strict=True)
     }
-
-
-def _by_size(problem: Problem, term: CameraView, every: FloatArray, x: FloatArray) -> FloatArray:
-    """(n, 2) derivative of the residuals by the logarithm of the board's size.
-
-    A point of it moves as the whole board would if it were pushed along the way from its origin.
-
-    Args:
-        problem: of the term.
-        term: whose board it is.
-        every: (n, 2, p) derivative by all unknowns.
-        x: (p,) of them.
-    """
-    owner = term.owners[1]
-    at = [problem.names.index(f"{owner}.{key}") for key in PLACEMENT]
-    turn = rotation_from_vector(x[at[3:]])
-    _, point = term.found
-    return np.asarray(np.einsum("nda,na->nd", every[:, :, at[:3]], term.points[point] @ turn.T))
 
 
 def _resized(problem: Problem, factors: Mapping[str, float]) -> Problem:

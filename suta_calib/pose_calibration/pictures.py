@@ -12,12 +12,13 @@ from typing import Final, Literal
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
+    rotation_from_vector,
     tangent_of_vector,
     vector_from_rotation,
 )
@@ -30,15 +31,22 @@ from suta_calib.pose_calibration.correlation import embedded
 from suta_calib.pose_calibration.eye_poses import Model
 from suta_calib.pose_calibration.hand_eye import ADVICE, FEW_PAIRS, calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
-from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
+from suta_calib.pose_calibration.picture_answer import (
+    HeldIntrinsics,
+    PictureCalibration,
+    SeenCamera,
+)
 from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose
-from suta_calib.pose_calibration.picture_errors import picture_errors
+from suta_calib.pose_calibration.picture_errors import PictureErrors, picture_errors
+from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS
 from suta_calib.pose_calibration.picture_noise import (
-    FINEST,
+    Hands,
     Weighed,
     sizes_of_boards,
     weigh_pictures,
 )
+from suta_calib.pose_calibration.picture_rows import FINEST
+from suta_calib.pose_calibration.shared_errors import NOWHERE, shared_errors
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.solver.losses import huber_threshold
@@ -61,8 +69,6 @@ Intrinsics = Literal["fixed", "free"]
 ROUNDS: Final = 8
 # Relative change of the scatter that is none.
 SETTLED: Final = 0.02
-# Extent, m, of poses that are all at one place.
-NOWHERE: Final = 1e-9
 # Numbers that the error of a picture is worth where it is judged by the others: its worst turns
 # decide, so that it scatters more than the mean of all ways would.
 WORST: Final = 2
@@ -123,11 +129,11 @@ def hand_eye_from_pictures(
     for term in terms:
         refuse_undetermined(solution, term.owners[0], "X", ADVICE)
     hands = _hands(solution)
-    weighed = weigh_pictures(solution.problem, solution.x, solution.free, *hands)
+    weighed = weigh_pictures(solution.problem, solution.x, solution.free, hands)
     problem, freed = solution.problem, weighed
     if intrinsics == "fixed":
-        problem, freed = _freed(solution, weighed, *hands)
-    sizes = sizes_of_boards(problem, freed, *hands)
+        problem, freed = _freed(solution, weighed, hands)
+    sizes = sizes_of_boards(problem, freed)
     cameras = tuple(
         _seen(view, term, good, weighed, freed, sizes[view.target], hand)
         for view, term, good in zip(views, terms, believed, strict=True)
@@ -138,14 +144,16 @@ def hand_eye_from_pictures(
         cameras=cameras,
         solution=solution,
         noise=weighed.noise,
+        error_model=weighed.chosen.model,
+        errors=weighed.chosen.errors,
         notes=hand.unit_notes,
     )
 
 
-def _hands(solution: Solution) -> tuple[IntArray, list[FloatArray]]:
-    """Pose of the hand of every fitted picture, from 0, and where poses are near each other.
+def _hands(solution: Solution) -> Hands:
+    """Poses of the hand of every fitted picture.
 
-    These are of the hand, and where one camera saw the board, of the board in it.
+    They are near each other by the hand, and where one camera saw the board, by the board in it.
     """
     terms = [term for term in solution.problem.terms if isinstance(term, CameraView)]
     rows = [int(row) for term in terms for row in term.poses.samples.origin]
@@ -160,12 +168,10 @@ def _hands(solution: Solution) -> tuple[IntArray, list[FloatArray]]:
         for turn, shift in poses
         if np.isfinite(shift).all()
     ]
-    return hands.reshape(-1), spaces
+    return Hands(hands.reshape(-1), spaces, shared_errors(R, p))
 
 
-def _freed(
-    solution: Solution, held: Weighed, hands: IntArray, alike: Sequence[FloatArray]
-) -> tuple[Problem, Weighed]:
+def _freed(solution: Solution, held: Weighed, hands: Hands) -> tuple[Problem, Weighed]:
     """The same pictures with focal lengths and principal points estimated too.
 
     What they say of what was held: distortion stays, which would take much of it upon itself.
@@ -182,7 +188,7 @@ def _freed(
         for k, p in enumerate(problem.parameters.values())
         if p.name in estimated or (p.name not in known and p.key in (*FOCAL, *CENTRE))
     ]
-    return problem, weigh_pictures(problem, np.array(start), np.array(free), hands, alike)
+    return problem, weigh_pictures(problem, np.array(start), np.array(free), hands)
 
 
 def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) -> CameraView:
@@ -251,7 +257,7 @@ def _settled(
         errors = [picture_errors(term, solution.values) for term in terms]
         levels = [e.scatter(good) for e, good in zip(errors, believed, strict=True)]
         agreeing = [
-            _like_the_others(e.rms, good) if robust else good
+            _like_the_others(e, good) if robust else good
             for e, good in zip(errors, believed, strict=True)
         ]
         same = all(map(np.array_equal, agreeing, believed))
@@ -261,13 +267,23 @@ def _settled(
     return solution, believed
 
 
-def _like_the_others(rms: FloatArray, good: BoolArray) -> BoolArray:
-    """Pictures whose errors chance explains, by the middle one of those that were believed."""
+def _like_the_others(errors: PictureErrors, good: BoolArray) -> BoolArray:
+    """Pictures whose errors chance explains, by the middle one of those that were believed.
+
+    A hand that is as far off as the others shows more pixels in a picture from nearby: who is
+    left out is farther off in pixels, and in millimetres or degrees.
+    """
+    rms = errors.rms
     if len(rms) < FEW_PAIRS:
         return good
-    expected = float(np.median(rms[good])) ** 2 / float(chi2.median(WORST))
-    limit = float(chi2.isf(FALSE_ALARM / len(rms), WORST))
-    agreeing = rms**2 <= max(expected * limit, FINEST**2)
+
+    def far(sizes: FloatArray, ways: int, finest: float) -> BoolArray:
+        expected = float(np.median(sizes[good])) ** 2 / float(chi2.median(ways))
+        limit = float(chi2.isf(FALSE_ALARM / len(rms), ways))
+        return np.asarray(sizes**2 > max(expected * limit, finest**2))
+
+    off = [far(size, DIRECTIONS, 0.0) for size in errors.by_hand.T]
+    agreeing = ~(far(rms, WORST, FINEST) & (off[0] | off[1]))
     return agreeing if agreeing.sum() >= FEW_PAIRS else good
 
 
@@ -281,6 +297,7 @@ def _seen(
     hand: HandPoses,
 ) -> SeenCamera:
     """A camera of the answer; ``freed`` is one with its intrinsics estimated."""
+    same_corners = view.camera is not None and term.prior is not None
     values, parameters = weighed.values, list(weighed.values)
     eye, board, owner = term.owners
     names = [f"{frame}.{key}" for frame in (eye, board) for key in PLACEMENT]
@@ -333,7 +350,8 @@ def _seen(
         covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
         camera=found,
         given=view.camera,
-        same_corners=view.camera is not None and term.prior is not None,
+        same_corners=same_corners,
+        if_held=None if same_corners else _if_held(view, weighed, at[:6], of),
         told=told,
         images=tuple(images.tolist()),
         rows=rows,
@@ -347,4 +365,36 @@ def _seen(
         board_size=size,
         other_size=other_size(term.pictures),
         turned={what: tuple(images[those & ~good].tolist()) for what, those in upside_down.items()},
+    )
+
+
+def _if_held(
+    view: View, weighed: Weighed, eye: Sequence[int], intrinsics: Sequence[int]
+) -> HeldIntrinsics | None:
+    """X with the intrinsics held at what the camera's file says, whose own ± is counted.
+
+    By the regression of X on the intrinsics, which no prior of these changes. None where the file
+    says no ±, or where they were held.
+
+    Args:
+        view: of the camera.
+        weighed: with the intrinsics estimated.
+        eye: six parameters of X.
+        intrinsics: nine parameters.
+    """
+    if view.camera is None or view.camera.covariance is None or intrinsics[0] not in weighed.free:
+        return None
+    every = weighed.covariance
+    mixed, own = every[np.ix_(eye, intrinsics)], every[np.ix_(intrinsics, intrinsics)]
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
+    inverse = np.linalg.pinv(own * np.outer(unit, unit), 1e-9, True) * np.outer(unit, unit)
+    slope = mixed @ inverse
+    covariance = every[np.ix_(eye, eye)] - slope @ mixed.T
+    covariance = covariance + slope @ view.camera.covariance @ slope.T
+    x = weighed.x[eye] + slope @ (view.camera.intrinsics - weighed.x[intrinsics])
+    jacobian = np.eye(6)
+    jacobian[3:, 3:] = tangent_of_vector(x[3:])
+    return HeldIntrinsics(
+        homogeneous(rotation_from_vector(x[3:]), x[:3]),
+        np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0.0)),
     )

@@ -17,6 +17,7 @@ from suta_calib.model.parameters import PLACEMENT
 from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibration, SeenCamera
+from suta_calib.pose_calibration.picture_models import MODELS, ErrorModel
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, File, Part, Text
@@ -30,6 +31,7 @@ from suta_calib.report.poses import (
     pose_table,
 )
 from suta_calib.report.svg import picture, svg_text
+from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
@@ -124,7 +126,7 @@ def picture_document(found: PictureCalibration, data: HandPoses) -> Document:
             parts.append(File(name, partial(camera_text, seen.camera)))
         parts += _fit(seen)
     corners = [SeenCorner(c, k) for c in found.cameras for k in range(len(c.corners))]
-    parts.append(Text(_hand(found.noise)))
+    parts += [Text(said) for said in (_predicted(found), _hand(found.noise)) if said]
     parts += [
         File("residuals.csv", lambda: csv_text(CORNERS, corners, _DIGITS)),
         Figure(partial(picture_plot, found)),
@@ -137,12 +139,21 @@ def picture_document(found: PictureCalibration, data: HandPoses) -> Document:
         "position_mm": mm(found.noise.position.value),
         "rotation_deg": deg(found.noise.rotation.value),
         "log_std": [found.noise.position.log_std, found.noise.rotation.log_std],
+        "shared_position_mm": mm(found.noise.shared[0]),
+        "shared_rotation_deg": deg(found.noise.shared[1]),
+        "model": found.error_model.name,
+        "share_by_pixels": found.error_model.share if found.error_model.base_by_pixels else None,
+        "left_out_rms_px": {
+            "hand-errors": _left_out(found, MODELS[0]),
+            "exact-hand": _left_out(found, MODELS[-1]),
+        },
     }
     counts = [len(seen.images) for seen in found.cameras]
     lost = [int((~seen.inliers).sum()) for seen in found.cameras]
     record |= {
         "frames": {name: FRAMES[found.setup][name] for name in found.unknowns},
         "reprojection_rms_px": found.rms,
+        "reprojection_left_out_rms_px": found.left_out,
         "outliers": list(found.outliers),
         "outlier_lines": [data.lines[row] for row in found.outliers],
         "counts": {
@@ -179,15 +190,50 @@ def _intrinsics(seen: SeenCamera) -> list[Intrinsic]:
     ]
 
 
+def _left_out(found: PictureCalibration, model: ErrorModel) -> float | None:
+    """RMS of pictures left out by one of the models, px; None of few pictures."""
+    return found.errors[model].left_out if found.errors else None
+
+
+def _predicted(found: PictureCalibration) -> str:
+    """How well pictures are foretold that were left out, and what frames follow; empty of few."""
+    if not found.errors:
+        return ""
+    error, model = found.errors[found.error_model], found.error_model
+    stands = "the board" if found.setup == EYE_IN_HAND else "the camera"
+    how = {
+        "hand-errors": "pictures are weighed by how far off the hand is",
+        "mixed": f"X is weighed by how far off the hand is, {100 * model.share:.0f} % of the way "
+        f"to least squares, and {stands} placed where the pixels are best",
+        "exact-hand": "the hand is taken to be where it says (least squares)",
+    }[model.name]
+    return (
+        f"reprojection rms {error.fitted:.3f} px in the pictures that were fitted, "
+        f"{error.left_out:.3f} px in pictures left out in turn; {how}: least squares has "
+        f"{found.errors[MODELS[-1]].left_out:.3f} px there, and weighing alone "
+        f"{found.errors[MODELS[0]].left_out:.3f} px"
+    )
+
+
 def _hand(noise: PictureNoise) -> str:
     """How far the hand is off."""
     low, high = noise.position.interval
     from_turn, to_turn = noise.rotation.interval
-    return (
+    said = (
         f"each pose of the hand is off by {mm(noise.position.value):.3f} mm "
         f"({mm(low):.3f} to {mm(high):.3f}) and {deg(noise.rotation.value):.3f}° "
-        f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one sigma); what all have "
-        "in common, such as a base that stands tilted, is in no picture and no ±"
+        f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one sigma)"
+    )
+    shift, turn = noise.shared
+    if shift == 0.0:
+        return (
+            f"{said}; what all have in common, such as a base that stands tilted, is in no picture "
+            "and no ±"
+        )
+    return (
+        f"{said}, and by {mm(shift):.3f} mm and {deg(turn):.3f}° that neighbouring poses share, as "
+        "those of an arm with wrong lengths or angles do; what all have in common is in no "
+        "picture: the ± take it for about as large"
     )
 
 
@@ -223,6 +269,9 @@ def _record(found: PictureCalibration, seen: SeenCamera) -> Json:
         "reprojection_rms_px": seen.rms,
         "camera_alone_rms_px": seen.alone,
         "camera": _camera_record(seen),
+        "intrinsics_held": None
+        if seen.if_held is None
+        else {"X": seen.if_held.X, "std": pose_std_record(seen.if_held.std)},
         "outlier_images": seen.strange,
         "covariance": covariance_record(seen.covariance[:size, :size], order, "m, rad"),
     }

@@ -195,6 +195,15 @@ def test_a_lens_is_taken_out_of_a_picture_again() -> None:
     np.testing.assert_allclose(undistorted(projected(points, LENS), LENS), points[:, :2], atol=1e-9)
 
 
+def test_a_lens_that_folds_back_spreads_nothing_without_bounds() -> None:
+    """Far from the middle the iteration reached 1e260, and whoever used it divided by zero."""
+    lens = [0.011920619862781767, 0.7232055926401535, 3.61752993942482e-4, -3.81619183e-4, -2.46726]
+    folded = np.array([2694.8704, 2703.2094, 1949.115, 1088.5807, *lens])
+    across = np.linspace(400.0, 600.0, 2001)
+    found = undistorted(np.column_stack([across, np.full(2001, 263.3)]), folded)
+    assert np.abs(found).max() < 100.0
+
+
 def test_corners_are_written_and_read_back(tmp_path: Path) -> None:
     rng = np.random.default_rng(2)
     pixel = np.round(rng.uniform(0, 1000, (6, 2)), 4)

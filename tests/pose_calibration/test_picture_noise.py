@@ -8,8 +8,9 @@ import pytest
 from suta_calib.arrays import FloatArray
 from suta_calib.pose_calibration.picture_likelihood import WAYS, Known, Likelihood, Sums
 
-POSES, CORNERS, UNKNOWNS = 5, 12, 8
-LEVELS = np.log([0.2, 0.4, 3e-3, 6e-3, 0.7, 1.5])
+# The last two unknowns are what poses share.
+POSES, CORNERS, UNKNOWNS = 5, 12, 10
+LEVELS = np.log([0.2, 0.4, 3e-3, 6e-3, 0.7, 1.5, 0.4])
 
 
 def rows() -> list[tuple[FloatArray, FloatArray, FloatArray]]:
@@ -27,10 +28,11 @@ def rows() -> list[tuple[FloatArray, FloatArray, FloatArray]]:
 
 
 def known() -> Known:
-    precision = np.array([0, 0, 0, 4.0, 9.0, 1.0, 0.0, 2.0])
+    precision = np.array([0, 0, 0, 4.0, 9.0, 1.0, 0.0, 2.0, 1.0, 1.0])
     groups = np.zeros((2, UNKNOWNS), dtype=np.bool_)
     groups[0, 3:5] = groups[1, [5, 7]] = True
-    return Known(precision, np.linspace(-1.0, 1.0, UNKNOWNS), groups, 1.3)
+    shared = np.arange(UNKNOWNS)[None] >= 8
+    return Known(precision, np.linspace(-1.0, 1.0, UNKNOWNS), groups, 1.3, shared)
 
 
 def likelihood() -> Likelihood:
@@ -56,7 +58,7 @@ def by_definition(levels: FloatArray) -> float:
     r, J, P = (np.concatenate(each) for each in zip(*rows(), strict=True))
     V = np.diag(np.repeat(np.exp(2 * levels[:2]), POSES * CORNERS)) + (P * scatter) @ P.T
     beliefs = known()
-    precision = beliefs.widened(np.exp(levels[4:]))
+    precision = beliefs.at(np.exp(levels[4:]))
     told = precision > 0
     J = np.vstack([J, np.eye(UNKNOWNS)[told]])
     r = np.concatenate([r, beliefs.away[told]])
@@ -67,7 +69,7 @@ def by_definition(levels: FloatArray) -> float:
     information = J.T @ inverse @ J
     left = inverse - inverse @ J @ np.linalg.solve(information, J.T @ inverse)
     logs = np.linalg.slogdet(whole)[1] + np.linalg.slogdet(information)[1]
-    hyper = -levels[2:4].sum() + 0.5 * np.sum((levels[4:] / beliefs.spread) ** 2)
+    hyper = -levels[2:4].sum() + 0.5 * np.sum((levels[4:6] / beliefs.spread) ** 2) - levels[6]
     return float(0.5 * (r @ left @ r + logs) + hyper)
 
 

@@ -1,0 +1,197 @@
+"""The corners of every camera about one point, and their sums over pictures.
+
+What poses of the hand share is one more set of unknowns: ``e_i = F_i b`` (`shared_errors`). Corners
+know of it only by their hand's pose, so that its sums follow from those of the pictures.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final, Self
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.model.parameters import PLACEMENT
+from suta_calib.pose_calibration.picture_likelihood import WAYS, Point, Sums
+from suta_calib.records import dataclass
+from suta_calib.solver.kernel import dense
+from suta_calib.solver.losses import huber_weight
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import CameraView
+
+# No corner is found more finely, px: what is smaller is rounding.
+FINEST: Final = 1e-3
+# Distance of a corner from where it belongs, in its scatter, that one in a hundred good ones has:
+# what is farther off pulls no harder.
+FAR: Final = 3.03
+
+
+@dataclass(frozen=True, eq=False)
+class CameraRows:
+    """Corners of one camera.
+
+    Attributes:
+        hand: (n,) pose of the hand at which each was seen.
+        residual: (n, 2) px.
+        jacobian: (n, 2, p) by the unknowns.
+        by_pose: (n, 2, 6) by the hand's pose, px per m and rad.
+        weight: (n,) how much each is believed.
+    """
+
+    hand: IntArray
+    residual: FloatArray
+    jacobian: FloatArray
+    by_pose: FloatArray
+    weight: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class PictureRows:
+    """Corners of all cameras.
+
+    Attributes:
+        parts: of each camera.
+        shared: (poses of the hand, 6, k) F of what they share; k may be 0.
+    """
+
+    parts: tuple[CameraRows, ...]
+    shared: FloatArray
+
+    @classmethod
+    def about(
+        cls,
+        problem: Problem,
+        x: FloatArray,
+        free: IntArray,
+        hands: IntArray,
+        shared: FloatArray,
+        boards: Sequence[str] = (),
+        weights: Sequence[FloatArray] | None = None,
+    ) -> Self:
+        """Linearise at x.
+
+        Args:
+            problem: of the pictures of every camera.
+            x: its parameters.
+            free: indices of what is estimated.
+            hands: (samples,) pose of the hand of every sample.
+            shared: as above.
+            boards: labels of those whose size is estimated too.
+            weights: (n,) of each camera's corners; 1 without.
+        """
+        parts = []
+        lines = problem.linearise(x, problem.assumed_sigmas())
+        for k, (term, line) in enumerate(zip(problem.terms, lines, strict=True)):
+            assert isinstance(term, CameraView)
+            _, own = problem.evaluation.columns(line, line.by_pose, line.by_own)
+            every = dense(own).reshape(*line.residual.shape, -1)
+            jacobian = every[:, :, free]
+            if boards:
+                larger = _by_size(problem, term, every, x)
+                mine = [np.where(term.target == board, larger, 0.0) for board in boards]
+                jacobian = np.concatenate([jacobian, np.stack(mine, axis=2)], axis=2)
+            parts.append(
+                CameraRows(
+                    hands[line.view.block.samples[:, 0] + line.view.first_sample],
+                    line.residual / term.pixel,
+                    jacobian / term.pixel,
+                    # The pose may be any: all six ways show in every corner.
+                    line.by_pose / term.pixel,
+                    np.ones(len(line.residual)) if weights is None else weights[k],
+                )
+            )
+        return cls(tuple(parts), shared)
+
+    def at_hands(self, chosen: BoolArray) -> PictureRows:
+        """The corners seen at some poses of the hand (poses,)."""
+        parts = ((part, chosen[part.hand]) for part in self.parts)
+        return PictureRows(
+            tuple(
+                CameraRows(
+                    part.hand[rows],
+                    part.residual[rows],
+                    part.jacobian[rows],
+                    part.by_pose[rows],
+                    part.weight[rows],
+                )
+                for part, rows in parts
+            ),
+            self.shared,
+        )
+
+    @property
+    def sums(self) -> Sums:
+        """Over the corners, each weighed; unknowns, then what poses share."""
+        groups, found = len(self.shared), []
+        for part in self.parts:
+            r, J, P, w = part.residual, part.jacobian, part.by_pose, part.weight
+            wr, wJ, wP = w[:, None] * r, w[:, None, None] * J, w[:, None, None] * P
+            pj = np.zeros((groups, WAYS, J.shape[2]))
+            pr, pp = np.zeros((groups, WAYS)), np.zeros((groups, WAYS, WAYS))
+            np.add.at(pj, part.hand, np.swapaxes(P, 1, 2) @ wJ)
+            np.add.at(pr, part.hand, np.einsum("ndc,nd->nc", P, wr))
+            np.add.at(pp, part.hand, np.swapaxes(P, 1, 2) @ wP)
+            flat, width = wJ.reshape(-1, J.shape[2]), J.shape[2]
+            jj, jr = J.reshape(-1, width).T @ flat, flat.T @ r.reshape(-1)
+            # Rounding of this size is always there.
+            power = float(np.sum(wr * r)) + r.size * FINEST**2
+            jj, jr, pj = self._with_shared(jj, jr, pj, pr, pp)
+            found.append((float(r.size), jj, jr, power, pj, pr, pp))
+        return Sums(*map(np.array, zip(*found, strict=True)))
+
+    def _with_shared(
+        self, jj: FloatArray, jr: FloatArray, pj: FloatArray, pr: FloatArray, pp: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """The first three with what poses share."""
+        F = self.shared
+        if not F.shape[2]:
+            return jj, jr, pj
+        by_shared = pp @ F
+        flat, wide = F.reshape(-1, F.shape[2]), by_shared.reshape(-1, F.shape[2])
+        across = pj.reshape(-1, pj.shape[2]).T @ flat
+        jj = np.block([[jj, across], [across.T, flat.T @ wide]])
+        jr = np.concatenate([jr, flat.T @ pr.reshape(-1)])
+        return jj, jr, np.concatenate([pj, by_shared], axis=2)
+
+    def beliefs(self, here: Point, sigmas: FloatArray) -> list[FloatArray]:
+        """Huber's weight of every corner, with the hand where its picture puts it."""
+        weights = []
+        for part, sigma in zip(self.parts, sigmas, strict=True):
+            unknowns = part.jacobian.shape[2]
+            off = self.shared @ here.step[unknowns:] - here.poses
+            own = part.residual + part.jacobian @ here.step[:unknowns]
+            own = own + np.einsum("ndc,nc->nd", part.by_pose, off[part.hand])
+            weights.append(huber_weight(np.sum(own**2, axis=1) / sigma**2, np.array(FAR)))
+        return weights
+
+    def squares(self, step: FloatArray) -> tuple[float, float]:
+        """Sum of the squared errors of all corners, px², at a step of the unknowns; their weight.
+
+        The hand is taken to be where it says.
+        """
+        power = weight = 0.0
+        for part in self.parts:
+            off = part.residual + part.jacobian @ step
+            power += float(part.weight @ np.sum(off**2, axis=1))
+            weight += float(part.weight.sum())
+        return power, weight
+
+
+def _by_size(problem: Problem, term: CameraView, every: FloatArray, x: FloatArray) -> FloatArray:
+    """(n, 2) derivative of the residuals by the logarithm of the board's size.
+
+    A point of it moves as the whole board would if it were pushed along the way from its origin.
+
+    Args:
+        problem: of the term.
+        term: whose board it is.
+        every: (n, 2, p) derivative by all unknowns.
+        x: (p,) of them.
+    """
+    owner = term.owners[1]
+    at = [problem.names.index(f"{owner}.{key}") for key in PLACEMENT]
+    turn = rotation_from_vector(x[at[3:]])
+    _, point = term.found
+    return np.asarray(np.einsum("nda,na->nd", every[:, :, at[:3]], term.points[point] @ turn.T))
