@@ -79,3 +79,27 @@ def test_what_xacro_refuses_is_said(text: str, says: str, tmp_path: Path) -> Non
 def test_a_xacro_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(UrdfError, match="no such file"):
         ArmModel.from_urdf(tmp_path / "arm.xacro", "tip")
+
+
+def test_results_go_with_the_files_that_the_description_is_made_of(
+    suta_urdf: Path, tmp_path: Path
+) -> None:
+    """The copy beside the results holds what the file includes, and is expanded when it is read."""
+    job = write_simulated_job(tmp_path / "job", suta_urdf)
+    arm = as_xacro(suta_urdf, tmp_path / "job/arm.xacro")
+    head = '\n<xacro:property name="forearm" value="0.571"/>\n'
+    assert head in arm.read_text()
+    arm.write_text(
+        arm.read_text().replace(head, '<xacro:include filename="$(find arm)/parts/lengths.xacro"/>')
+    )
+    (tmp_path / "job/package.xml").write_text("<package><name>arm</name></package>")
+    (tmp_path / "job/parts").mkdir()
+    space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
+    (tmp_path / "job/parts/lengths.xacro").write_text(f"<robot {space}>{head.strip()}</robot>")
+    (tmp_path / "job/arm.urdf").unlink()
+    job.write_text(job.read_text().replace("arm.urdf", "arm.xacro"))
+    assert cli("calibrate", job, "--out", tmp_path / "results") == 0
+    (tmp_path / "job").rename(tmp_path / "gone")
+    out = tmp_path / "kin.yaml"
+    assert cli("export", tmp_path / "results", "--format", "xacro-yaml", "--out", out) == 0
+    assert out.is_file()
