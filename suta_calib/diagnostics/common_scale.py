@@ -38,6 +38,8 @@ SHORTEST: Final = 0.02
 # Part of a factor by which lengths follow what they have their scale from: of less, drawings or
 # priors have the larger part.
 FOLLOWS: Final = 0.25
+# Standard deviations of a stated scale by which it may be off.
+STATED: Final = 3.0
 # One length alone has no evenness.
 FEWEST: Final = 2
 # By how much lengths are off by nature: no less, m, and so many values are tried.
@@ -226,10 +228,9 @@ def beyond_drawing(solution: Solution) -> CommonScale | None:
     inverse = np.linalg.inv(spread + TOLERANCES[grade][0] ** 2 * np.eye(len(at)))
     precision = float(length @ inverse @ length)
     value = float(length @ inverse @ change) / precision
-    carried = max((c.scale.std for c in scale_carriers(problem.terms)), default=0.0)
     left = change - value * length
     gain = 1.0 - float(left @ inverse @ left) / max(float(change @ inverse @ change), 1e-300)
-    std = math.sqrt(1.0 / precision + GRADES[grade] ** 2 + carried**2)
+    std = math.sqrt(1.0 / precision + GRADES[grade] ** 2 + _carried(solution) ** 2)
     return CommonScale("arm", value, std, gain)
 
 
@@ -246,7 +247,16 @@ def _grown(solution: Solution) -> Iterator[CommonScale]:
     if np.sum(np.abs(length) > SHORTEST) >= FEWEST:
         at = [solution.problem.names.index(name) for name in told]
         change = np.array([e.value - e.nominal for e in told.values()])
-        yield grown_together(length, change, solution.covariance[np.ix_(at, at)])
+        within = solution.covariance_within_scale[np.ix_(at, at)]
+        grown = grown_together(length, change, within)
+        # As far as what carries the scale may be off, that is no news.
+        if abs(grown.value) > STATED * _carried(solution):
+            yield grown
+
+
+def _carried(solution: Solution) -> float:
+    """Standard deviation of the worst scale that the observations have, a ratio."""
+    return max((c.scale.std for c in scale_carriers(solution.problem.terms)), default=0.0)
 
 
 def grown_together(length: FloatArray, change: FloatArray, covariance: FloatArray) -> CommonScale:

@@ -185,3 +185,21 @@ def test_an_arm_that_priors_hold_too_short_is_no_wrong_instrument(
     # There are no validation data.
     assert found.level == level
     assert ("or the arm's lengths that much longer" in said) == (priors_off > 0.0)
+
+
+@pytest.mark.parametrize(("factor", "named"), [(1.02, True), (1.01, False)])
+def test_an_arm_may_grow_as_far_as_its_instrument_may_be_off(factor: float, named: bool) -> None:
+    """Half a per cent is stated of what was printed: two per cent are four of that."""
+    arm = arm_named("ur5")
+    unknown = arm.select(
+        Selection(("geometric",), bound_m=0.05, bound_rad=0.26),
+        Selection(("*.offset",), bound_rad=0.26),
+    )
+    scene = tracked_scene(arm, perturbed(unknown, 0, 3e-4, 3e-3), 60)
+    samples = scene.samples(NOISE)[0]
+    assert samples.position is not None
+    term = scene.term(replace(samples, position=factor * samples.position))
+    term = replace(term, scale=LengthScale.of_grade("printed"))
+    solution = solve(Problem([term], unknown), ONCE)
+    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert ("All lengths of the arm came out" in said) == named
