@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._options import PATH, pose_options
+from suta_calib.cli._options import PATH, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
 
@@ -50,6 +50,7 @@ if TYPE_CHECKING:
     default="free",
     help="Believe the camera's file, or correct it by the pictures (default).",
 )
+@scale_option
 @pose_options
 def hand_eye(
     poses: Path,
@@ -59,6 +60,7 @@ def hand_eye(
     board: tuple[Path, ...],
     camera: tuple[Path, ...],
     intrinsics: Intrinsics,
+    scale_ppm: float,
     plain: bool,
     seed: int,
 ) -> Document:
@@ -72,7 +74,8 @@ def hand_eye(
     With --corners and --board the eye's pictures take the place of the b_ columns: POSES.csv then
     names the picture taken at each pose (image), and reprojection errors are minimised, which is
     nearer and also corrects the camera; --out writes camera.yaml too. Without --camera its
-    intrinsics are found from the pictures alone.
+    intrinsics are found from the pictures alone. --scale-ppm is of the b_ columns: of a printed
+    target that nobody measured, 5000.
     """
     _check(corners, board, camera, intrinsics)
     if corners:
@@ -96,12 +99,16 @@ def hand_eye(
         )
     from suta_calib.measurements.pose_files import read_pose_pairs
     from suta_calib.pose_calibration import hand_eye_from_pairs
+    from suta_calib.pose_calibration.eye_scale import with_scale
     from suta_calib.report.hand_eye import hand_eye_document
 
     data = read_pose_pairs(poses)
     with LateProgress("calibrating"):
         found = hand_eye_from_pairs(data, setup=setup, model=model, robust=not plain, seed=seed)
-    return hand_eye_document(found, data).with_data(robust=not plain, seed=seed)
+        found = with_scale(found, scale_ppm)
+    return hand_eye_document(found, data).with_data(
+        robust=not plain, seed=seed, scale_ppm=scale_ppm
+    )
 
 
 def _check(
