@@ -35,6 +35,8 @@ class Average:
         count: how many readings there were.
         left_out: (n,) how many of them were grossly wrong and left out.
         seconds: how long they were recorded.
+        way: (k, n) where the arm was in the seconds before it rested, rad, oldest first; None where
+            that was not seen.
     """
 
     angles: FloatArray
@@ -42,6 +44,7 @@ class Average:
     count: int
     left_out: FloatArray
     seconds: float
+    way: FloatArray | None = None
 
 
 def unwrapped_about_median(angles: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -17,10 +17,12 @@ from typing import Final
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average
+from suta_calib.acquisition.rest import DEFAULT_REST
 from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.touch_sequence import Station, TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError, SamplesError
+from suta_calib.geometry.numbers import vector_from_rotation, wrap
 from suta_calib.measurements import lines_of, read_csv_table, read_text, write_text
 from suta_calib.units import deg, mm
 
@@ -28,6 +30,7 @@ Say = Callable[[str], None]
 # Labels and readings (n,), rad.
 Sample = tuple[Mapping[str, str], FloatArray]
 _MOST_DISTANCES: Final = 4
+TWISTS: Final = {"ccw": "counter-clockwise", "cw": "clockwise"}
 
 
 class Run:
@@ -48,6 +51,7 @@ class Run:
         self._rows: dict[int, int] = {}
         self.index = 0
         self.last: FloatArray | None = file.rows[-1][1] if file.rows else None
+        self._last_labels = file.rows[-1][0] if file.rows else None
         # It goes on after the last confirmed one.
         for row, (labels, angles) in enumerate(file.rows):
             following = range(self.index, len(plan.stations))
@@ -90,13 +94,17 @@ class Run:
         """
         station = self.station
         row = self.file.put(station.labels, average.angles, self._rows.get(self.index))
+        doubts = self._doubts(average)
         self._rows[self.index], self.last = row, average.angles
+        self._last_labels = station.labels
         lines = self.described(average, note) if described else [f"{station.name}: kept"]
         for line in lines:
             self.say(line)
         self.notes.pop(station.name, None)
         if self.is_suspicious(average):
-            self.notes[station.name] = "distances stand out: seat it again, or check its name"
+            doubts.append("distances stand out: seat it again, or check its name")
+        if doubts:
+            self.notes[station.name] = "; ".join(doubts)
         if self.seating is not None:
             self.seating.put(station.labels["landmark"], average.angles)
         self.index += 1
@@ -156,7 +164,62 @@ class Run:
             lines += [f"  distances, measured - certified: {text}"] if errors else []
         if self.is_suspicious(average):
             lines.append(f"  look: these distances stand out; is the plug seated, is this {name}?")
-        return lines
+        return [*lines, *(f"  look: {doubt}" for doubt in self._doubts(average))]
+
+    def _doubts(self, average: Average) -> list[str]:
+        """What speaks against a sample of the next station, before it is kept."""
+        found = []
+        last, labels = self.last, self._last_labels
+        if last is not None and labels is not None and labels != self.station.labels:
+            before = next((s.name for s in self.plan.stations if s.labels == labels), "the last")
+            if float(np.max(np.abs(wrap(average.angles - last)))) < DEFAULT_REST.motion:
+                found.append(f"same posture as {before}: has the arm moved on?")
+        turned = self._twist(average)
+        if turned is not None and turned <= 0:
+            other = next(way for name, way in TWISTS.items() if name != self.plan.twist)
+            did = f"it turned {deg(-turned):.1f} deg {other}" if turned else "it did not turn"
+            wanted = TWISTS[self.plan.twist]
+            found.append(f"the plug was not turned {wanted} at last ({did}): {self.plan.how}")
+        return found
+
+    def _twist(self, average: Average) -> float | None:
+        """How far the plug turned the right way just before a rest, rad; negative the other way.
+
+        None where nothing is asked for, or it was not seen how the arm came to the rest. What
+        counts is the tip's turn about the socket's axis, whatever joints make it: where the last
+        joint's axis is the socket's, it is that joint's motion.
+        """
+        if not self.plan.twist or average.way is None or not len(average.way):
+            return None
+        last, _ = self.plan.arm.forward(average.angles)
+        rotations, _ = self.plan.arm.forward(average.way)
+        artefact = self.plan.artefact
+        mark = None if artefact is None else artefact.landmark(self.station.labels["landmark"])
+        # Up in the tip's frame: the artefact's z; the base's where that is not known.
+        up = (last if mark is None or mark.rotation is None else mark.rotation)[2]
+        to_go = np.array([vector_from_rotation(each.T @ last) for each in rotations]) @ up
+        turned = last_motion(to_go, DEFAULT_REST.motion)
+        return turned if self.plan.twist == "ccw" else -turned
+
+
+def last_motion(to_go: FloatArray, least: float) -> float:
+    """The motion that a coordinate ended with, without what came before it turned round.
+
+    Args:
+        to_go: (k,) how far it still had to go, oldest first; it ends at 0.
+        least: what moves less than this is at rest.
+
+    Returns:
+        How far it went, with its sign; 0 where it did not move.
+    """
+    back = to_go[::-1]
+    far = np.flatnonzero(np.abs(back) > least)
+    if not len(far):
+        return 0.0
+    back = back[far[0] :]
+    other_side = np.flatnonzero(back * np.sign(back[0]) < -least)
+    back = back[: other_side[0]] if len(other_side) else back
+    return float(back[np.argmax(np.abs(back))])
 
 
 class SamplesFile:

@@ -7,9 +7,10 @@ found where it was.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import field
-from typing import TYPE_CHECKING
+from dataclasses import field, replace
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -26,6 +27,10 @@ from suta_calib.records import dataclass
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
+
+
+# How far back the way to a rest is looked at, s: seating a plug and turning it takes no longer.
+_APPROACH_S: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -119,6 +124,8 @@ class StopFinder:
         self._window: StopWindow | None = None
         self._flagged: set[int] = set()
         self._reference: FloatArray | None = None
+        # Where the arm was at the latest looks, and when, s: what it did before it rested.
+        self._way: deque[tuple[float, FloatArray]] = deque()
         self.excursion = 0.0
         self.restless: tuple[str, ...] = ()
         # Whether the arm has not been seen to move since the stream began, or paused.
@@ -167,8 +174,13 @@ class StopFinder:
         events: list[Event] = [Interrupted(look.gap)] if look.gap else []
         if look.gap:
             self._unseen = True
+            self._way.clear()
             if self._window is not None:
                 self._window.suspended = self._window.interrupted = True
+        if look.readings:
+            self._way.append((look.readings[-1].time, look.angles))
+            while look.readings[-1].time - self._way[0][0] > _APPROACH_S:
+                self._way.popleft()
         if self._reference is not None:
             away = float(np.max(np.abs(wrap(look.angles - self._reference))))
             self.excursion = max(self.excursion, away)
@@ -180,7 +192,8 @@ class StopFinder:
         if self._window is not None and self._window.suspended:
             events += self._resume(look)
         if self._window is None:
-            self._window = StopWindow(interrupted=self._unseen)
+            way = None if self._unseen else np.array([where for _, where in self._way])
+            self._window = StopWindow(interrupted=self._unseen, way=way)
             self._flagged.clear()
             events.append(Began())
         return events + self._record(self._window, look)
@@ -242,6 +255,7 @@ class StopWindow:
         suspended: whether the stream paused and it is not yet known where the arm is.
         interrupted: whether it has paused during this rest, or paused or began just before.
         complete: whether it was long enough.
+        way: (k, n) where the arm was before it rested, rad; None where that was not seen.
     """
 
     angles: list[FloatArray] = field(default_factory=list)
@@ -250,6 +264,7 @@ class StopWindow:
     suspended: bool = False
     interrupted: bool = False
     complete: bool = False
+    way: FloatArray | None = None
 
     @property
     def seconds(self) -> float:
@@ -266,7 +281,8 @@ class StopWindow:
     def average(self, until: float = np.inf) -> Average:
         """Of the first ``until`` s."""
         kept = max(1, int(np.searchsorted(self.ends, until, side="right")))
-        return average(self.angles[:kept], min(self.seconds, max(until, 0.0)))
+        found = average(self.angles[:kept], min(self.seconds, max(until, 0.0)))
+        return replace(found, way=self.way)
 
     def clear(self) -> None:
         """Begin again."""

@@ -82,6 +82,7 @@ class TouchSequence:
         stations: in order.
         key: labels that all stations share: they tell one run's rows from another's.
         how: what must be done at every station beside going there; or empty.
+        twist: which way the plug must be turned at last, ``ccw`` or ``cw``; or empty.
     """
 
     arm: ArmModel
@@ -89,6 +90,7 @@ class TouchSequence:
     stations: tuple[Station, ...]
     key: Mapping[str, str]
     how: str = ""
+    twist: str = ""
 
     @property
     def label_columns(self) -> tuple[str, ...]:
@@ -164,8 +166,12 @@ def touched(
         row.artefact.landmark(name)
     key = {"placement": checked_label(placement, "--placement"), "repeat": repeat}
     stations = tuple(Station(name, key | {"landmark": name}) for name in names)
-    how = ALWAYS_ALIKE if row.seated else ""
-    return TouchSequence(arm, row.artefact, stations, key, how)
+    # A plug whose seating is to be found must be turned alike everywhere; the thesis that the
+    # key is from turned it counter-clockwise.
+    twist = row.artefact.twist or ("ccw" if row.seated else "")
+    if not twist:
+        return TouchSequence(arm, row.artefact, stations, key)
+    return TouchSequence(arm, row.artefact, stations, key, ALWAYS_ALIKE[twist], twist)
 
 
 def repeated(

@@ -57,6 +57,8 @@ class Unattended:
         # Rows of an earlier run have their labels for good.
         self._fresh = run.last is None
         self._said_still = False
+        if run.plan.how:
+            run.say(f"At every landmark: {run.plan.how}")
         if run.last is not None:
             self._left(run.last)
 

@@ -41,6 +41,12 @@ ARTEFACT_KEYS: Final = Keys(
     *SCALE_KEYS,
     STRETCH,
     Key(
+        "twist",
+        "ccw or cw",
+        "Which way the plug is turned in its socket until it stops, as seen from above (against "
+        "the artefact's z axis): measure asks for it, and looks whether it was done.",
+    ),
+    Key(
         "landmarks",
         "by name",
         "The places that the tip can be brought to, named as in the samples' column landmark.",
@@ -81,6 +87,8 @@ class Artefact:
         scale: how well its common scale is known, where its file says so; see `length_scale`.
         stretch: standard deviation of how much longer it is along x and along y, as a ratio; None
             where it is as its file says, up to the scale. Then terms estimate both.
+        twist: which way the plug is turned until it stops, seen against the artefact's z axis:
+            ``ccw``, ``cw``, or None where its file says nothing of it.
 
     Raises:
         ArtefactError: no landmarks, or two of them in the same place.
@@ -90,6 +98,7 @@ class Artefact:
     landmarks: Mapping[str, Landmark]
     scale: LengthScale | None = None
     stretch: float | None = None
+    twist: str | None = None
 
     def __post_init__(self) -> None:
         if not self.landmarks:
@@ -182,7 +191,8 @@ def read_artefact(path: Path) -> Artefact:
             "positions in mm; these look like metres",
         )
     scale = read_scale(top)
-    return Artefact(name, landmarks, scale, read_stretch(top, scale))
+    twist = top.choice("twist", ("ccw", "cw")) if "twist" in top else None
+    return Artefact(name, landmarks, scale, read_stretch(top, scale), twist)
 
 
 def _landmark(name: str, section: YamlSection) -> Landmark:
@@ -224,7 +234,8 @@ def artefact_text(artefact: Artefact) -> str:
     yaml.width = 1000
     scale = {} if artefact.scale is None else artefact.scale.row()
     scale = {**scale, **stretch_row(artefact.stretch, artefact.scale)}
-    yaml.dump({"name": _quotable(artefact.name), **scale, "landmarks": landmarks}, text)
+    twist = {} if artefact.twist is None else {"twist": artefact.twist}
+    yaml.dump({"name": _quotable(artefact.name), **scale, **twist, "landmarks": landmarks}, text)
     return text.getvalue()
 
 

@@ -31,7 +31,10 @@ from suta_calib.units import deg, mm
 
 KEYS: Final = ("x", "y", "rz")
 # What whoever touches must do at every socket, for the bias to be the same at all of them.
-ALWAYS_ALIKE: Final = "turn the plug counter-clockwise until it stops"
+ALWAYS_ALIKE: Final = {
+    "ccw": "turn the plug counter-clockwise until it stops",
+    "cw": "turn the plug clockwise until it stops",
+}
 _OWNER: Final = "seating"
 
 
