@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
+from types import MappingProxyType
 from typing import Any, Final
 
 import numpy as np
@@ -27,6 +28,7 @@ from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.records import dataclass
+from suta_calib.simulation.backlash import last_motions, readings_beside
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
     encoder_readings,
@@ -249,6 +251,9 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     targets = Targets(position + displacement, visits.targets.rotation @ tilt)
     again = stream(visitor.seed, plan.name, visits.name, "touches")
     q = visitor.reach(plan, visits, targets, visits.start, again)
+    sides_from = stream(visitor.seed, plan.name, visits.name, "direction")
+    sides = last_motions(arm, visitor.kinematics.values, q, sides_from)
+    q = readings_beside(arm, visitor.kinematics.values, q, sides)
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")
     readings = encoder_readings(noise, plan.noise, visitor.kinematics.true, q)
     path = f"{plan.name}/{visits.name}.csv"
@@ -257,7 +262,12 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
         for name, length in visits.lengths.items()
     }
     samples = Samples.from_arrays(
-        arm.joints, readings, labels=visits.labels, origin=_origins(path, n), lengths=lengths
+        arm.joints,
+        readings,
+        labels=visits.labels,
+        origin=_origins(path, n),
+        lengths=lengths,
+        direction=sides,
     )
     return SimulatedFile(path, samples, displacement)
 
@@ -282,7 +292,11 @@ def _seen(
     if plan.temperature is not None:
         rng = stream(seed, plan.name, "temperature")
         temperature = rng.uniform(*plan.temperature, plan.samples)[seen_at]
-    ideal = _ideal(plan, arm, q, labels, values, temperature)
+    told: dict[str, Any] = {"temperature": temperature, "direction": None}
+    sides = last_motions(arm, values, rests, stream(seed, plan.name, "direction"))
+    if sides is not None:
+        told["direction"] = sides[seen_at]
+    ideal = _ideal(plan, arm, q, labels, values, told)
     rng = stream(seed, plan.name, "instrument")
     gross = stream(seed, plan.name, label, "outliers")
     displacement = outlier_displacements(gross, plan.outliers, n)
@@ -295,7 +309,7 @@ def _seen(
     readings = encoder_readings(encoders, noise, kinematics.true, rests)
     path = f"{plan.name}/{label}.csv"
     if ideal.pixels is not None:
-        return _pictures(plan, path, arm, readings, ideal, displacement, rng, temperature)
+        return _pictures(plan, path, arm, readings, ideal, displacement, rng, told)
     samples = Samples.from_arrays(
         arm.joints,
         readings[seen_at],
@@ -303,7 +317,7 @@ def _seen(
         position=seen,
         rotation=turned if oriented else None,
         origin=_origins(path, n),
-        temperature=temperature,
+        **told,
     )
     return SimulatedFile(path, samples, displacement)
 
@@ -316,7 +330,7 @@ def _pictures(
     ideal: Observed,
     displacement: FloatArray,
     rng: np.random.Generator,
-    temperature: FloatArray | None,
+    told: Mapping[str, Any],
 ) -> SimulatedFile:
     """Corners in pictures, each scattered by itself; an outlier moves all of a picture."""
     assert ideal.pixels is not None
@@ -338,7 +352,7 @@ def _pictures(
         readings,
         labels={"image": names},
         origin=_origins(path, n),
-        temperature=temperature,
+        **told,
     )
     seen = corners_of(names[picture], numbers[point], pixels[picture, point])
     return SimulatedFile(path, samples, displacement, (f"corners/{plan.name}.csv", seen))
@@ -385,9 +399,12 @@ def _ideal(
     q: FloatArray,
     labels: Mapping[str, Sequence[str]],
     values: Mapping[str, float],
-    temperature: FloatArray | None = None,
+    told: Mapping[str, Any] = MappingProxyType({}),
 ) -> Observed:
-    """What would be seen in these configurations without noise."""
+    """What would be seen in these configurations without noise.
+
+    ``told`` is what is known of the arm beside its readings: temperature and direction.
+    """
     n = len(q)
     blank = Samples.from_arrays(
         arm.joints,
@@ -395,7 +412,7 @@ def _ideal(
         labels=labels,
         position=np.zeros((n, 3)),
         rotation=np.tile(np.eye(3), (n, 1, 1)),
-        temperature=temperature,
+        **told,
     )
     poses = ArmPoses(arm, blank)
     term = plan.term.over(poses, Setup(settings=plan.settings))

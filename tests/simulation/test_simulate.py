@@ -8,12 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cli_job import cli
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from simulated import arm_named
 from simulation_scenes import EXACT, Folder, with_noise
 
 from suta_calib.geometry.numbers import homogeneous, vector_from_rotation
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import (
@@ -309,3 +311,56 @@ def test_full_turns_are_taken_off_exactly(suta_urdf: Path) -> None:
     expected = [np.pi, np.pi, np.pi, 0.1, 2 * np.pi - 4, 4 - 2 * np.pi]
     np.testing.assert_allclose(wrapped(arm, q)[0], expected, atol=1e-15)
     assert wrapped(arm, q)[0, 3] == 0.1
+
+
+# ── Play ─────────────────────────────────────────────────────────────────────────────────────
+PLAY = EXACT.replace(
+    "sets:\n",
+    "  - {select: [joint_2.backlash, joint_5.backlash], value_deg: 0.4}\nsets:\n",
+    1,
+)
+
+
+def test_an_arm_with_backlash_says_which_way_its_joints_came(folder: Folder) -> None:
+    """In every kind of set the model is exact at the truth, with the directions of the file."""
+    made, plain = folder.simulate(PLAY), folder.simulate()
+    for path in ("calibration/P1.csv", "calibration/P2.csv"):
+        file = next(file for file in made.files if file.path == path)
+        plan = next(plan for plan in made.spec.sets if plan.name == "calibration")
+        pose, told = plan.places[Path(path).stem], file.samples.told
+        truth = made.artefacts["calibration"].position_of(file.samples.labels["landmark"])
+        _, tip = made.arm.forward(file.samples.q, made.values, told)
+        seat = truth @ pose.rotation.T + pose.position
+        np.testing.assert_allclose(tip, seat, atol=1e-10, rtol=0)
+        # Without them the tip is off by what the play turns it.
+        away = made.arm.forward(file.samples.q, made.values)[1] - seat
+        assert np.abs(away).max() > 0.5e-3
+    for file in made.files:
+        sides = file.samples.direction
+        assert sides is not None
+        assert set(np.unique(sides)) <= {-1.0, 1.0}
+        steps = np.diff(file.samples.q, axis=0)
+        moved = np.abs(steps) > 0.02  # farther than any play
+        assert (np.sign(steps) == sides[1:])[moved].all()
+    assert all(file.samples.direction is None for file in plain.files)
+
+
+def test_backlash_comes_back_from_simulated_samples(folder: Folder) -> None:
+    text = PLAY.replace("sets:\n", "noise: {instrument_mm: 0.02, encoder_deg: 0.001}\nsets:\n", 1)
+    assert cli("simulate", folder.file(text), "--out", folder.path / "out") == 0
+    header = (folder.path / "out/tracked/samples.csv").read_text().splitlines()[0].split(",")
+    assert {f"joint_{k}.direction" for k in range(1, 7)} <= {*header}
+    job = folder.path / "out" / "calibration.yaml"
+    job.write_text(
+        f"arm: {{urdf: '{folder.urdf}', tip: tip}}\n"
+        "parameters: [{select: ['*.offset'], bound_deg: 15},"
+        " {select: [joint_2.backlash, joint_5.backlash], bound_deg: 2},"
+        " {select: [geometric], prior_mm: 1, prior_deg: 0.1}]\n"
+        "observations: [{kind: tracked_point, samples: 'tracked/*.csv', sigma_mm: 0.02,"
+        " sigma_deg: 0.002}]\n"
+    )
+    found = CalibrationJob.load(job).run().solution.estimates
+    for name in ("joint_2.backlash", "joint_5.backlash"):
+        assert found[name].std is not None
+        assert abs(found[name].value - np.radians(0.4)) < 4 * found[name].std
+        assert found[name].std < np.radians(0.02)
