@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 _NOT_NEGATIVE: Final = FiniteRange(min=0)
 _SEED: Final = click.IntRange(min=0)
-_COUNT: Final = click.IntRange(min=1)
+# As many rests as a day has seconds.
+_COUNT: Final = click.IntRange(1, 86_400)
 # Who speaks only when asked cannot be stood for by a stream.
 _SENT: Final = [name for name, form in FORMATS.items() if not form.asked]
 _EPILOG: Final = "\b\nFaults, separated by commas; times are s after the port was first opened:\n"
@@ -31,7 +32,7 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 @click.argument("urdf", type=PATH, metavar="ARM.urdf")
 @click.option("--tip", metavar="FRAME", help="Tip of the arm; the script's by default.")
 @click.option("--base", metavar="LINK", help="First link; the root by default.")
-@click.option("--rate", default=768.0, type=POSITIVE, help="Frames per second.")
+@click.option("--rate", default=768.0, type=FiniteRange(1e-3, 1e5), help="Frames per second.")
 # What it does.
 @click.option(
     "--script",
@@ -104,11 +105,13 @@ _SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 # What is sent.
 @click.option("--format", "form", type=click.Choice(_SENT), default="frames")
 @click.option("--unit", type=click.Choice(UNITS), default="counts")
-@click.option("--counts-per-turn", default=1 << 22, type=click.IntRange(min=2))
+@click.option("--counts-per-turn", default=1 << 22, type=click.IntRange(2, 1 << 32))
 @click.option(
     "--signs", default="", show_default=False, metavar="1,-1,…", help="Of the encoders; all 1."
 )
-@click.option("--baudrate", default=921600, type=_COUNT, help="For device.yaml only.")
+@click.option(
+    "--baudrate", default=921600, type=click.IntRange(1, 1 << 31), help="For device.yaml only."
+)
 @click.option("--faults", multiple=True, metavar="LIST", help="What goes wrong; see below.")
 @click.option("--link", type=PATH, metavar="PATH", help="Symbolic link to keep to the port.")
 @click.option("--seconds", type=POSITIVE, help="Stop after so long, waiting included.")

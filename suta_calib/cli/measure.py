@@ -52,7 +52,7 @@ class PlaceCommand(click.Command):
 )
 @click.option(
     "--rests",
-    type=click.IntRange(min=1),
+    type=click.IntRange(1, 10_000),
     default=20,
     help="How many rests, with --point or --free.",
 )

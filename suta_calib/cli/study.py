@@ -83,7 +83,7 @@ def _sizes(
 )
 @click.option("--days", type=POSITIVE, default=90.0, help="drift: how long to look ahead.")
 @seed_option("Of all draws.")
-@click.option("--jobs", type=click.IntRange(1), help="Processes; default: one per core.")
+@click.option("--jobs", type=click.IntRange(1, 1024), help="Processes; default: one per core.")
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
 @click.option("--resume", is_flag=True, help="Go on with the trials an earlier run finished.")
 @anyway_option

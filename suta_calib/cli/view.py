@@ -111,7 +111,9 @@ def _serve(
 ) -> None:
     """Until the time is over: as it is, or as the device reads."""
     if device is None:
-        threading.Event().wait(seconds)
+        # No clock waits for longer than this, some 290 years.
+        wait = None if seconds is None else min(seconds, threading.TIMEOUT_MAX)
+        threading.Event().wait(wait)
         return
     from suta_calib.tracking.viewing import LiveArm
 

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 _DEFAULT_BAUDRATE: Final = 921600
 _MOST_SERVOS: Final = 253
+# No encoder has more than 32 bits.
+_MOST_COUNTS: Final = 1 << 32
 JOINT_KEYS: Final = Keys(
     Key("name", "text", "The joint's name in the URDF.", required=True),
     Key("sign", "1 or -1", "Whether readings grow as the URDF's angle does; 1 without it."),
@@ -97,7 +99,9 @@ def read_device(path: Path) -> DeviceSpec:
             f"the counts of one turn: {form.name} in counts need it",
             at=("counts_per_turn",),
         )
-    counts = top.integer("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2)
+    counts = top.integer(
+        "counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2, _MOST_COUNTS
+    )
     if (refused := form.refusal(unit, counts)) is not None:
         key, expected = refused
         found = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
@@ -174,7 +178,11 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
         ratio = section.number("ratio") if "ratio" in section else 1.0
         if ratio == 0.0:
             raise section.refuse("0", "turns of the encoder per turn of the joint", at=("ratio",))
-        own = section.integer("counts_per_turn", 0, 2) if "counts_per_turn" in section else None
+        own = (
+            section.integer("counts_per_turn", 0, 2, _MOST_COUNTS)
+            if "counts_per_turn" in section
+            else None
+        )
         number = section.integer("id", 0, 0) if "id" in section else None
         if number is not None and not form.asked:
             expected = f"no such key: {form.name} are not asked one by one"

@@ -37,6 +37,9 @@ from suta_calib.terms.given import POSE_KEYS
 
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")
+# What has not come to its minimum by then never will: 8 starts and 200 iterations are usual.
+_MOST_STARTS: Final = 1000
+_MOST_ITERATIONS: Final = 100_000
 
 Hessian = Literal["gauss-newton", "exact"]
 
@@ -380,10 +383,12 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
 def _solver(section: YamlSection) -> SolverSpec:
     SOLVER_KEYS.check(section)
     return SolverSpec(
-        starts=section.integer("starts", SolverSpec.starts, minimum=1),
+        starts=section.integer("starts", SolverSpec.starts, 1, _MOST_STARTS),
         seed=section.integer("seed", SolverSpec.seed, minimum=0),
         hessian=cast(Hessian, section.choice("hessian", ("gauss-newton", "exact"), "gauss-newton")),
-        max_iterations=section.integer("max_iterations", SolverSpec.max_iterations, minimum=1),
+        max_iterations=section.integer(
+            "max_iterations", SolverSpec.max_iterations, 1, _MOST_ITERATIONS
+        ),
     )
 
 

@@ -53,6 +53,8 @@ CAMERA_KEYS: Final = Keys(
     ),
 )
 # Focal lengths in picture widths that some lens has; others are in mm, or another picture's.
+# Along one side; no sensor has a tenth of it.
+_MOST_PIXELS: Final = 1_000_000
 _FOCAL: Final = (0.1, 1000.0)
 # A negative variance of this share of the largest is rounding.
 _ROUNDING: Final = 1e-9
@@ -130,7 +132,7 @@ def read_camera(path: str | Path) -> Camera:
             hint = "a camera.yaml as camera_calibration of ROS, or `detect --camera-out`, writes it"
             raise top.refuse("no such key", "a value: this key is required", at=(key,), hint=hint)
     plumb_bob(top)
-    width, height = (top.integer(key, 0, minimum=2) for key in CAMERA_KEYS.names[:2])
+    width, height = (top.integer(key, 0, 2, _MOST_PIXELS) for key in CAMERA_KEYS.names[:2])
     intrinsics = np.array([*_matrix(top, width, height), *_coefficients(top)])
     corners = top.text(_CORNERS) if _CORNERS in top else ""
     return Camera(width, height, intrinsics, _covariance(top), corners)

@@ -25,6 +25,8 @@ KeyPath = tuple[str | int, ...]
 Sign = Literal["any", "non-negative", "positive"]
 _LONGEST_QUOTE = 60
 _MOST_BITS: Final = 52
+# Every whole number up to it is a float too.
+_LARGEST_WHOLE: Final = 1 << 53
 
 # No length, angle or count of this field is larger; its square would soon be infinite. Nor is any
 # size (a noise level, a bound, a prior: what is divided by) smaller, a picometre in mm, but zero.
@@ -179,12 +181,20 @@ class YamlSection:
             raise self.refuse(found, f"a list of {count} numbers", at=(key,))
         return [self._number(item, (key, index), "any") for index, item in enumerate(value)]
 
-    def integer(self, key: str, default: int, minimum: int) -> int:
-        """A whole number of at least ``minimum``; ``default`` where the key is absent."""
+    def integer(self, key: str, default: int, minimum: int, maximum: int = _LARGEST_WHOLE) -> int:
+        """A whole number from ``minimum`` to ``maximum``; ``default`` where the key is absent.
+
+        A number that nobody means is refused at once: a thousand million starts, or samples, would
+        be computed for days.
+        """
         value = self.data.get(key, default)
-        if isinstance(value, bool) or not isinstance(value, int) or value < minimum:
-            raise self.refuse(shown(value), f"a whole number from {minimum} up", at=(key,))
-        return value
+        whole = isinstance(value, int) and not isinstance(value, bool)
+        if not whole or not minimum <= value <= maximum:
+            up = f"to {maximum:,}"
+            if maximum == _LARGEST_WHOLE:
+                up = "up" if not whole or value < minimum else "to 2^53"
+            raise self.refuse(shown(value), f"a whole number from {minimum} {up}", at=(key,))
+        return int(value)
 
     def bits(self, key: str, minimum: int) -> int:
         """Of an encoder; 0 where the key is absent."""

@@ -36,6 +36,11 @@ from suta_calib.terms import KINDS, Term
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
 # A name becomes a file's or a folder's, on any system.
+# What takes some ten seconds: 8,000 rows a second are simulated of what is seen, and 1,400 of what
+# is touched, for each of which a posture is sought.
+MOST_SAMPLES: Final = 100_000
+MOST_DIRECTIONS: Final = 10_000
+MOST_REPEATS: Final = 200
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
 T = TypeVar("T")
@@ -312,11 +317,11 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
         _outliers(section.section("outliers")) if "outliers" in section else OutlierSpec(),
         section.existing_file("artefact") if touches_artefact else None,
         places,
-        section.integer("repeats", SetSpec.repeats, minimum=1),
-        section.integer("directions", SetSpec.directions, minimum=1),
+        section.integer("repeats", SetSpec.repeats, 1, MOST_REPEATS),
+        section.integer("directions", SetSpec.directions, 1, MOST_DIRECTIONS),
         None if axis is None else axis / np.linalg.norm(axis),
         SetSpec.cone if cone is None else from_deg(cone),
-        section.integer("samples", SetSpec.samples, minimum=1),
+        section.integer("samples", SetSpec.samples, 1, MOST_SAMPLES),
         {key: _pose(section.section(key)) for key in frames},
         section.flag("orientation"),
         kind.read_settings(section),

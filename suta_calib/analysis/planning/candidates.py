@@ -55,6 +55,8 @@ KEYS: Final = Keys(
     Key("poses", "by name", "Postures in which something could be seen.", inside=POSTURE_KEYS),
 )
 _MOST: Final = 5000
+# As the command's option has it.
+_MOST_REPEATS: Final = 100
 DEFAULT_CONE: Final = from_deg(60.0)
 DOWN: Final = (0.0, 0.0, -1.0)
 
@@ -207,7 +209,7 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
     for name, count in Counter(place.name for place in found).items():
         if count > 1:
             raise top.refuse(f"two candidates named {name!r}", "each name once")
-    repeats = top.integer("repeats", 1, minimum=1) if "repeats" in top else None
+    repeats = top.integer("repeats", 1, 1, _MOST_REPEATS) if "repeats" in top else None
     return CandidateFile(Path(path), tuple(found), repeats)
 
 
@@ -246,7 +248,7 @@ def _point(name: str, section: YamlSection, directions: int) -> Point:
     cone = section.optional_number("cone_deg", "positive", from_deg(1.0))
     if cone is not None and cone > math.pi:
         raise section.refuse(f"{deg(cone):g}", "at most 180 degrees", at=("cone_deg",))
-    count = section.integer("directions", directions, minimum=2)
+    count = section.integer("directions", directions, 2, _MOST)
     unit = axis / np.linalg.norm(axis)
     return Point(name, position, count, unit, cone or DEFAULT_CONE, section.line)
 
