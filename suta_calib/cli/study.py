@@ -76,12 +76,14 @@ def _sizes(
     help="How far above the largest size's mean is still enough.",
 )
 @click.option(
-    "--walk-deg", type=FiniteRange(min=0), help="drift: of each angle after one day (1 std)."
+    "--walk-deg", type=FiniteRange(0, 360), help="drift: of each angle after one day (1 std)."
 )
 @click.option(
-    "--walk-mm", type=FiniteRange(min=0), help="drift: of each length after one day (1 std)."
+    "--walk-mm", type=FiniteRange(0, 1e6), help="drift: of each length after one day (1 std)."
 )
-@click.option("--days", type=POSITIVE, default=90.0, help="drift: how long to look ahead.")
+@click.option(
+    "--days", type=FiniteRange(1e-6, 1e5), default=90.0, help="drift: how long to look ahead."
+)
 @seed_option("Of all draws.")
 @click.option("--jobs", type=click.IntRange(1, 1024), help="Processes; default: one per core.")
 @click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
