@@ -39,6 +39,8 @@ from suta_calib.units import Unit, from_deg, from_mm, key, stored
 # What takes some ten seconds: 8,000 rows a second are simulated of what is seen, and 1,400 of what
 # is touched, for each of which a posture is sought.
 MOST_SAMPLES: Final = 100_000
+# Hundreds of corners each: 120 a second.
+MOST_PICTURES: Final = 2000
 MOST_DIRECTIONS: Final = 10_000
 MOST_REPEATS: Final = 200
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
@@ -321,7 +323,12 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
         section.integer("directions", SetSpec.directions, 1, MOST_DIRECTIONS),
         None if axis is None else axis / np.linalg.norm(axis),
         SetSpec.cone if cone is None else from_deg(cone),
-        section.integer("samples", SetSpec.samples, 1, MOST_SAMPLES),
+        section.integer(
+            "samples",
+            SetSpec.samples,
+            1,
+            MOST_PICTURES if "image" in kind.columns.labels else MOST_SAMPLES,
+        ),
         {key: _pose(section.section(key)) for key in frames},
         section.flag("orientation"),
         kind.read_settings(section),
