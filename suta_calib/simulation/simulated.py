@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache
@@ -20,7 +19,6 @@ from suta_calib.measurements import (
     Board,
     Corners,
     Samples,
-    SutaCalibWarning,
     corners_of,
     read_artefact,
 )
@@ -93,18 +91,6 @@ class Simulation:
     files: tuple[SimulatedFile, ...]
 
 
-def _tell_of_fixed_joints(arm: ArmModel, spec: SimulationSpec) -> None:
-    """Programs that export a URDF write limits of 0 and 0 where nobody gave them any."""
-    held = [joint.name for joint in arm.chain.moving if joint.lower == joint.upper]
-    if held:
-        warnings.warn(
-            f"{spec.urdf}: found no room between the limits of {', '.join(held)}; expected limits "
-            "between which they move: here they stand still, and tell nothing",
-            SutaCalibWarning,
-            stacklevel=3,
-        )
-
-
 def simulate(
     spec: SimulationSpec, seed: int | None = None, progress: Callable[[str], Any] = lambda _: None
 ) -> Simulation:
@@ -115,9 +101,6 @@ def simulate(
         seed: in place of the specification's.
         progress: called with the path of each file before it is made.
 
-    Warns:
-        SutaCalibWarning: joints whose limits let them not move.
-
     Raises:
         JobError: a key contradicts the arm, or a target is out of reach.
         UrdfError, ArtefactError: a file it names cannot be used.
@@ -127,7 +110,6 @@ def simulate(
     arm = spec.on(ArmModel.from_urdf(spec.urdf, spec.tip, spec.base))
     for plan in spec.sets:
         check_joint_names(arm.joints, plan.term.columns)
-    _tell_of_fixed_joints(arm, spec)
     values = true_values(arm, spec, seed)
     kinematics = InverseKinematics(arm, values)
     visitor = Visitor(spec, kinematics, _posture(spec, kinematics), seed)
