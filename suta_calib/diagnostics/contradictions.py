@@ -182,11 +182,13 @@ def _unstated(
     rows = noise_of_rows(solution)[k]
     level = text(rows.level, rows.unit, with_unit=True)
     if not math.isnan(rows.noise) and rows.ratio < options.unexplained:
-        if rows.source == "repeats":  # It is noise, and every ± has it.
+        # Repeats that scatter as much are noise, and every ± has it; not where it is so large that
+        # no instrument has it.
+        if rows.source == "repeats" and times <= options.residual:
             return
         cause = (
-            "neighbours in posture differ by as much, so either the instrument is so coarse or "
-            f"single rows are wrong. If it is so coarse, say so (sigma_{unit})"
+            f"{rows.source} differ by as much, so either the instrument is so coarse or single "
+            f"rows are wrong. If it is so coarse, say so (sigma_{unit})"
         )
     elif math.isnan(rows.noise):
         cause = (
