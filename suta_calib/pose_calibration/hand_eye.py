@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from functools import partial
 from typing import Final, get_args
@@ -22,6 +23,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
+from suta_calib.pose_calibration.constant_poses import refuse_constant
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
@@ -117,6 +119,12 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         return rms_length(self.rotation_residuals[self.inliers])
 
     @property
+    def _std_without_trend(self) -> float:
+        """Standard deviation of X's position if its trend with the distance were none, m, 3-D."""
+        by_trend = float(np.trace(self.trend.covariance[:3, :3])) * self.length**2
+        return math.sqrt(max(float(np.trace(self.covariance[:3, :3])) - by_trend, 0.0))
+
+    @property
     @judged
     def assessment(self) -> Assessment:
         """How far to trust X."""
@@ -135,8 +143,10 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
                 f"What the eye sees seems {abs(self.trend.share):.2%} ± {self.trend.std:.2%} of "
                 f"its distance too {'far' if self.trend.share > 0 else 'near'}: a camera whose "
                 "focal length errs, or a target of another size. X follows it, and ± allows for "
-                "that: calibrate the camera anew and measure the target, or give the corners in "
-                "the pictures (--corners), which correct the camera too."
+                f"that: without this error it would be {text(self._std_without_trend, 'm')} mm, "
+                "and a part of the pairs, which does not show the error, states as little. "
+                "Calibrate the camera anew and measure the target, or give the corners in the "
+                "pictures (--corners), which correct the camera too."
             )
         if self.moved:
             caution.append(self.moved.sentence("pairs"))
@@ -202,6 +212,7 @@ def calibrate_hand_eye(
         raise SamplesError(
             f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
         )
+    refuse_constant(A, B)
     A = as_eye_in_hand(A, setup)
     # How large all this is: lengths are solved in units of it, so that none counts.
     length = extent(A[1]) + rms_length(B[1]) or 1.0
@@ -246,7 +257,7 @@ def calibrate_hand_eye(
         model=model,
         X=homogeneous(*X),
         Z=homogeneous(*Z),
-        covariance=jacobian @ (fit.covariance + trend.covariance) @ jacobian.T,
+        covariance=jacobian @ (fit.spread(trend.explained) + trend.covariance) @ jacobian.T,
         residuals=found[1] - Z[1],
         rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
         inliers=fit.inliers,

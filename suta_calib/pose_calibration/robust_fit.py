@@ -78,7 +78,8 @@ class RobustFit:
         inliers: (n,) rows that were fitted.
         suspects: (n,) those of them that stand out without being proven wrong.
         sigmas: scatter of one component of each block.
-        spread: computes the covariance, which of most fits nobody asks for.
+        spread: computes the covariance, which of most fits nobody asks for; of the residuals less
+            what is known to be in them, by block, each (inliers, 3), if given.
         agreement: of the first block's residuals with the scatter that was stated of it; None
             where nothing was.
     """
@@ -88,7 +89,7 @@ class RobustFit:
     inliers: BoolArray
     suspects: BoolArray
     sigmas: tuple[float, ...]
-    spread: Callable[[], FloatArray]
+    spread: Callable[[Sequence[FloatArray]], FloatArray]
     agreement: Agreement | None = None
 
     @cached_property
@@ -99,7 +100,7 @@ class RobustFit:
         many, else from their common scatter, which is the stated one unless the residuals
         contradict it.
         """
-        return self.spread()
+        return self.spread(())
 
 
 def parts_of(poses: MeasuredPoses) -> Callable[[IntArray], MeasuredPoses]:
@@ -265,8 +266,10 @@ def _settled(
     # Weights that differ much leave a few rows to speak for themselves: too few for a sandwich.
     many = stated is None and witnesses >= MANY_ROWS
 
-    def spread() -> FloatArray:
+    def spread(explained: Sequence[FloatArray]) -> FloatArray:
         inlying = [r[rows] for r in residuals]
+        if explained:
+            inlying = [r - part for r, part in zip(inlying, explained, strict=True)]
         return uncertain * _covariance(solution, inlying, truly, rows, many=many)
 
     none = np.zeros_like(inliers)

@@ -31,12 +31,15 @@ class Trend:
         std: its standard deviation.
         significant: whether chance does not explain it.
         covariance: of the solution's parameters, for having followed just this; zero where not.
+        explained: (inliers, 3) of each block's residuals, what it explains of them; none where it
+            is not significant.
     """
 
     share: float
     std: float
     significant: bool
     covariance: FloatArray
+    explained: tuple[FloatArray, ...] = ()
 
     @classmethod
     def none(cls, covariance: FloatArray) -> Trend:
@@ -101,7 +104,10 @@ def _trend(fit: RobustFit, shape: FloatArray) -> Trend:
     std = float(np.sqrt(left @ left / max(freedom, 1) / max(power, 1e-300)))
     significant = freedom > 0 and abs(share) > t.isf(FALSE_ALARM / 2, freedom) * std
     covariance = np.zeros_like(fit.covariance)
+    explained: tuple[FloatArray, ...] = ()
     if significant:
         at = np.ix_(solution.free, solution.free)
         covariance[at] = (share**2 + std**2) * np.outer(followed, followed)
-    return Trend(share, std, significant, covariance)
+        parts = np.split(share * seen.reshape(-1, 3), len(fit.sigmas))
+        explained = tuple(s * part for s, part in zip(fit.sigmas, parts, strict=True))
+    return Trend(share, std, significant, covariance, explained)

@@ -24,6 +24,7 @@ from scipy.spatial.transform import Rotation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.pose_calibration.constant_poses import refuse_constant
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
 from suta_calib.terms import HandEye
 from suta_calib.terms.hand_eye_start import Poses, inverse_poses
@@ -265,3 +266,34 @@ def test_shuffled_pairs_are_not_blamed_on_how_the_hand_turned(count: int, seed: 
     with pytest.raises(SamplesError, match="do the rows belong together") as problem:
         calibrate_hand_eye(data.poses, rows_of(data.seen, mixed))
     assert "turn the hand" not in str(problem.value)
+
+
+# ── A side that stands still ─────────────────────────────────────────────────────────────────
+def repeating(poses: Poses, rows: FloatArray) -> Poses:
+    """Poses of a program that wrote the first one again in these rows."""
+    R, p = poses[0].copy(), poses[1].copy()
+    R[rows], p[rows] = R[0], p[0]
+    return R, p
+
+
+@pytest.mark.parametrize(("same", "which"), [(12, "all 12 rows"), (10, "10 of 12 rows")])
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_side_whose_pose_does_not_change_is_named(side: int, same: int, which: str) -> None:
+    data = noisy(12)
+    sides = [data.poses, data.seen]
+    sides[side] = repeating(sides[side], np.arange(same))
+    whose = (r"a pose of the hand \(a_\)", r"a pose that the eye saw \(b_\)")
+    said = f"{whose[side]} that is the same in {which}, while {whose[1 - side]} changes by"
+    with pytest.raises(SamplesError, match=said) as problem:
+        calibrate_hand_eye(*sides)
+    assert "read this pose only once" in str(problem.value)
+    assert "setup" not in str(problem.value)
+
+
+def test_a_target_that_is_seen_many_times_from_one_pose_is_no_fault() -> None:
+    """40 pictures at rest, and ten poses beside them: the eye's noise does not move the target."""
+    data = noisy(50, seed=4)
+    rest = np.concatenate([np.zeros(40, dtype=int), np.arange(1, 11)])
+    R, p = rows_of(data.seen, rest)
+    p = p + 3e-3 * np.random.default_rng(0).standard_normal((50, 3))
+    refuse_constant(rows_of(data.poses, rest), (R, p))
