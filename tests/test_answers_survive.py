@@ -155,7 +155,7 @@ POSES = "suta_calib.pose_calibration"
 @pytest.mark.parametrize(
     ("command", "parts"),
     [
-        ("pivot", [f"{POSES}.pivot.tilt_trend", f"{POSES}.pivot.moved"]),
+        ("pivot", [f"{POSES}.pivot.weigh_effects", f"{POSES}.pivot.moved"]),
         ("hand-eye", [f"{POSES}.hand_eye.distance_trend", f"{POSES}.hand_eye.moved"]),
         ("register", [f"{POSES}.registration.strain", f"{POSES}.registration.moved"]),
     ],

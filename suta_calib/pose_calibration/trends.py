@@ -1,9 +1,9 @@
-"""Residuals that grow with something: with the distance from the eye, with how far a tool tilts.
+"""Residuals that grow with the distance from the eye.
 
 Poses from a camera of which the focal length is wrong by a share are too far, or too near, by that
-share; a tool that bends, or whose ball rolls in its seat, is off by what grows with the tilt. The
-answer follows most of it, and what is left scatters little: ± from the scatter alone is several
-times too small. What is left shows how large the error is, and that how far the answer follows.
+share. The answer follows most of it, and what is left scatters little: ± from the scatter alone is
+several times too small. What is left shows how large the error is, and that how far the answer
+follows.
 """
 
 from __future__ import annotations
@@ -56,28 +56,6 @@ def distance_trend(fit: RobustFit, depth: FloatArray) -> Trend:
     """
     # Expected less seen, along the eye's axis.
     return _trend(fit, -depth[:, None] * [0.0, 0.0, 1.0])
-
-
-def tilt_trend(fit: RobustFit, rotation: FloatArray, tip: FloatArray) -> tuple[Trend, float]:
-    """How far off the post seems to be along the tool's mean direction, for 1 - cos of the tilt.
-
-    What is in proportion to the tilt itself is a tip elsewhere: no residual tells it. But nothing
-    bends, rolls or slides quite so, and the next term of its series is left.
-
-    Args:
-        fit: of a `FixedPoint` term, whose residuals are in the tool.
-        rotation: (n, 3, 3) of all poses.
-        tip: (3,) in the tool.
-
-    Returns:
-        The trend, in the fit's unit of length, and the largest tilt from the mean, rad.
-    """
-    along = rotation @ (tip / max(float(np.linalg.norm(tip)), 1e-300))
-    mean = along[fit.inliers].mean(axis=0)
-    mean = mean / max(float(np.linalg.norm(mean)), 1e-300)
-    fallen = 1.0 - np.clip(along @ mean, -1.0, 1.0)
-    farthest = float(np.arccos(1.0 - fallen[fit.inliers].max()))
-    return _trend(fit, fallen[:, None] * np.einsum("nji,j->ni", rotation, mean)), farthest
 
 
 def _trend(fit: RobustFit, shape: FloatArray) -> Trend:

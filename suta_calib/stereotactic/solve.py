@@ -136,7 +136,9 @@ class StereotacticResult:
         # What does not fit together is not for dewarping to mend.
         distortion = [] if bad else judge("distortion", lambda: _on_distortion(self), failed)
         for name, part in parts.items():
-            notes = [f"{name}: {note}" for note in part.assessment.notes]
+            # What every answer of its kind relies on is no news here.
+            news = (n for n in part.assessment.notes if n != getattr(part, "relied_on", ""))
+            notes = [f"{name}: {note}" for note in news]
             (care if part.assessment.usable else bad).extend(notes)
         # What is bent is off for that reason.
         if self.navigation is not None and (self.correction is not None or not distortion):

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property, lru_cache
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.model.arm import ArmModel
 from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import PoseTable
 from suta_calib.solver.information import Rows
@@ -17,13 +16,9 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import LinearFit
-from suta_calib.trust.extended import (
-    kept_rows,
-    known_beforehand,
-    offered_names,
-    problem_beside,
-    rows_beside,
-)
+
+if TYPE_CHECKING:
+    from suta_calib.model.arm import ArmModel
 
 # Step of numerical derivatives by something that a term was built with, relative to its unit size.
 STEP: Final = 1e-6
@@ -41,6 +36,7 @@ class Examination:
         follows: (p,) the unknowns of `problem` that follow an effect.
         sigmas: standard deviation of one component of each block.
         rows_per_independent_row: see `LinearFit`.
+        length: m per unit of length of the problem.
     """
 
     solution: Solution
@@ -50,6 +46,7 @@ class Examination:
     follows: IntArray
     sigmas: Sequence[float]
     rows_per_independent_row: float = 1.0
+    length: float = 1.0
 
     @classmethod
     def of(cls, solution: Solution) -> Examination:
@@ -62,6 +59,7 @@ class Examination:
         solution: Solution,
         sigmas: Sequence[float] | None = None,
         rows_per_independent_row: float = 1.0,
+        length: float = 1.0,
     ) -> Examination:
         """Examine an answer without an arm: pivot, hand-eye, registration.
 
@@ -72,12 +70,14 @@ class Examination:
             sigmas: scatter of one component of each block; those of the solution by default.
             rows_per_independent_row: 2.0 where neighbouring poses are so correlated that every
                 two count as one.
+            length: m per unit of length of the problem.
         """
         sigmas = solution.sigmas if sigmas is None else sigmas
         problem = solution.problem
         rows = kept_rows(problem, solution.x, sigmas)
         free = solution.free
-        return cls(solution, problem, solution.x, rows, free, sigmas, rows_per_independent_row)
+        many = rows_per_independent_row
+        return cls(solution, problem, solution.x, rows, free, sigmas, many, length)
 
     @cached_property
     def fit(self) -> LinearFit:
@@ -105,7 +105,12 @@ class Examination:
         """
         fitted = self.solution.problem
         learned = dict(zip(fitted.names, fitted.prior_precision(), strict=True))
-        given = known_beforehand(self.problem)
+        given = np.zeros(len(self.problem.names))
+        if self.arm is not None:
+            # Answers without an arm need nothing of arms.
+            from suta_calib.trust.extended import known_beforehand
+
+            given = known_beforehand(self.problem)
         precision = np.array(
             [learned.get(n, 0.0) or p for n, p in zip(self.problem.names, given, strict=True)]
         )
@@ -223,6 +228,8 @@ class Examination:
 # One: several ask of one answer.
 @lru_cache(maxsize=1)
 def _of_arm(solution: Solution) -> Examination:
+    from suta_calib.trust.extended import offered_names, problem_beside, rows_beside
+
     problem, x = problem_beside(solution)
     assert problem.arm is not None
     fitted = solution.problem.parameters

@@ -21,8 +21,10 @@ from simulated import (
 )
 
 from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
-from suta_calib.measurements import Artefact
-from suta_calib.terms import ArmPoses, Term
+from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.measurements import Artefact, Samples
+from suta_calib.terms import ArmPoses, FixedPoint, MeasuredPoses, Term, TrackedPoint
+from suta_calib.terms.synthetic import PoseNoise
 from suta_calib.trust import Examination
 
 ARM = arm_named("ur5")
@@ -91,4 +93,23 @@ MARKED = of_scene(
     tracked_scene(ARM, TRUTH, 40, targets=[(0.05, 0, 0.02, 0, 0, 0), (-0.03, 0.04, 0.03, 0, 0, 0)])
 )
 SHEET = of_scene(sheet_scene(), SUTA_UNKNOWN)
+PIVOT = Sound(
+    lambda seed: FixedPoint.simulate(60, spread=PoseNoise(1e-4, 2e-4), seed=seed).term,
+    FixedPoint.simulate(60).truth,
+)
+
+
+def points(seed: int) -> Term:
+    """Twelve points in one frame, measured in another."""
+    rng = np.random.default_rng(seed)
+    placed = rng.uniform(-0.08, 0.08, (12, 3))
+    seen = placed @ rotation_from_vector(rng.standard_normal(3)).T + rng.uniform(-0.3, 0.3, 3)
+    samples = Samples.from_arrays(
+        [], np.zeros((12, 0)), position=seen + 1e-4 * rng.standard_normal((12, 3))
+    )
+    upright = np.tile(np.eye(3), (12, 1, 1))
+    return TrackedPoint(MeasuredPoses(upright, placed, samples, exact=True), PLAIN)
+
+
+POINTS = Sound(points, {})
 BOARD = of_scene(camera_scene(ARM, TRUTH, 20), UNKNOWN)

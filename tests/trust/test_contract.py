@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from sound_sets import BOARD, MARKED, MOVING, SHEET, TRACKED, TRUTH, Sound
+from sound_sets import BOARD, MARKED, MOVING, PIVOT, POINTS, SHEET, TRACKED, TRUTH, Sound
 
 from suta_calib.trust import AddedVariable, Hypothesis, Rule, examine, known_hypotheses
 
 # Data that can have the fault, by the hypothesis's name, where an arm that is tracked cannot.
 SCENES: dict[str, Sound] = {
+    "bent tip": PIVOT,
+    "scale between two sets": POINTS,
     "exchanged targets": MARKED,
     "time offset": MOVING,
     "stretched body": SHEET,
