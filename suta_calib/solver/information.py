@@ -76,6 +76,17 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
     return rows
 
 
+def kept_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
+    """`whitened_rows` that stay as they are when the problem is evaluated elsewhere."""
+    rows = whitened_rows(problem, x, sigmas)
+    return [
+        replace(
+            r, line=replace(r.line, residual=r.line.residual.copy(), by_pose=r.line.by_pose.copy())
+        )
+        for r in rows
+    ]
+
+
 def block_information(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[FloatArray]:
     """JᵀJ (n, n) of every block's whitened rows: without room for the rows of all."""
     return [_summed(problem, line) for line in problem.linearise(x, sigmas)]

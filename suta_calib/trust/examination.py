@@ -11,7 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import PoseTable
-from suta_calib.solver.information import Rows
+from suta_calib.solver.information import Rows, kept_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term

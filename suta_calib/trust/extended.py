@@ -7,7 +7,6 @@ an eccentric encoder.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import lru_cache
 from typing import Final
 
@@ -17,7 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
-from suta_calib.solver.information import Rows, robust_curvature, whitened_rows
+from suta_calib.solver.information import Rows, kept_rows, robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 
@@ -85,17 +84,6 @@ def rows_beside(solution: Solution) -> list[Rows]:
     """Whitened rows of `problem_beside`, at the solution."""
     problem, x = problem_beside(solution)
     return kept_rows(problem, x, solution.sigmas)
-
-
-def kept_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> list[Rows]:
-    """`whitened_rows` that stay as they are when the problem is evaluated elsewhere."""
-    rows = whitened_rows(problem, x, sigmas)
-    return [
-        replace(
-            r, line=replace(r.line, residual=r.line.residual.copy(), by_pose=r.line.by_pose.copy())
-        )
-        for r in rows
-    ]
 
 
 def extended_problem(
