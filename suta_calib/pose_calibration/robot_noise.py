@@ -32,6 +32,8 @@ UNKNOWNS: Final = 12
 # likelihood): six numbers more follow noise, too.
 CENTRES: Final = (0.0, 0.05, 0.2, 1.0)
 CLEARLY: Final = 2.0
+# Times the middle residual, from which on a pair counts less: noise exceeds it in one of 50.
+STRANGE: Final = 2.0
 # Standard deviations of the fraction up to which the hand's part may be larger than it seems.
 SURE: Final = 2.0
 # Times of a known unknown's plausible range that hand-eye's may take: what the pairs tell badly
@@ -95,8 +97,9 @@ def estimate_lever(
         return LeverModel()
     if sight is not None:
         along = _less_along(position, sight)
-        position, columns = along @ position[..., None], along @ columns
-    position, columns = position.ravel(), columns.reshape(-1, 7)
+        position, columns = (along @ position[..., None])[..., 0], along @ columns
+    weight = _believed(position)[:, None, None]
+    position, columns = (weight * position[..., None]).ravel(), (weight * columns).reshape(-1, 7)
     y = position - EXPECTED * columns[:, 0]
     found = [_ridge(columns, y, size) for size in CENTRES]
     best = max(range(len(found)), key=lambda k: found[k][0] - CLEARLY * (k > 0))
@@ -109,6 +112,13 @@ def estimate_lever(
             beta = np.concatenate([[0.0], _ridge(columns[:, 1:], rest, CENTRES[best])[1]])
     at = tuple(map(float, beta[1:])) if best else (0.0,) * 6
     return LeverModel(fraction, std, at[:3], at[3:])  # type: ignore[arg-type]
+
+
+def _believed(position: FloatArray) -> FloatArray:
+    """(n,) roots of Huber's weights: six numbers must not explain one pair that is wrong."""
+    size = np.linalg.norm(position, axis=1)
+    limit = STRANGE * float(np.median(size))
+    return np.asarray(np.sqrt(np.minimum(1.0, limit / np.maximum(size, 1e-300))))
 
 
 def _less_along(position: FloatArray, sight: FloatArray) -> FloatArray:
