@@ -117,7 +117,7 @@ def estimate_lever(
 def _believed(position: FloatArray) -> FloatArray:
     """(n,) roots of Huber's weights: six numbers must not explain one pair that is wrong."""
     size = np.linalg.norm(position, axis=1)
-    limit = STRANGE * float(np.median(size))
+    limit = max(STRANGE * float(np.median(size)), 1e-300)
     return np.asarray(np.sqrt(np.minimum(1.0, limit / np.maximum(size, 1e-300))))
 
 
