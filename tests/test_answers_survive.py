@@ -36,8 +36,9 @@ REPORT = "suta_calib.report.calibration"
 JUDGES = [
     *(f"{ASSESSMENT}.{name}" for name in ("contradictions", "contradicted_beliefs", "changes")),
     *(f"{ASSESSMENT}.{name}" for name in ("thinned", "lack_of_fit", "effective_unknowns")),
-    *(f"{ASSESSMENT}.{name}" for name in ("score_tests", "relied_on", "explain_solution")),
+    *(f"{ASSESSMENT}.{name}" for name in ("score_tests", "_on_scale", "explain_solution")),
     *(f"{ASSESSMENT}.{name}" for name in ("assess_calibration", "_on_gain", "judge_priors")),
+    *(f"{ASSESSMENT}.{name}" for name in ("_named_cause", "judge_priors", "_on_widening")),
     *(f"{EXPLANATION}.{name}" for name in ("RichData", "_redundant", "tip_motion", "_spread")),
     "suta_calib.diagnostics.rich_data.RichData._information",
     "suta_calib.job.calibration.read_where_fitted",

@@ -104,7 +104,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *judge("what is as drawn", lambda: _as_drawn(solution), failed),
             *judge("the scale", lambda: _on_scale(solution), failed),
             *priors.known,
-            *_on_widening(solution),
+            *judge("widened ±", lambda: _on_widening(solution), failed),
         ],
     ).with_care(failed)
 
