@@ -37,6 +37,7 @@ from suta_calib.solver.information import (
     whitened_rows,
 )
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.seating_covariance import seating_covariance
 from suta_calib.terms.block import grouped_rows, summed
 
 # Touches from which on none has leverage worth freeing residuals of.
@@ -76,7 +77,8 @@ class Spread:
         What holds for other data of the same instrument, artefact or board.
         """
         parts = self._parts
-        return np.asarray(parts.scatter + parts.artefact + self.learned)
+        seating = seating_covariance(self.problem, self.x, self.sigmas, self.free)
+        return np.asarray(parts.scatter + parts.artefact + self.learned + seating)
 
     @cached_property
     def held(self) -> HeldGeometry | None:

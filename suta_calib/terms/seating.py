@@ -81,6 +81,11 @@ class Seating:
         return (*(shift if c else ()), *([turn] if r else ()))
 
 
+def is_seating(parameter: Parameter) -> bool:
+    """Whether an unknown says how a plug sits."""
+    return parameter.owner.partition("[")[0] == _OWNER
+
+
 def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
     """Directions (n, 3, 2), in the artefact, in which x and y shift a seated tip.
 
