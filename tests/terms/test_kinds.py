@@ -29,6 +29,8 @@ BY_NAME = {
     "pose_calibration/rigid_fit.py": {"TrackedPoint"},
     "pose_calibration/robot_noise.py": {"HandEye"},
     "pose_calibration/weighed_point.py": {"TrackedPoint"},
+    "trust/hypotheses/bent_tip.py": {"FixedPoint"},
+    "trust/hypotheses/scaled_points.py": {"TrackedPoint"},
 }
 # Kinds that are called like something else too: a label column, a figure of a report.
 COLUMNS = {column for kind in KINDS.values() for column in kind.columns.labels}
