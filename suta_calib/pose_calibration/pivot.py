@@ -26,6 +26,7 @@ from suta_calib.pose_calibration.robust_answer import (
     exchanged,
 )
 from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
+from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
@@ -334,7 +335,10 @@ def _bending(fit: RobustFit, length: float) -> _Bending:
         fit: of the poses.
         length: m per unit of its lengths.
     """
-    answer, bends = Examination.of_poses(fit.solution, fit.sigmas, length=length), BentTip()
+    # Poses of a stream that err alike are fewer than they are.
+    repeated = correlation_length(fit.residuals[0][fit.inliers] / fit.sigmas[0])
+    answer = Examination.of_poses(fit.solution, fit.sigmas, repeated, length)
+    bends = BentTip()
     # The registry is not asked: it would load what only arms can have.
     found = weigh_effects(answer.fit, bends.effects(answer))
     findings = (Finding(bends, evidence) for evidence in found)
