@@ -77,7 +77,7 @@ def test_rows_are_taken_whether_they_follow_one_another_or_not(numbers: list[int
 
 @pytest.mark.parametrize("free", [False, True])
 def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) -> None:
-    residual, own = REPROJECTION[EYE_IN_HAND, free], 21 if free else 12
+    residual, own = REPROJECTION[EYE_IN_HAND, free, False], 21 if free else 12
     function, *_ = kernel._compiled(residual, 1, own, 15, 2, True, False)
     rule = formula(function, (function.n_in() - 2,))
     assert rule is not None
