@@ -242,7 +242,7 @@ def calibrate_hand_eye(
     failed = list[str]()
     trend = attempt(
         "judged: errors that grow with the distance",
-        lambda: distance_trend(fit, target[1][:, 2]),
+        lambda: distance_trend(fit, _depth(scaled, fit.solution.x)),
         Trend.none(fit.covariance),
         failed,
     )
@@ -278,6 +278,21 @@ def calibrate_hand_eye(
         length=length,
         unjudged=tuple(failed),
     )
+
+
+def _depth(hand: Poses, x: FloatArray) -> FloatArray:
+    """The target's depth (n,) in the eye, by the hand's poses and the answer.
+
+    What the eye sees holds the same noise as the residuals. From one distance there is nothing but
+    this noise, and residuals would grow with it in full.
+
+    Args:
+        hand: ``T_base_hand``.
+        x: (12,) X and Z, each a position and a rotation vector.
+    """
+    in_hand = np.einsum("nji,nj->ni", hand[0], x[6:9] - hand[1])
+    depth: FloatArray = (in_hand - x[:3]) @ rotation_from_vector(x[3:6])[:, 2]
+    return depth
 
 
 def _copies(A: Poses, B: Poses, fit: RobustFit) -> int:

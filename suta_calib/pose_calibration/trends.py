@@ -52,7 +52,8 @@ def distance_trend(fit: RobustFit, depth: FloatArray) -> Trend:
 
     Args:
         fit: of a `HandEye` term, whose first block is the position in the eye.
-        depth: (n,) of the target in the eye, of all rows, in the fit's unit of length.
+        depth: (n,) where the answer has the target along the eye's axis, of all rows, in the fit's
+            unit of length. Not as seen: residuals would follow the noise in it.
     """
     # Expected less seen, along the eye's axis.
     return _trend(fit, -depth[:, None] * [0.0, 0.0, 1.0])

@@ -258,3 +258,25 @@ def test_with_fixed_intrinsics_nothing_of_x_is_held_in_silence() -> None:
     scene = pictures(20, pixel=0.2, robot=(1e-3, 9e-3))
     found = solved(scene, intrinsics="fixed")
     assert not len(found.solution.identification.fixed)
+
+
+@pytest.mark.parametrize("distance", [0.3, 0.8])
+def test_one_distance_is_no_error_that_grows_with_it(distance: float) -> None:
+    """Depths that change by their noise alone are no depths to regress residuals on."""
+    for seed in range(6):
+        random = np.random.default_rng(seed)
+        X, Z = ((Rotation.random(random_state=random), random.uniform(-0.1, 0.1, 3)) for _ in "XZ")
+        axes = random.standard_normal((25, 3))
+        axes *= np.radians(random.uniform(10, 40, 25) / np.linalg.norm(axes, axis=1))[:, None]
+        A = Rotation.random(random_state=random) * Rotation.from_rotvec(axes)
+        B = (A * X[0]).inv() * Z[0]
+        ahead = np.column_stack([random.uniform(-0.05, 0.05, (25, 2)), np.full(25, distance)])
+        position = Z[1] - (A * X[0]).apply(ahead) - A.apply(X[1])
+        seen = (
+            (B * Rotation.from_rotvec(np.radians(random.normal(0, 0.2, (25, 3))))).as_matrix(),
+            ahead + random.normal(0, 1e-3, (25, 3)),
+        )
+        found = calibrate_hand_eye((A.as_matrix(), position), seen)
+        assert not found.trend.significant
+        off = np.linalg.norm(found.X[:3, 3] - X[1])
+        assert off < 3 * np.sqrt(np.trace(found.covariance[:3, :3])) < 0.01
