@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.diagnostics.common_scale import SHORTEST, relied_on
+from suta_calib.diagnostics.common_scale import FOLLOWS, SHORTEST, relied_on
 from suta_calib.diagnostics.tip_motion import tip_motion
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements.scale import LengthScale
@@ -38,6 +38,7 @@ class ScaleEffect:
         name: tells several of one sort apart; of what is held, the parameter.
         scale: how well it is known.
         carries: whether the arm's lengths rest on it, because the data tell it less well.
+        bends: whether what is estimated follows it, though the long lengths do not.
         tip: by how much the tip moves with one standard deviation of it, m, root mean square over
             the fitted postures.
     """
@@ -47,6 +48,7 @@ class ScaleEffect:
     scale: LengthScale
     carries: bool
     tip: float
+    bends: bool = False
 
     @property
     def sentence(self) -> str:
@@ -58,6 +60,13 @@ class ScaleEffect:
                 f"{text(self.tip, 'm', with_unit=True)} at the tip, which every ± holds). State "
                 "how good the drawing is (arm: {grade: …}), free it with prior_mm, or measure a "
                 "length."
+            )
+        if self.bends:
+            return (
+                f"What is estimated follows the scale of the {self.what}, though the arm's long "
+                f"lengths do not, and residuals hardly check it ({self.scale.sentence}, one "
+                f"sigma): that is {text(self.tip, 'm', with_unit=True)} at the tip, and every ± "
+                f"holds it; 1 % would be {text(self.tip / self.scale.std / 100, 'm')} mm."
             )
         return (
             f"The {self.what} carries the scale of the arm's lengths, and no residual checks it "
@@ -81,13 +90,17 @@ def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
         shift = carrier.scale.std * by_scale[key]
         moved = tip_motion(problem, solution.x, dict(zip(arm, shift.tolist(), strict=False)))
         tip = rms_length(moved.linear)
+        # As a part of the factor by which the tip's places would grow about their middle.
+        size = rms_length(moved.position - moved.position.mean(axis=0))
+        bends = key not in carried and tip > FOLLOWS * carrier.scale.std * size > 0.0
         effects.append(
             ScaleEffect(
                 carrier.what,
                 carrier.name,
                 carrier.scale,
-                key in carried,
+                key in carried or bends,
                 tip if tip > NOTHING else 0.0,
+                bends,
             )
         )
     held = held_scale(problem, solution.spread.held)

@@ -13,6 +13,7 @@ from simulated import arm_named, artefact, artefact_scene, perturbed, placements
 from suta_calib import Problem, Selection, assess, solve
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.common_scale import _one_alone, grown_together, relied_on
+from suta_calib.diagnostics.scale_effects import scale_effects
 from suta_calib.measurements import Artefact, LengthScale
 
 
@@ -97,6 +98,22 @@ def test_lengths_rest_on_an_instruments_scale_unless_something_else_tells_it() -
     assert off < 2 * upper_arm.std
     # Where the drawing's lengths are believed, they tell the scale.
     assert relied_on(solve(Problem([larger], turns), ONCE)) == []
+
+
+def test_a_scale_goes_into_what_is_free_beside_long_lengths_that_are_held() -> None:
+    """Where it moves the tip by a quarter of what the arm would grow by, or more, it is named."""
+    arm = arm_named("suta")
+    lengths = Selection(("joint_?.x", "tip.z"), bound_m=0.05)
+    unknown = arm.select(Selection(("*.offset",), bound_rad=0.26), lengths)
+    certified = replace(artefact(6), scale=LengthScale(2e-5, "certified"))
+    scene = artefact_scene("landmark", arm, truth_of(arm), certified, placements(5))
+    solution = solve(Problem([scene.term(scene.samples(NOISE)[0])], unknown), ONCE)
+    assert not relied_on(solution)
+    (effect,) = scale_effects(solution)
+    found = assess_calibration(solution, assess(solution))
+    assert effect.bends
+    assert effect.carries
+    assert sum("follows the scale of the artefact" in note for note in found.notes) == 1
 
 
 def test_an_arm_whose_lengths_all_grow_alike_is_said() -> None:
