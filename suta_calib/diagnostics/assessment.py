@@ -60,7 +60,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     found = judge("contradictions", lambda: contradictions(solution, accuracy), failed)
     # A fit that other readings explain far better has residuals that say nothing of joints.
     cause = judge("other readings", lambda: _cause(solution), failed) if found else []
-    named = [] if cause else judge("the model", lambda: _named_cause(fit, accuracy), failed)
+    named = judge("the model", lambda: _named_cause(fit, accuracy, alone=not cause), failed)
     # What explains residuals that are far too large is said before them.
     first = named if any(each.bad for each in found) else []
     worse = "The calibrated arm is worse than the nominal one on the validation data."
@@ -72,8 +72,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     return Assessment.of(
         solution.sentence,
         bad=[
-            *cause,
             *first,
+            *cause,
             *([worse] if is_worse else []),
             *(each.sentence for each in found if each.bad),
             *priors.bad,
@@ -118,7 +118,8 @@ def _not_converged(
 ) -> Assessment:
     """Of a solution that did not converge: what may be the cause."""
     notes = [said for said, level in doubts.items() if level == "bad"]
-    notes = notes or judge("other readings", lambda: _cause(solution), failed)
+    first = judge("time offsets", lambda: _said_first(solution), failed)
+    notes = notes or [*first, *judge("other readings", lambda: _cause(solution), failed)]
     notes = notes or judge("the model", lambda: _cause_without_parameters(solution), failed)
     notes = notes or judge(
         "single rows", lambda: [each.sentence for each in gross_rows(solution)], failed
@@ -235,20 +236,35 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
+def _said_first(solution: Solution) -> list[str]:
+    """What looks like other readings of the data, and is said before them."""
+    cause = strongest_cause(thinned(solution))
+    return [cause.sentence] if cause is not None and cause.hypothesis.before_others else []
+
+
 def _cause_without_parameters(solution: Solution) -> list[str]:
     """What may have spoilt a fit that did not converge; of joints its residuals say nothing."""
     cause = strongest_cause(thinned(solution))
     return [] if cause is None or cause.evidence.effect.parameters else [cause.sentence]
 
 
-def _named_cause(solution: Solution, accuracy: Accuracy) -> list[str]:
+def _named_cause(solution: Solution, accuracy: Accuracy, *, alone: bool) -> list[str]:
     """What explains the residuals better than a change while the rows were measured, if anything.
 
     Where parameters describe it, it stands here only if estimating them predicts left-out rows
     better.
+
+    Args:
+        solution: converged.
+        accuracy: its errors.
+        alone: whether no other reading of the data explains them far better.
     """
     cause = strongest_cause(solution)
     if cause is None:
+        return []
+    if cause.hypothesis.before_others:
+        return [cause.sentence]
+    if not alone:
         return []
     share = cause.evidence.share_beyond_choice
     if any(change.share >= share for change in changes(solution)):

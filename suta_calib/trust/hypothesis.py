@@ -51,6 +51,8 @@ class Hypothesis(ABC):
         about: what is wrong then, one line.
         applies_to: kinds of terms that can have it; an answer with none of them is not examined.
         needs_arm: whether it is about an arm (True), or about measured poses (False).
+        before_others: whether it is said before other readings of the data and before changes where
+            it is the strongest, because its fault looks like these.
         worth: share of the squared residuals from which on it is reported, where that is less than
             `Rule.share`; the module says why.
     """
@@ -59,6 +61,7 @@ class Hypothesis(ABC):
     about: ClassVar[str]
     applies_to: ClassVar[tuple[type[Term], ...]] = (Term,)
     needs_arm: ClassVar[bool] = True
+    before_others: ClassVar[bool] = False
     worth: ClassVar[float] = 1.0
 
     def applies(self, answer: Examination) -> bool:
@@ -122,6 +125,8 @@ class Finding:
 # Of joints it is said more carefully (`diagnostics.score_tests`): this test says whether what
 # explains the residuals best is one of them.
 LEFT_TO_SCORE_TESTS: Final = "joint error"
+# Part of the strongest finding's share that one needs which is said before others.
+NEARLY: Final = 0.7
 
 
 def strongest_cause(solution: Solution) -> Finding | None:
@@ -136,7 +141,13 @@ def strongest_cause(solution: Solution) -> Finding | None:
     """
     if solution.problem.arm is None:
         return None
-    first = next(iter(weigh(Examination.of(solution))), None)
+    findings = weigh(Examination.of(solution))
+    first = next(iter(findings), None)
+    for finding in findings:
+        # What looks like the others need not explain quite as much as the best of them.
+        rival = first is not None and finding.evidence.share > NEARLY * first.evidence.share
+        if finding.hypothesis.before_others and rival and finding.supported():
+            return finding
     if first is None or first.hypothesis.name == LEFT_TO_SCORE_TESTS or not first.supported():
         return None
     return first
