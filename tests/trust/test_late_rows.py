@@ -1,4 +1,4 @@
-"""Readings that are a part of a row late on a moving arm are said first, whatever they look like."""
+"""Readings a part of a row late on a moving arm are said first, whatever they look like."""
 
 from __future__ import annotations
 
