@@ -16,20 +16,20 @@ def hypotheses_page() -> Iterator[str]:
     rule = Rule()
     yield "# What an answer is tested for\n\n"
     yield (
-        "After a fit has converged, one statistical test asks what its residuals lack "
-        "(`suta_calib/trust/evidence.py`): columns of derivatives that no unknown of the job "
-        "has are put beside the fit, all parameters may follow, and the drop in the squared "
-        "residuals is compared with the noise that is left. The strongest effect is reported if "
-        f"all tests of one answer together would report it by chance in {rule.false_alarm:g} of "
-        f"sound answers, if it explains {rule.share:.0%} of the squared residuals (or less where "
-        f"the hypothesis says so), and if its size is {rule.times_std:g} times its standard "
-        "deviation.\n\n"
+        "After a fit has converged, one statistical test looks for errors that the model lacks "
+        "(`suta_calib/trust/evidence.py`). It adds the derivatives of such an error to the fit, "
+        "and estimates its size together with all parameters. The drop in the squared residuals "
+        "is compared with the remaining noise. The strongest effect is reported under three "
+        "conditions: all tests of one answer together give a false alarm in at most "
+        f"{rule.false_alarm:g} of sound answers; it explains {rule.share:.0%} of the "
+        "squared residuals (or less where the hypothesis says so); and its size is "
+        f"{rule.times_std:g} times its standard deviation.\n\n"
     )
     rows = (
         (name, each.about, where(each), first_paragraph(type(each)))
         for name, each in known_hypotheses().items()
     )
-    yield table(("hypothesis", "what is wrong then", "in answers of", "how it is described"), rows)
+    yield table(("hypothesis", "what is wrong", "commands", "how it is described"), rows)
 
 
 def where(hypothesis: Hypothesis) -> str:

@@ -45,10 +45,10 @@ RESULT_KEYS = {
     "held": "How far off each held parameter of the arm may be, and what changes with it.",
     "scale": "What gives the data their unit of length: `artefact`, `board` or `instrument`, its "
     "`grade` and standard deviation (`ppm`), and how far that moves the tip (`tip_mm`, root mean "
-    "square). `carries`: the arm's lengths rest on it, because the data tell it less well. Every "
-    "standard deviation holds it.",
+    "square). `carries`: the arm's lengths depend on it, because the data determine it less well. "
+    "Every standard deviation includes it.",
     "unobservable": "Combinations of parameters that the data leave open.",
-    "widening": "Factor on all standard deviations that the held-out errors ask for.",
+    "widening": "Factor by which the validation errors widen all standard deviations.",
     "excluded": "What the job leaves out by name.",
     "metrics": "Errors before and after, on fitted and on held-out data; every residual counts, "
     "also one that a robust fit believes less. `by_term` has them for each row of the job.",
