@@ -19,7 +19,7 @@ from suta_calib.exchange.option import Given, Option
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
 
-WHOLE: Final = Option("whole", "The file is complete, though its end looks cut off.", flag=True)
+WHOLE: Final = Option("whole", "The file is complete, although its end looks cut off.", flag=True)
 # Rows before the last one whose decimals say how many the last one has: four of equal length by
 # chance are rare, and `measurements.csv_table` asks for as many.
 _ENOUGH: Final = 4
@@ -63,8 +63,8 @@ def check_end_of_rows(
     if line.lstrip().startswith(("#", "%")) or not (line.strip() or indented):
         return
     if not line.strip():
-        found = "blanks at the end, with which rows begin"
-        raise cut_off(path, len(lines_of(tail)), found, "a whole row, or none")
+        found = "spaces at the end of the file, where a row begins"
+        raise cut_off(path, len(lines_of(tail)), found, "a complete row, or nothing")
     *above, last = rows_of_text(path, tail, separator)
     width = len(last.cells)
     same_width = takewhile(lambda row: len(row.cells) == width, reversed(above))
@@ -76,8 +76,8 @@ def check_end_of_rows(
     blanks = before.rstrip("\r\n").endswith(" ") <= line.endswith(" ")
     if blanks and _is_complete(line, separator, last.cells, earlier, fixed_width=fixed_width):
         return
-    found = f"{last.cells[-1][-_LONGEST:]!r} at the end of a last line without its end"
-    raise cut_off(path, last.line, found, "the end of a line behind it, as in all other lines")
+    found = f"{last.cells[-1][-_LONGEST:]!r} at the end of the file, without a line break"
+    raise cut_off(path, last.line, found, "a line break after it, as in all other lines")
 
 
 def _is_complete(
@@ -160,15 +160,15 @@ def check_end_of_program(
     begun = [line for line in lines if opening.match(line)]
     ended = sum(closing.match(line) is not None for line in lines)
     if ended < len(begun):
-        found = f"no end of {begun[ended][:_LONGEST]!r}"
-        raise cut_off(path, len(lines), found, "a program with its end")
+        found = f"no end of the block {begun[ended][:_LONGEST]!r}"
+        raise cut_off(path, len(lines), found, "a complete program")
     last = lines[-1] if lines else ""
     if text.endswith(("\n", "\r")) or not last or last_word.match(last):
         return
     balance = sum(last.count(sign) for sign in _OPENING) - sum(map(last.count, _CLOSING))
     if balance > 0 or not last.endswith((";", *_CLOSING)):
-        found = f"{last[-_LONGEST:]!r} at the end of a last line without its end"
-        raise cut_off(path, len(lines), found, "a statement with its end")
+        found = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
+        raise cut_off(path, len(lines), found, "a complete statement")
 
 
 def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
@@ -184,8 +184,8 @@ def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
     """
     last = lines_of(text)[-1].rstrip(" ")
     if WHOLE not in given and not last.endswith(("\n", "\r", *_CLOSING)):
-        found = f"{last[-_LONGEST:]!r} at the end of a last line without its end"
-        raise cut_off(path, len(lines_of(text)), found, "the end of a line behind it")
+        found = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
+        raise cut_off(path, len(lines_of(text)), found, "a line break after it")
 
 
 def check_count(path: Path, count: int, stated: float, what: str, given: Given) -> None:
@@ -207,9 +207,12 @@ def check_count(path: Path, count: int, stated: float, what: str, given: Given) 
 
 def cut_off(path: Path, line: int | None, found: str, expected: str) -> ForeignFileError:
     """Error that a file seems cut off, to be raised by the caller."""
-    hint = f"cut off while it was written or copied? if nothing is missing, say {WHOLE.switch}"
+    hint = (
+        "was the file cut off while it was written or copied? If nothing is missing, "
+        f"give {WHOLE.switch}"
+    )
     if line is not None:
-        hint += ", or end its last line"
+        hint += ", or add a line break at its end"
     return ForeignFileError(found, expected, file=path, line=line, hint=hint)
 
 

@@ -19,7 +19,7 @@ from suta_calib.units import from_deg, from_mm
 
 EXTERNAL_UNIT: Final = Option(
     "external_unit",
-    "Of external axes: mm, deg, or unused for one that does not move the arm.",
+    "Unit of each external axis: mm or deg; unused for an axis that does not move the arm.",
     "E1=mm,…",
     several=True,
 )
@@ -100,8 +100,8 @@ class ExternalAxes:
             if not unit and named and np.abs(known).max() <= _MOST_DEGREES:
                 unit = "deg"
                 notes.append(
-                    f"{names[k]} is the external axis {axis}, {extent}, taken for degrees; "
-                    f"{EXTERNAL_UNIT.switch} {axis}=mm says otherwise."
+                    f"{names[k]} is the external axis {axis} ({extent}); its numbers are taken "
+                    f"as degrees. If they are mm, give {EXTERNAL_UNIT.switch} {axis}=mm."
                 )
             hint = (
                 f"say {EXTERNAL_UNIT.switch} {axis}=mm, {axis}=deg, or {axis}=unused where it does "
@@ -117,15 +117,16 @@ class ExternalAxes:
                 )
             if len(known) < len(values):
                 line = self.lines[int(np.flatnonzero(np.isnan(values))[0])]
-                found = f"a position without the external axis {axis}, which others have"
+                found = f"a position without the external axis {axis}, which other positions have"
                 raise ForeignFileError(
-                    found, "the same axes in all", file=self.path, line=line, hint=hint
+                    found, "the same axes in all positions", file=self.path, line=line, hint=hint
                 )
             columns[names[k] if named else axis] = (from_mm if unit == "mm" else from_deg)(values)
             if not named:
                 notes.append(
-                    f"The external axis {axis} is {extent} {unit}: the arm's URDF needs a joint "
-                    f"{axis}, or the rows are of several places of its base."
+                    f"The external axis {axis} moves ({extent} {unit}). Either the arm's URDF "
+                    f"needs a joint {axis}, or the base of the arm stands at several places in "
+                    "these rows."
                 )
         return columns, notes
 

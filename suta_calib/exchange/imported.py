@@ -35,8 +35,8 @@ _MOST_NAMES: Final = 24
 FIRST_POINT: Final = "first"
 ORIGIN: Final = Option(
     "origin",
-    "Subtracted from all positions, as in a national grid: three numbers in m, or the first "
-    "position.",
+    "Origin that is subtracted from all positions, for coordinates in a national grid: three "
+    "numbers in m, or first for the first position.",
     "x,y,z|first",
 )
 GRID_HINT: Final = (
@@ -226,7 +226,9 @@ def origin_of(given: Given, position: FloatArray) -> FloatArray | None:
 
 def origin_told(origin: FloatArray) -> str:
     """A sentence that says what was subtracted, with all its digits."""
-    return f"Positions are from {', '.join(map(repr, origin.tolist()))} m, which was subtracted."
+    return (
+        f"The origin {', '.join(map(repr, origin.tolist()))} m was subtracted from all positions."
+    )
 
 
 def checked_places(

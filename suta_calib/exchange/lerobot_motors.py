@@ -40,7 +40,8 @@ def read_motors(path: Path) -> dict[str, dict[str, Any]]:
             f"a calibration with lists by {OLD_NAMES}, as LeRobot wrote it until mid 2025",
             f"one with {', '.join(KEYS)} of each motor",
             file=path,
-            hint="its zeros are others: calibrate the arm again with LeRobot of today",
+            hint="its zeros differ from those of today: calibrate the arm again with a current "
+            "LeRobot",
         )
     for name, motor in data.items():
         if not isinstance(motor, dict):

@@ -109,10 +109,10 @@ def _guessed_pose(sheet: Sheet, numbers: FloatArray, seen: str, given: Given) ->
     units = open_units(given, LENGTHS), open_units(given, ANGLES)
     readings = plausible_readings(numbers, firsts, forms, *units) if len(numbers) else []
     if len(readings) != 1:
-        said = "; ".join(map(str, readings)) or "none that an arm or a tracker would have"
+        said = "; ".join(map(str, readings)) or "none for an arm or a tracker"
         raise ForeignFileError(
-            f"{seen}: plausible are {said}",
-            "one that is plausible",
+            f"{seen}; plausible readings: {said}",
+            "exactly one plausible reading",
             file=sheet.path,
             line=sheet.lines[0],
             hint=f"say {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg",

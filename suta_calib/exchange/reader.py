@@ -97,12 +97,12 @@ def recognised(path: Path) -> Reader:
         hint = "say which with --format NAME"
         raise ForeignFileError(f"what may be {names}", "one format", file=path, hint=hint)
     if not found and is_folder(path):
-        said = "a folder of no format that is known"
+        said = "a folder of an unknown format"
         hint = "suta-calib import --list names them"
         raise ForeignFileError(said, "a file, or a recording's folder", file=path, hint=hint)
     if not found and path.suffix.lower() in _NO_TABLES:
         raise ForeignFileError(
-            f"a {path.suffix.lower()} file of no format that is known",
+            f"a {path.suffix.lower()} file of an unknown format",
             "a table, or a file of one of the formats",
             file=path,
             hint="suta-calib import --list names them; cameras, boards and arms need no import",

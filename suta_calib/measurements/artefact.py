@@ -43,8 +43,9 @@ ARTEFACT_KEYS: Final = Keys(
     Key(
         "twist",
         "ccw or cw",
-        "Which way the plug is turned in its socket until it stops, as seen from above (against "
-        "the artefact's z axis): measure asks for it, and looks whether it was done.",
+        "Direction in which the plug is turned in its socket until it stops, seen from above "
+        "(against the artefact's z axis). measure asks for this turn, and checks that it was "
+        "made.",
     ),
     Key(
         "landmarks",

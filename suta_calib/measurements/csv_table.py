@@ -211,7 +211,7 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
     if not _NUMBER.fullmatch(last) or not all(map(_NUMBER.fullmatch, others)):
         return
     where = f"{path}:{line}"
-    found = f"{last!r} at the end of a last line without its end"
+    found = f"{last!r} at the end of the file, without a line break"
     hint = "if nothing is missing, end the line"
     fixed = len(decimals) == 1 and all(map(_DECIMAL.fullmatch, others))
     if fixed and len(last.partition(".")[2]) < min(decimals):

@@ -86,20 +86,20 @@ SCALE_KEYS: Final = Keys(
     Key(
         "grade",
         "certified, machined or printed",
-        "How it was made, which says how far all its lengths may be off by one factor: 20, 200 or "
-        "5,000 ppm (one standard deviation).",
+        "How it was made. This sets the standard deviation of the scale factor of all its "
+        "lengths: 20, 200 or 5,000 ppm.",
     ),
     Key(
         "scale_ppm",
         "ppm",
-        "Standard deviation of one factor on all its lengths, in place of that of the grade; 0 for "
-        "lengths that are exact by definition.",
+        "Standard deviation of the scale factor of all its lengths, in place of that of the "
+        "grade; 0 for lengths that are exact by definition.",
     ),
 )
 STRETCH: Final = Key(
     "stretch",
     "free or fixed",
-    "free: how much longer it is along x and along y is estimated, with the standard deviation of "
-    "its scale for a prior (5,000 ppm unless it is of a grade or has a scale_ppm). The default is "
-    "free for the grade printed, else fixed.",
+    "free: its stretch along x and along y is estimated. The prior is the standard deviation of "
+    "its scale (5,000 ppm without grade and scale_ppm). The default is free for the grade "
+    "printed, else fixed.",
 )

@@ -118,9 +118,9 @@ def _sentence(board: Markers, seen: Markers) -> str:
     right, down = (seen.markers[number].rotation.T @ board.markers[number].rotation)[:2]
     y_up = np.allclose(right, [1, 0, 0]) and np.allclose(down, [0, -1, 0])
     told = (
-        "Places of markers have y up in the board's file, and the markers themselves y down"
+        "The board's file places the markers with y up, but the markers themselves have y down"
         if y_up
-        else "Markers lie another way round on the board than its file says"
+        else "The markers lie on the board in another orientation than its file says"
     )
     first = ", ".join(f"{angle:g}" for angle in next(iter(angles)))
     remedy = (
@@ -129,6 +129,6 @@ def _sentence(board: Markers, seen: Markers) -> str:
         else "correct every marker's rotation_rpy_deg"
     )
     return (
-        f"{told}: they are taken as the pictures show them, at the places of the file, so that the "
-        f"board's frame is the file's. To say so in the file, {remedy}."
+        f"{told}. The orientation in the pictures is used, with the places of the file, so the "
+        f"frame of the board does not change. To correct the file, {remedy}."
     )

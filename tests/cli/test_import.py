@@ -70,7 +70,7 @@ REFUSED = {
     "another format's option": (("{table}", "--seconds", "2"), "option 'seconds' for the format"),
     "an unknown format": (("{table}", "--format", "motiv"), "did you mean 'motive'"),
     "itself": (("{table}", "--out", "{table}"), "an input of the same command"),
-    "a folder": (("{folder}",), "a folder of no format that is known"),
+    "a folder": (("{folder}",), "a folder of an unknown format"),
 }
 
 

@@ -88,11 +88,11 @@ def test_a_whole_file_without_a_last_line_end_is_read(how: str, tmp_path: Path) 
 def test_what_may_be_cut_off_is_refused_with_a_way_on(tmp_path: Path) -> None:
     path = tmp_path / "points.csv"
     path.write_text("x,y,z\n0.1,0.2,0.3\n0.2,0.3,1.2")
-    said = r"points\.csv:3: found '1\.2' at the end of a last line without its end; .*--whole"
+    said = r"points\.csv:3: found '1\.2' at the end of the file, without a line break; .*--whole"
     with pytest.raises(InputError, match=said):
         imported(path)
     path.write_text(FIXED.rstrip("\n")[:-1])
-    with pytest.raises(InputError, match=rf"csv:{len(P) + 1}: found .*without its end"):
+    with pytest.raises(InputError, match=rf"csv:{len(P) + 1}: found .*without a line break"):
         imported(path)
     path.write_text("x,y,z\n0.1,0.2,0.3\n0.2,0.3")
     with pytest.raises(InputError, match=r":3: found a last row of 2 cells; expected 3, as in"):
@@ -124,7 +124,7 @@ PROGRAM = (
 def test_a_program_needs_the_end_that_it_has_begun(tmp_path: Path) -> None:
     path = tmp_path / "a.dat"
     path.write_text(PROGRAM)
-    with pytest.raises(InputError, match=r"found no end of 'DEFDAT A'; .*say --whole"):
+    with pytest.raises(InputError, match=r"found no end of the block 'DEFDAT A'; .*give --whole"):
         imported(path)
     assert len(imported(path, whole=True)) == 2
     path.write_text(PROGRAM + "ENDDAT")
@@ -133,7 +133,7 @@ def test_a_program_needs_the_end_that_it_has_begun(tmp_path: Path) -> None:
     path.write_text(PROGRAM.partition("\n")[2].rstrip("\n"))
     assert len(imported(path)) == 2
     path.write_text(PROGRAM.partition("\n")[2].rstrip("5}\n"))
-    with pytest.raises(InputError, match=r"a\.dat:2: found .*C 2' at the end of a last line"):
+    with pytest.raises(InputError, match=r"a\.dat:2: found .*C 2' at the end of the file"):
         imported(path)
 
 

@@ -128,7 +128,7 @@ def test_a_rotation_vector_in_front_of_millimetres(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     rows = np.hstack([rng.uniform(-1.5, 1.5, (30, 3)), rng.uniform(-1000, 1065, (30, 3))])
     path = written(tmp_path / "t.csv", rows)
-    said = r"plausible are Euler angles in rad and a position in mm; a rotation vector in rad and a"
+    said = r"plausible readings: Euler angles in rad and a position in mm; a rotation vector in rad"
     with pytest.raises(InputError, match=said):
         imported(path, guess=True)
     found = imported(path, guess=True, rotation="vector")

@@ -228,7 +228,7 @@ def test_what_the_urdf_does_not_say_is_said(tmp_path: Path) -> None:
     assert found.seen == (
         "cube floats freely (cube_joint): a chain may start there.",
         "arm is moved from outside (mocap); in the URDF it is fixed.",
-        "The site cube is called as a body; in the URDF it is cube_site.",
+        "A body and a site are both called cube; the URDF calls the site cube_site.",
     )
 
 

@@ -56,7 +56,7 @@ def test_what_is_no_pose(old: str, new: str, says: str, tmp_path: Path) -> None:
 def test_other_yaml_is_called_so(tmp_path: Path) -> None:
     path = tmp_path / "camera.yaml"
     path.write_text("image_width: 640\ndata: [1, 0, 0]\n")
-    with pytest.raises(InputError, match=r"found a \.yaml file of no format that is known"):
+    with pytest.raises(InputError, match=r"found a \.yaml file of an unknown format"):
         imported(path)
 
 

@@ -153,7 +153,7 @@ def test_the_seventh_joint_of_an_arm(tmp_path: Path) -> None:
         imported(path)
     found = imported(path, joint_names="a,b,c,d,e,f,g")
     np.testing.assert_allclose(found.columns["g"], np.deg2rad([-80, -60]))
-    assert "taken for degrees" in found.notes[0]
+    assert "taken as degrees" in found.notes[0]
     assert not imported(path, joint_names="a,b,c,d,e,f,g", external_unit="deg").notes
     with pytest.raises(InputError, match="expected 6 different ones, or 7 with eax_a"):
         imported(path, joint_names="a,b")

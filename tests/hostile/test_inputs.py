@@ -189,7 +189,7 @@ def test_a_file_that_is_cut_in_its_last_number(
     for content, says in (
         (
             whole[:-2],
-            "error: {}:13: found '{}' at the end of a last line without its end; "
+            "error: {}:13: found '{}' at the end of the file, without a line break; "
             "expected 6 decimals, as in all other rows",
         ),
         ("\n".join([header, *rows[:-1], "0.1,0.2,0.3"]), "warning: {}:13: found '{}' at the end"),

@@ -75,7 +75,7 @@ def test_pictures_of_an_arm_are_read_so_too():
     corners = seen(true, 4)
     samples = Samples.from_arrays([], np.zeros((4, 0)), labels={"image": corners.images})
     poses = MeasuredPoses(np.tile(np.eye(3), (4, 1, 1)), np.zeros((4, 3)), samples)
-    with pytest.warns(SutaCalibWarning, match="Places of markers have y up"):
+    with pytest.warns(SutaCalibWarning, match="places the markers with y up"):
         term = CameraView.of_corners(poses, corners, grid(np.eye(3)), Camera(640, 480, INTRINSICS))
     assert np.nanmax(term.pictures.rms) < 0.4
     assert not term.pictures.behind

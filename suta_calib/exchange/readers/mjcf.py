@@ -198,13 +198,16 @@ class _Tree:
                 yield f"{name} floats freely ({self.joint_names[k]}): a chain may start there."
         far = [n for n, j in self._named() if j["kind"] == _SLIDE and j["range"] is None]
         if far:
-            yield f"The limits of {listed(far)} are not the model's: ±{_FAR:g} m."
+            yield f"The model gives no limits for {listed(far)}; the URDF has ±{_FAR:g} m there."
         for name, body in zip(self.body_names, self.bodies, strict=True):
             if body["mocap"]:
                 yield f"{name} is moved from outside (mocap); in the URDF it is fixed."
         for name, site in zip(self.site_names, self.sites, strict=True):
             if site["name"] != name:
-                yield f"The site {site['name']} is called as a body; in the URDF it is {name}."
+                yield (
+                    f"A body and a site are both called {site['name']}; the URDF calls the "
+                    f"site {name}."
+                )
 
     def _named(self) -> Iterator[tuple[str, Any]]:
         return zip(self.joint_names, self.joints, strict=True)
@@ -283,7 +286,7 @@ class _Tree:
                 apart = np.abs(ours - numbers).max() / max(1.0, float(np.abs(numbers).max()))
                 if not apart <= _AGREE:
                     raise ForeignFileError(
-                        f"a model whose {name[:_LONGEST]!r} the URDF has off by {apart:.2g}",
+                        f"a URDF that places {name[:_LONGEST]!r} off by {apart:.2g} from the model",
                         f"agreement with MuJoCo's own kinematics to {_AGREE:g}",
                         file=self.path,
                         hint="please report this file",

@@ -83,7 +83,7 @@ class OpencvStorageReader(Reader):
             lengths = " and ".join(f"{len(matrices)} {name}" for name, matrices in series.items())
             raise ForeignFileError(
                 f"matrices of other numbers: {lengths}",
-                "the same numbers in each: they are of the same moments",
+                "the same numbers in each, so that the matrices are pairs",
                 file=path,
                 hint=f"say {BODY.switch} {next(iter(series))} for one of them",
             )

@@ -66,10 +66,10 @@ class XacroYamlWriter(Writer):
                 for key, three in (("xyz", xyz), ("rpy", rpy))
             )
             sentences.append(
-                f"The file has no place for the fixed joint {joint.name}, which changed by "
+                f"This format cannot hold the fixed joint {joint.name}, which changed by "
                 f"{mm(float(np.linalg.norm(xyz - old_xyz))):.3f} mm and "
-                f"{deg(float(np.linalg.norm(vector_from_rotation(turn)))):.3f}°: write "
-                f"<origin {origin}/> into the description."
+                f"{deg(float(np.linalg.norm(vector_from_rotation(turn)))):.3f}°. Write <origin "
+                f"{origin}/> for it into the description."
             )
         return tuple(sentences)
 
