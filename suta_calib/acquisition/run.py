@@ -102,7 +102,7 @@ class Run:
             self.say(line)
         self.notes.pop(station.name, None)
         if self.is_suspicious(average):
-            doubts.append("distances stand out: seat it again, or check its name")
+            doubts.append("its distances do not fit the others: seat it again, or check its name")
         if doubts:
             self.notes[station.name] = "; ".join(doubts)
         if self.seating is not None:
@@ -173,13 +173,15 @@ class Run:
         if last is not None and labels is not None and labels != self.station.labels:
             before = next((s.name for s in self.plan.stations if s.labels == labels), "the last")
             if float(np.max(np.abs(wrap(average.angles - last)))) < DEFAULT_REST.motion:
-                found.append(f"same posture as {before}: has the arm moved on?")
+                found.append(f"same posture as {before}: did the arm move to this landmark?")
         turned = self._twist(average)
         if turned is not None and turned <= 0:
             other = next(way for name, way in TWISTS.items() if name != self.plan.twist)
             did = f"it turned {deg(-turned):.1f} deg {other}" if turned else "it did not turn"
             wanted = TWISTS[self.plan.twist]
-            found.append(f"the plug was not turned {wanted} at last ({did}): {self.plan.how}")
+            found.append(
+                f"the plug was not turned {wanted} before the arm rested ({did}): {self.plan.how}"
+            )
         return found
 
     def _twist(self, average: Average) -> float | None:

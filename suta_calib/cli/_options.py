@@ -169,8 +169,8 @@ scale_option = click.option(
     type=FiniteRange(min=0, max=1e5),
     default=INSTRUMENT_PPM,
     metavar="PPM",
-    help="Standard deviation of one factor on all measured lengths, which no residual shows; "
-    f"{INSTRUMENT_PPM:g} without it. It enters every ±.",
+    help=f"Standard deviation of the scale factor of all measured lengths; {INSTRUMENT_PPM:g} "
+    "without this option. No residual shows this factor, so every ± includes it.",
 )
 
 

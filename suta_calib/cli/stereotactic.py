@@ -19,8 +19,8 @@ from suta_calib.report.document import Document
     "--robust/--no-robust",
     default=None,
     show_default=False,
-    help="Leave out markers and frames that do not fit the others; without, in each step where "
-    "that predicts left-out frames better.",
+    help="Leave out markers and frames that do not fit the others. Without this option: only in "
+    "steps where that predicts left-out frames better.",
 )
 def stereotactic(prefix: Path, dewarp: bool, robust: bool | None) -> Document:
     """Solve the stereotactic navigation problem of the files PREFIX-calbody.txt and so on.

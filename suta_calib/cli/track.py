@@ -67,9 +67,9 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
     "--igtl",
     callback=_address(host_needed=False),
     metavar="[HOST:]PORT",
-    help="Serve OpenIGTLink TRANSFORM messages, mm, to any number of clients; with --result also "
-    "SENSOR messages NAMEStd: standard deviations of x y z, mm, and of turns, degrees. "
-    "[Slicer: 18944]",
+    help="Serve OpenIGTLink TRANSFORM messages, mm, to any number of clients; with --result "
+    "also SENSOR messages NAMEStd: standard deviations of x y z (mm) and of the rotations "
+    "(degrees). [Slicer: 18944]",
 )
 @click.option(
     "--host",

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     "--host",
     default="127.0.0.1",
     metavar="ADDRESS",
-    help="Who may look: this computer only; 0.0.0.0 lets whoever on the network has the address.",
+    help="Address to listen on. By default only this computer can look; with 0.0.0.0, whoever "
+    "on the network has the printed address.",
 )
 @click.option("--device", type=PATH, help="device.yaml: the arm moves as this device reads.")
 @click.option("--seconds", type=POSITIVE, help="Stop after so long.")

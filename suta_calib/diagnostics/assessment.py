@@ -53,10 +53,10 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     """
     failed = list[str]()
     terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
-    doubts = dict(judge("the samples by themselves", lambda: _doubts(terms), failed))
+    doubts = dict(judge("the samples", lambda: _doubts(terms), failed))
     if not solution.converged:
         return _not_converged(solution, doubts, failed)
-    fit = attempt("judged: part of many rows", lambda: thinned(solution), solution, failed)
+    fit = attempt("judged: a part of the rows", lambda: thinned(solution), solution, failed)
     found = judge("contradictions", lambda: contradictions(solution, accuracy), failed)
     # A fit that other readings explain far better has residuals that say nothing of joints.
     cause = judge("other readings", lambda: _cause(solution), failed) if found else []
@@ -67,7 +67,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     nothing = PriorNotes()
     priors = attempt("judged: priors", lambda: judge_priors(solution), nothing, failed)
-    beliefs = judge("what a row believes", lambda: contradicted_beliefs(fit), failed)
+    beliefs = judge("priors that rows state", lambda: contradicted_beliefs(fit), failed)
     is_worse = attempt("judged: validation data", lambda: accuracy.worse, False, failed)
     return Assessment.of(
         solution.sentence,
@@ -101,7 +101,7 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *accuracy.unjudged,
         ],
         known=[
-            *judge("what is as drawn", lambda: _as_drawn(solution), failed),
+            *judge("what is held at nominal", lambda: _as_drawn(solution), failed),
             *judge("the scale", lambda: _on_scale(solution), failed),
             *priors.known,
             *judge("widened ±", lambda: _on_widening(solution), failed),
@@ -203,9 +203,9 @@ def _on_widening(solution: Solution) -> list[str]:
     if solution.widening <= 1.0:
         return []
     return [
-        "The held-out errors are larger than noise and the fitted rows explain. Every ± is "
-        f"{solution.widening:.1f} times as wide as the fitted rows alone make it, and explains "
-        "them."
+        "The validation errors are larger than the noise and the fitted rows explain. Every ± "
+        f"is therefore {solution.widening:.1f} times as wide as from the fitted rows alone, and "
+        "now agrees with these errors."
     ]
 
 
@@ -338,8 +338,9 @@ def _like_geometry(solution: Solution, fewer: Solution, accuracy: Accuracy) -> l
     if gain is None:
         return []
     repeats = [
-        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are {fit.ratio:.1f} times "
-        f"what repeats of the same touch scatter ({text(fit.repeat, fit.unit, with_unit=True)})."
+        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are {fit.ratio:.1f} "
+        "times the scatter of repeats of the same touch "
+        f"({text(fit.repeat, fit.unit, with_unit=True)})."
         for fit in lack
     ]
     return [
@@ -348,7 +349,7 @@ def _like_geometry(solution: Solution, fewer: Solution, accuracy: Accuracy) -> l
                 *repeats,
                 "The residuals look like errors of the geometry that the job holds as drawn.",
                 f"{_with_it(gain)}.",
-                "Free it (select: geometric, with prior_mm and prior_deg).",
+                "Estimate it (select: geometric, with prior_mm and prior_deg).",
             ]
         )
     ]
@@ -357,4 +358,7 @@ def _like_geometry(solution: Solution, fewer: Solution, accuracy: Accuracy) -> l
 def _with_it(gain: ExtensionGain) -> str:
     """What estimating it as well does to the errors of rows that were left out."""
     before, after = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
-    return f"With that estimated too, rows left out of the fit err by {after} in place of {before}"
+    return (
+        "With that estimated too, the error of rows left out of the fit changes from "
+        f"{after} to {before}"
+    )

@@ -156,8 +156,8 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
             yield Contradiction(
                 times > options.residual,
                 f"The {block.name} residuals are {scatter} per axis, {times:.0f} times the "
-                f"{stated} that the job states: the data do not fit this arm. If the instrument is "
-                f"truly so coarse, say so (sigma_{unit}).",
+                f"{stated} that the job states: the data do not fit this arm. If the instrument "
+                f"really has so much noise, state it (sigma_{unit}).",
             )
         elif not given and times > options.residual_care:
             yield from _unstated(solution, k, times, unit, options)
@@ -187,19 +187,20 @@ def _unstated(
         if rows.source == "repeats" and times <= options.residual:
             return
         cause = (
-            f"{rows.source} differ by as much, so either the instrument is so coarse or single "
-            f"rows are wrong. If it is so coarse, say so (sigma_{unit})"
+            f"{rows.source} differ by as much. Either the instrument has so much noise, or "
+            f"single rows are wrong. If it is the instrument, state its noise (sigma_{unit})"
         )
     elif math.isnan(rows.noise):
         cause = (
-            f"no row repeats another, so nothing tells whether that is noise. If the instrument is "
-            f"so coarse, say so (sigma_{unit}); else measure some postures twice"
+            "no row repeats another, so the data do not show whether that is noise. If the "
+            f"instrument has so much noise, state it (sigma_{unit}). If not, measure some "
+            "postures twice"
         )
     else:
         noise = text(rows.noise, rows.unit, with_unit=True)
         cause = (
-            f"{rows.source} scatter by only {noise}. The model lacks something, or rows are wrong "
-            "that belong together"
+            f"{rows.source} scatter by only {noise}. The model lacks something, or a group of "
+            "rows is wrong"
         )
     yield Contradiction(
         times > options.residual,
@@ -308,7 +309,10 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
             f"{'long' if longer else 'short'}"
         )
         if each.by_priors and not of_arm:
-            found = f"{found}, or the arm's lengths that much longer than their priors say"
+            found = (
+                f"{found}, or if all lengths of the arm are that much longer than their "
+                "priors allow"
+            )
         weak = each.by_priors and each.significance < options.scale_by_priors
         yield Contradiction(
             size > options.scale and not of_arm and not weak,
@@ -326,9 +330,9 @@ def _on_one_alone(solution: Solution, name: str, off: float) -> Contradiction:
     by, prior = (text(v, p.unit, with_unit=True) for v in (off, p.prior or 0.0))
     return Contradiction(
         False,
-        f"{name} alone is {by} off its nominal value, where its prior is {prior}; the other "
-        "parameters make up for what that prior does not allow. Correct the URDF there, or widen "
-        "the prior of this parameter.",
+        f"{name} alone is {by} off its nominal value, but its prior is {prior}. The prior keeps "
+        "it from moving so far, and other parameters absorb the rest. Correct this value in the "
+        "URDF, or widen its prior.",
     )
 
 
@@ -339,13 +343,15 @@ def _on_drawing(
     if each.significance > options.scale_significance and abs(each.value) > options.scale_care:
         assert solution.problem.arm is not None
         grade = solution.problem.arm.grade
-        drawn = f"than a {grade} arm is" if grade else "than even a printed arm is"
+        drawn = (
+            f"more than a {grade} arm allows" if grade else "more than even a printed arm allows"
+        )
         yield Contradiction(
             False,
             f"All lengths of the arm came out {100 * abs(each.value):.2f} % "
-            f"{'longer' if each.value > 0 else 'shorter'} than nominal, farther off {drawn} "
-            f"({100 * each.std:.2g} %, one sigma): check the scale and the certificate of what was "
-            "measured with, and whether the URDF is of another arm.",
+            f"{'longer' if each.value > 0 else 'shorter'} than nominal. That is {drawn} "
+            f"({100 * each.std:.2g} %, one standard deviation). Check the scale and the "
+            "certificate of what was measured with, and whether the URDF is of another arm.",
         )
 
 

@@ -49,11 +49,11 @@ def judge_priors(solution: Solution) -> PriorNotes:
     if not narrow:
         return PriorNotes(bad, care)
     sentence = (
-        f"The arm is farther off than the job's priors say: {_listed(narrow)} times. The fit has "
-        "widened them by as much, and every ± includes it."
+        f"The errors of the arm are larger than the job's priors say: {_listed(narrow)} times. "
+        "The fit has widened the priors by these factors, and every ± includes it."
     )
     if max(factor.value for factor in narrow.values()) > OTHER_UNIT:
-        return PriorNotes(bad, (*care, f"{sentence} Is one of them in another unit?"))
+        return PriorNotes(bad, (*care, f"{sentence} Check the units of these priors."))
     return PriorNotes(bad, care, (sentence,))
 
 
@@ -72,9 +72,9 @@ def _held(solution: Solution) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if not narrow:
         return (), ()
     sentence = (
-        f"The job holds its priors (fixed: true), but the arm is farther off than they say: "
-        f"{_listed(narrow)} times. What they do not allow stays in the residuals, and no ± "
-        "includes it. State wider priors, or leave out fixed: true."
+        "The job holds its priors (fixed: true), but the errors of the arm are larger than they "
+        f"say: {_listed(narrow)} times. The part that the priors do not allow stays in the "
+        "residuals, and no ± includes it. State wider priors, or leave out fixed: true."
     )
     if max(factor.value for factor in narrow.values()) > HELD_TOO_NARROW:
         return (sentence,), ()

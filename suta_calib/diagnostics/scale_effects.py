@@ -55,23 +55,24 @@ class ScaleEffect:
         """That it carries the scale, how well it is known, and what that is at the tip."""
         if self.what == HELD:
             return (
-                f"No observation knows a length: {self.name}, which is held at nominal, carries "
-                f"the scale of the arm's lengths (taken to be {self.scale.sentence}, one sigma: "
-                f"{text(self.tip, 'm', with_unit=True)} at the tip, which every ± holds). State "
-                "how good the drawing is (arm: {grade: …}), free it with prior_mm, or measure a "
-                "length."
+                f"No observation measures a length: {self.name}, which is held at nominal, "
+                "carries the scale of the arm's lengths. The standard deviation of this scale "
+                f"({self.scale.sentence}) is {text(self.tip, 'm', with_unit=True)} at the tip, "
+                "and every ± includes it. State how good the drawing is (arm: {grade: …}), "
+                "estimate this length with prior_mm, or measure a length."
             )
         if self.bends:
             return (
-                f"What is estimated follows the scale of the {self.what}, though the arm's long "
-                f"lengths do not, and residuals hardly check it ({self.scale.sentence}, one "
-                f"sigma): that is {text(self.tip, 'm', with_unit=True)} at the tip, and every ± "
-                f"holds it; 1 % would be {text(self.tip / self.scale.std / 100, 'm')} mm."
+                f"The estimated parameters follow the scale of the {self.what}, although the "
+                "arm's long lengths do not. Residuals hardly show an error of this scale. Its "
+                f"standard deviation ({self.scale.sentence}) is "
+                f"{text(self.tip, 'm', with_unit=True)} at the tip, and every ± includes it; an "
+                f"error of 1 % is {text(self.tip / self.scale.std / 100, 'm')} mm."
             )
         return (
-            f"The {self.what} carries the scale of the arm's lengths, and no residual checks it "
-            f"({self.scale.sentence}, one sigma): that is {text(self.tip, 'm', with_unit=True)} at "
-            "the tip, and every ± holds it."
+            f"The {self.what} carries the scale of the arm's lengths, and no residual checks it. "
+            f"Its standard deviation ({self.scale.sentence}) is "
+            f"{text(self.tip, 'm', with_unit=True)} at the tip, and every ± includes it."
         )
 
 
@@ -136,8 +137,8 @@ def held_unseen(solution: Solution) -> str:
         return ""
     tip = text(float(np.linalg.norm(held.tip)), "m", with_unit=True)
     return (
-        f"{listed(held.carriers)} held at nominal, and no residual shows how right that is: that "
-        f"is {tip} at the tip (one sigma) if the drawing is as good there as it turned out to be "
-        "elsewhere, which every ± holds. State how good it is (arm: {grade: …}) or free more with "
-        "prior_mm and prior_deg."
+        f"{listed(held.carriers)} held at nominal, and no residual shows an error there. It is "
+        f"{tip} at the tip (one standard deviation) if the drawing is as good there as "
+        "elsewhere, and every ± includes it. State how good the drawing is (arm: {grade: …}), "
+        "or estimate more with prior_mm and prior_deg."
     )

@@ -34,9 +34,10 @@ ARM_KEYS: Final = Keys(
     Key(
         "grade",
         "certified, machined or printed",
-        "How it was made: how far the dimensions may be off that no row frees, and all lengths by "
-        "one factor. Without it, as far as those that are estimated turn out to be, and at least "
-        "as of machined parts. It enters every ± of what only held dimensions carry.",
+        "How the arm was made. This sets the tolerance of the dimensions that no row frees, and "
+        "that of one scale factor of all lengths. Without it, the errors of the estimated "
+        "dimensions set the tolerance, and it is at least that of machined parts. Every ± that "
+        "depends on held dimensions includes it.",
     ),
 )
 
@@ -119,8 +120,9 @@ COMMON_KEYS: Final = Keys(
     *(
         replace(
             key,
-            about=f"Of an instrument that measures lengths; a camera's target counts as printed, "
-            f"any other instrument as 20 ppm. {key.about}",
+            about="For an instrument that measures lengths. Without grade and scale_ppm, a "
+            "camera's target counts as printed and any other instrument as 20 ppm. "
+            f"{key.about}",
         )
         for key in SCALE_KEYS
     ),

@@ -376,7 +376,7 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
             raise row.refuse(
                 f"a key that {kind.kind} has no use for",
                 at=(key,),
-                hint=f"say it in {file}.yaml" if in_file else "remove it, or check the kind",
+                hint=f"write it into {file}.yaml" if in_file else "remove it, or check the kind",
             )
 
 

@@ -140,13 +140,14 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
             )
         if self.trend.significant:
             caution.append(
-                f"What the eye sees seems {abs(self.trend.share):.2%} ± {self.trend.std:.2%} of "
-                f"its distance too {'far' if self.trend.share > 0 else 'near'}: a camera whose "
-                "focal length errs, or a target of another size. X follows it, and ± allows for "
-                f"that: without this error it would be {text(self._std_without_trend, 'm')} mm, "
-                "and a part of the pairs, which does not show the error, states as little. "
-                "Calibrate the camera anew and measure the target, or give the corners in the "
-                "pictures (--corners), which correct the camera too."
+                f"The eye seems to see the target {abs(self.trend.share):.2%} ± "
+                f"{self.trend.std:.2%} of its distance too "
+                f"{'far' if self.trend.share > 0 else 'near'}. The focal length of the camera is "
+                "wrong, or the target has another size. X is off by this error, and ± includes "
+                f"it (without it, ± would be {text(self._std_without_trend, 'm')} mm, and a part "
+                "of the pairs that does not show the error states that too). Calibrate the "
+                "camera again and measure the target, or give the corners in the pictures "
+                "(--corners), which also corrects the camera."
             )
         if self.moved:
             caution.append(self.moved.sentence("pairs"))

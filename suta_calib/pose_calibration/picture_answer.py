@@ -273,9 +273,9 @@ def _better_if_held(seen: SeenCamera) -> str:
     if shift < WORTH_HOLDING * held_shift and turn < WORTH_HOLDING * held_turn:
         return ""
     return (
-        "If the intrinsics of the camera's file are as good as its own ± says, X would be known to "
-        f"± {mm(held_shift):.2f} mm and ± {deg(held_turn):.3f}° with --intrinsics fixed, that ± "
-        f"counted, instead of ± {mm(shift):.2f} mm and ± {deg(turn):.3f}°."
+        "If the ± of the intrinsics in the camera's file is right, --intrinsics fixed gives X "
+        f"to ± {mm(held_shift):.2f} mm and ± {deg(held_turn):.3f}°, that ± included, instead of "
+        f"± {mm(shift):.2f} mm and ± {deg(turn):.3f}°."
     )
 
 
@@ -343,8 +343,9 @@ def _judged(seen: SeenCamera, noise: PictureNoise) -> tuple[list[str], list[str]
         remedy = "add pictures, turned by 30° or more about different axes, near and far."
         if noise.shared[0] > noise.position.value or noise.shared[1] > noise.rotation.value:
             remedy = (
-                "neighbouring poses of the hand share errors, as of an arm with wrong lengths or "
-                f"angles, which many pictures do not remove. Calibrate the arm, and {remedy}"
+                "neighbouring poses of the hand share errors, as of an arm with wrong lengths "
+                "or angles. More pictures alone do not remove them. Calibrate the arm, and "
+                f"{remedy}"
             )
         care.append(f"{seen.unsure}: {remedy}")
     care += [

@@ -164,23 +164,24 @@ class PivotCalibration(Shown, RobustAnswer):
     def relied_on(self) -> str:
         """What no residual shows, as a sentence."""
         sentence = (
-            f"No residual shows the tracker's scale: ± takes it for right to {self.scale_ppm:g} "
-            "ppm (--scale-ppm), and 1 % would make the tip "
-            f"{text(0.01 * float(np.linalg.norm(self.tip)), 'm', with_unit=True)} longer or shorter"
+            "No residual shows the tracker's scale. ± takes its standard deviation as "
+            f"{self.scale_ppm:g} ppm (--scale-ppm); an error of 1 % makes the tip "
+            f"{text(0.01 * float(np.linalg.norm(self.tip)), 'm', with_unit=True)} longer or "
+            "shorter"
         )
         if self.bent or not self.unseen:
             return f"{sentence}."
         by, tilt = self.unseen
         if self.by_bending:
             return (
-                f"{sentence}. The poses hint, no more, at a tip that gives way to all sides alike "
-                f"as the tool tilts: ± allows for {text(self.by_bending, 'm', with_unit=True)} by "
-                "it."
+                f"{sentence}. Perhaps the tip yields to all sides alike as the tool tilts; the "
+                f"poses do not prove it. ± includes {text(self.by_bending, 'm', with_unit=True)} "
+                "for it."
             )
         return (
-            f"{sentence}; nor a tip that gives way to all sides alike by less than "
-            f"{text(by, 'm', with_unit=True)} at {deg(tilt):.0f}°, and moves along the tool by "
-            f"{text(by / max(tilt, 1e-9), 'm', with_unit=True)} for it."
+            f"{sentence}. Nor do the residuals show a tip that yields to all sides alike by less "
+            f"than {text(by, 'm', with_unit=True)} at {deg(tilt):.0f}°; it moves the estimated "
+            f"tip along the tool by {text(by / max(tilt, 1e-9), 'm', with_unit=True)}."
         )
 
     @property

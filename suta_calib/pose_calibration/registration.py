@@ -240,12 +240,15 @@ class Registration(Shown, RobustAnswer):
     @property
     def relied_on(self) -> str:
         """What residuals hardly show, as a sentence."""
-        found = f"the points themselves say {self.scale:.5f} ± {self.scale_std:.1g}"
+        found = f"the points alone give {self.scale:.5f} ± {self.scale_std:.1g}"
         if self._scale_doubtful:
-            return f"± of targets allows for a scale between the two sets: {found}."
+            return (
+                "The points suggest a scale between the two sets, and ± of targets "
+                f"includes it: {found}."
+            )
         return (
-            "± of targets takes lengths of both sets for the same to "
-            f"{self.scale_ppm:g} ppm (--scale-ppm); {found}."
+            f"± of targets assumes that lengths of both sets agree to {self.scale_ppm:g} ppm "
+            f"(--scale-ppm); {found}."
         )
 
     @property

@@ -202,15 +202,15 @@ def _predicted(found: PictureCalibration) -> str:
     error, model = found.errors[found.error_model], found.error_model
     stands = "the board" if found.setup == EYE_IN_HAND else "the camera"
     how = {
-        "hand-errors": "pictures are weighed by how far off the hand is",
-        "mixed": f"X is weighed by how far off the hand is, {100 * model.share:.0f} % of the way "
-        f"to least squares, and {stands} placed where the pixels are best",
-        "exact-hand": "the hand is taken to be where it says (least squares)",
+        "hand-errors": "each picture is weighted by the errors of the hand",
+        "mixed": f"X is weighted by the errors of the hand, {100 * model.share:.0f} % of the way "
+        f"to least squares, and {stands} placed where the pixels fit best",
+        "exact-hand": "the poses of the hand are taken as exact (least squares)",
     }[model.name]
     return (
-        f"reprojection rms {error.fitted:.3f} px in the pictures that were fitted, "
-        f"{error.left_out:.3f} px in pictures left out in turn; {how}: least squares has "
-        f"{found.errors[MODELS[-1]].left_out:.3f} px there, and weighing alone "
+        f"reprojection rms {error.fitted:.3f} px in the fitted pictures, {error.left_out:.3f} px "
+        f"in pictures left out in turn; {how}. Of left-out pictures, least squares has "
+        f"{found.errors[MODELS[-1]].left_out:.3f} px and weighting alone "
         f"{found.errors[MODELS[0]].left_out:.3f} px"
     )
 
@@ -227,13 +227,13 @@ def _hand(noise: PictureNoise) -> str:
     shift, turn = noise.shared
     if shift == 0.0:
         return (
-            f"{said}; what all have in common, such as a base that stands tilted, is in no picture "
-            "and no ±"
+            f"{said}. An error that all poses share, such as a tilted base, is not visible in "
+            "pictures and not in ±"
         )
     return (
-        f"{said}, and by {mm(shift):.3f} mm and {deg(turn):.3f}° that neighbouring poses share, as "
-        "those of an arm with wrong lengths or angles do; what all have in common is in no "
-        "picture: the ± take it for about as large"
+        f"{said}, and by {mm(shift):.3f} mm and {deg(turn):.3f}° that neighbouring poses share, "
+        "as with wrong lengths or angles of the arm. An error that all poses share is not "
+        "visible in pictures: ± assumes that it is about as large"
     )
 
 

@@ -310,7 +310,7 @@ class TrackedPoint(SeenTerm):
         if samples.rotation is not None:
             what = "a body that is screwed onto the tip's link at an unknown place and turn"
         marked = self.over_poses(self.poses.with_samples(replace(samples, labels=labels)))
-        return f"what the instrument sees is {what}: name it in a column {self.mark}", marked
+        return f"the instrument sees {what}: name it in a column {self.mark}", marked
 
 
 def _target_named(values: Mapping[str, float], label: str, *, turned: bool) -> Poses:

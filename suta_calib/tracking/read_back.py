@@ -76,8 +76,8 @@ def load_job(data: Mapping[str, Any], file: Path) -> CalibrationJob:
     if origin.lacking:
         name, size = next(iter(origin.lacking.items()))
         raise InputError(
-            f"no {name}, which was too large to be copied into the results ({size >> 20} MB)",
-            f"it beside the job {origin.named}, as it was",
+            f"no {name}. It was too large ({size >> 20} MB) to be copied into the results",
+            f"this file beside the job {origin.named}, unchanged",
             file=file,
             hint="put the files back, or calibrate again",
         )

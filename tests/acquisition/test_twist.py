@@ -72,7 +72,7 @@ def test_a_plug_turned_the_other_way_is_named(
     assert attempt.landmarks == [*NAMES]
     way, other = ("counter-clockwise", "clockwise")[:: 1 if twist == "ccw" else -1]
     assert [*attempt.run.notes] == ["M1"]
-    expected = f"the plug was not turned {way} at last (it turned "
+    expected = f"the plug was not turned {way} before the arm rested (it turned "
     assert attempt.run.notes["M1"].startswith(expected)
     assert f" deg {other}): turn the plug {way} until it stops" in attempt.run.notes["M1"]
     assert any(f"turn the plug {way} until it stops" in line for line in attempt.said)
@@ -149,9 +149,9 @@ def test_enter_at_the_posture_of_the_landmark_before_is_flagged(
     desk.guided.press(ENTER)
     desk.play(script.rest(2.0), len(script.angles) // 2)
     flagged = [line for line in desk.said if "same posture as O" in line]
-    assert flagged == ["  look: same posture as O: has the arm moved on?"]
+    assert flagged == ["  look: same posture as O: did the arm move to this landmark?"]
     desk.guided.press(ENTER)
-    assert desk.run.notes["M1"].startswith("same posture as O: has the arm moved on?")
+    assert desk.run.notes["M1"].startswith("same posture as O: did the arm move to this landmark?")
 
 
 def test_a_twist_is_a_key_of_the_artefact(tmp_path: Path) -> None:

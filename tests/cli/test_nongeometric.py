@@ -98,7 +98,7 @@ def test_calibrate_offers_it_when_the_residuals_show_it(
     assert cli("calibrate", job) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "The residuals of joint_3 look like an eccentric encoder" in said
-    assert "rows left out of the fit err by" in said
+    assert "the error of rows left out of the fit changes from" in said
     assert "Run suta-calib extend" in said
     assert cli("calibrate", clean) == 0
     assert "look like" not in capsys.readouterr().out

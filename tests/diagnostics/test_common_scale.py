@@ -113,7 +113,7 @@ def test_a_scale_goes_into_what_is_free_beside_long_lengths_that_are_held() -> N
     found = assess_calibration(solution, assess(solution))
     assert effect.bends
     assert effect.carries
-    assert sum("follows the scale of the artefact" in note for note in found.notes) == 1
+    assert sum("follow the scale of the artefact" in note for note in found.notes) == 1
 
 
 def test_an_arm_whose_lengths_all_grow_alike_is_said() -> None:
@@ -201,7 +201,7 @@ def test_an_arm_that_priors_hold_too_short_is_no_wrong_instrument(
     said = " ".join(found.notes)
     # There are no validation data.
     assert found.level == level
-    assert ("or the arm's lengths that much longer" in said) == (priors_off > 0.0)
+    assert ("or if all lengths of the arm are that much longer" in said) == (priors_off > 0.0)
 
 
 @pytest.mark.parametrize(("factor", "named"), [(1.02, True), (1.01, False)])

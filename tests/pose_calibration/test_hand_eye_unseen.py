@@ -155,8 +155,8 @@ def test_a_part_of_the_pairs_may_not_show_why_plus_minus_is_wide() -> None:
     wide = float(np.linalg.norm(whole.std["X"][:3]))
     off = float(errors(whole, data)[1])
     assert off < 3.0 * wide
-    (note,) = (n for n in whole.assessment.notes if "focal length errs" in n)
-    narrow = re.search(r"without this error it would be ([\d.]+) mm", note)
+    (note,) = (n for n in whole.assessment.notes if "focal length of the camera is wrong" in n)
+    narrow = re.search(r"without it, ± would be ([\d.]+) mm", note)
     assert narrow is not None
     assert 1e-3 * float(narrow[1]) < 0.5 * wide
 

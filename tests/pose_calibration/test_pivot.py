@@ -347,7 +347,7 @@ def test_a_tool_that_bends_the_farther_it_tilts_is_told() -> None:
         assert found.bent is not None
         assert found.bent.evidence.effect.about == pytest.approx(np.pi / 4, abs=0.03)
         assert found.assessment.level == "care"
-        assert any("± allows for that" in note for note in found.assessment.notes)
+        assert any("± includes it" in note for note in found.assessment.notes)
 
 
 def one_sided(count: int, seed: int, bend: float) -> PivotCalibration:
@@ -380,7 +380,7 @@ def test_what_hardly_bends_is_within_plus_minus_or_said_to_be_unseen(count: int)
             assert found.unseen is not None
             by, tilt = found.unseen
             assert off < 1.2 * by / tilt
-            assert "gives way to all sides alike by less than" in found.relied_on
+            assert "yields to all sides alike by less than" in found.relied_on
 
 
 def test_an_answer_says_that_no_residual_shows_the_scale() -> None:
@@ -389,7 +389,7 @@ def test_an_answer_says_that_no_residual_shows_the_scale() -> None:
     longer = calibrate_pivot(R, 1.01 * p)
     assert np.linalg.norm(longer.tip) == pytest.approx(1.01 * np.linalg.norm(found.tip), rel=1e-4)
     assert longer.assessment.level == found.assessment.level == "good"
-    assert "1 % would make the tip" in " ".join(longer.assessment.notes)
+    assert "an error of 1 % makes the tip" in " ".join(longer.assessment.notes)
 
 
 @pytest.mark.parametrize("count", [8, 30, 120])

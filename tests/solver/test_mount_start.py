@@ -155,7 +155,7 @@ def test_a_refusal_names_the_column(
     solution = solve(Problem([term], unknown))
     found = assess_calibration(solution, assess(solution))
     assert found.level == "bad"
-    assert f"if what the instrument sees is {what} that" in found.notes[0]
+    assert f"if the instrument sees {what} that" in found.notes[0]
     assert "name it in a column target" in found.notes[0]
     assert not any("was moved" in note for note in found.notes)
     _, marked = term.on_unknown_mount or ("", term)

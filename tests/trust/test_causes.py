@@ -65,8 +65,8 @@ def old(term: Term, late: float) -> Term:
     [
         (lambda: dragged(TRACKED.make(1)), "a coupling of two joints: wrist_2_joint moves", 0.01),
         (lambda: wobbling(TRACKED.make(1)), "an axis of shoulder_pan_joint that", 0.0424),
-        (lambda: old(MOVING.make(1), 0.2), "taken before what was observed", 0.2),
-        (lambda: old(MOVING.make(1), -0.1), "taken after what was observed", 0.1),
+        (lambda: old(MOVING.make(1), 0.2), "taken before the observations", 0.2),
+        (lambda: old(MOVING.make(1), -0.1), "taken after the observations", 0.1),
     ],
     ids=["coupling", "wobble", "late", "early"],
 )
@@ -144,4 +144,7 @@ def test_exchanged_targets_are_named_whether_the_fit_converged_or_not(rows: int)
     spoilt = ExchangedMarks().spoil(sound.make(1), TRUTH, np.random.default_rng(0))
     answer = judged(spoilt.data)
     assert answer.level == "bad"
-    assert f"Targets T0 and T1 seem to be exchanged from row {3 * rows // 2} on" in answer.notes[0]
+    assert (
+        f"The labels of targets T0 and T1 seem to be exchanged from row {3 * rows // 2} on"
+        in answer.notes[0]
+    )

@@ -142,8 +142,9 @@ class ModelSelection:
         if self.validated and not self.confirmed:
             worse, better = (text(rms, "m", with_unit=True) for rms in self.validated[::-1])
             sentence = (
-                f"Leave the job as it is: rows left out of the fit err less with more unknowns "
-                f"({gain}), but the validation rows do not ({better} → {worse})"
+                "Leave the job as it is: with more unknowns the error of rows left out of the "
+                f"fit falls ({gain}), but that of the validation rows does not ({better} → "
+                f"{worse})"
             )
         elif self.added:
             more = "all of the geometry, " if wider else ""

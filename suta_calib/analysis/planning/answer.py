@@ -249,9 +249,10 @@ class Plan(Shown):
             )
         if self.situation.lacking > 1.0:
             notes.append(
-                f"The residuals are {self.situation.lacking:.1f} times what repeats scatter, or "
-                "what the job states: the model lacks something, which more rows do not average "
-                "out. Every ± here is wider by that; free more of the geometry first."
+                f"The residuals are {self.situation.lacking:.1f} times the scatter of repeats, "
+                "or the noise that the job states. The model lacks something, and more rows do "
+                "not help against that. Every ± here is wider by this factor. First estimate "
+                "more of the geometry."
             )
         if left := [r.parameter for r in self.remedies if r.by_all and r.parameter in after.fixed]:
             notes.append(f"Still open after this plan: {', '.join(left)}; choose more.")

@@ -33,7 +33,7 @@ class BentTip(AddedVariable):
     """
 
     name: ClassVar[str] = "bent tip"
-    about: ClassVar[str] = "The tip gives way the farther the tool tilts."
+    about: ClassVar[str] = "The tip is displaced more, the farther the tool tilts."
     applies_to: ClassVar[tuple[type[Term], ...]] = (FixedPoint,)
     needs_arm: ClassVar[bool] = False
     worth: ClassVar[float] = WORTH
@@ -57,10 +57,10 @@ class BentTip(AddedVariable):
         way = {EVENLY: "to all sides alike", TO_ONE_SIDE: "not to all sides alike"}
         return (
             f"The farther the tool tilts, the more the tip is off: by {text(size, 'm')} ± "
-            f"{text(std, 'm', with_unit=True)} at {deg(tilt):.0f}°, "
-            f"{way[evidence.effect.name]}. Does the tool bend, a ball roll or slip in its seat, or "
-            "the tracker turn wrongly? Another tip makes up for a part of it, and ± allows for "
-            "that."
+            f"{text(std, 'm', with_unit=True)} at {deg(tilt):.0f}°, {way[evidence.effect.name]}. "
+            "Check whether the tool bends, whether a ball rolls or slips in its seat, and "
+            "whether the rotations of the tracker are wrong. The estimated tip absorbs a part "
+            "of this, and ± includes it."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:

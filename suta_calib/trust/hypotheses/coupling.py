@@ -50,8 +50,8 @@ class Coupling(AddedVariable):
         ratio, std = float(evidence.size[0]), float(evidence.std[0])
         return (
             f"The residuals look like a coupling of two joints: {moved} moves by {ratio:+.4f} ± "
-            f"{std:.4f} of what {other} moves (1:{1.0 / abs(ratio):.0f}). Run suta-calib extend, "
-            f"which says what to add to the job: {evidence.effect.name}."
+            f"{std:.4f} of the motion of {other} (1:{1.0 / abs(ratio):.0f}). Run suta-calib "
+            f"extend, which says what to add to the job: {evidence.effect.name}."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:

@@ -35,7 +35,7 @@ class ExchangedMarks(AddedVariable):
     """
 
     name: ClassVar[str] = "exchanged targets"
-    about: ClassVar[str] = "Two targets on the tip have one another's label from a row on."
+    about: ClassVar[str] = "From some row on, the labels of two targets on the tip are exchanged."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each pair of targets of a term, with a window for each row that is tried."""
@@ -60,9 +60,10 @@ class ExchangedMarks(AddedVariable):
         assert evidence.window is not None
         apart, std = evidence.length()
         return (
-            f"Targets {a} and {b} seem to be exchanged from {since[evidence.window]} on: "
-            f"{a} is elsewhere by {text(apart, 'm')} ± {text(std, 'm', with_unit=True)} from there "
-            f"on, and {b} by as much the other way. Exchange their labels in the rows after it."
+            f"The labels of targets {a} and {b} seem to be exchanged from "
+            f"{since[evidence.window]} on: from there {a} is {text(apart, 'm')} ± "
+            f"{text(std, 'm', with_unit=True)} away from its place, and {b} as far the other "
+            "way. Exchange the two labels from this row on."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:

@@ -35,7 +35,9 @@ class LateRows(AddedVariable):
     """
 
     name: ClassVar[str] = "time offset"
-    about: ClassVar[str] = "Readings and observations of a moving arm were taken at other moments."
+    about: ClassVar[str] = (
+        "Readings and observations of a moving arm were not taken at the same time."
+    )
     # An arm's own motion passes for a moved instrument, a creep or a coupling.
     before_others: ClassVar[bool] = True
     worth: ClassVar[float] = WORTH
@@ -62,10 +64,10 @@ class LateRows(AddedVariable):
         late, std = float(evidence.size[0]), float(evidence.std[0])
         who = "readings were taken before" if late > 0 else "readings were taken after"
         return (
-            f"The arm moved while the rows of {evidence.effect.about} were measured, and its {who} "
-            f"what was observed beside them, by {abs(late):.3f} ± {std:.3f} of the time from row "
-            "to row: set both clocks right, shift one column by this much, or let the arm rest at "
-            "every row."
+            f"The arm moved while the rows of {evidence.effect.about} were measured. The {who} "
+            f"the observations, by {abs(late):.3f} ± {std:.3f} of the time from row to row. "
+            "Synchronize the two clocks, shift one column by this time offset, or let the arm "
+            "rest at every row."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:

@@ -66,10 +66,10 @@ class RowsElsewhere(AddedVariable):
         length, std = evidence.length()
         axes = {"base": "one direction in space", "tip": "one direction on the tip"}
         return (
-            f"{int(some.sum())} of {len(some)} rows, {first} the first, stand "
-            f"{1e3 * length:.3g} ± {1e3 * std:.2g} mm from the others, all in "
-            f"{axes[evidence.effect.name]}. Was another target seen there, or from another place? "
-            "Give these rows a label of their own, or leave them out."
+            f"{int(some.sum())} of {len(some)} rows ({first} is the first) are "
+            f"{1e3 * length:.3g} ± {1e3 * std:.2g} mm away from the others, all in "
+            f"{axes[evidence.effect.name]}. They seem to be of another target, or measured from "
+            "another place. Give these rows a label of their own, or leave them out."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:

@@ -37,8 +37,8 @@ class ScaledPoints(AddedVariable):
         """The factor and its standard deviation."""
         size, std = float(evidence.size[0]), float(evidence.std[0])
         return (
-            f"The points are {1.0 + size:.5f} ± {std:.1g} times as far apart in the second set as "
-            "in the first: look for a scale or a unit."
+            f"The points of the second set are {1.0 + size:.5f} ± {std:.1g} times as far apart "
+            "as those of the first: check the scale and the units of both."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:

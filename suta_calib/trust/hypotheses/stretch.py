@@ -58,10 +58,10 @@ class Stretch(AddedVariable):
         std = float(np.sqrt(difference @ evidence.covariance @ difference))
         longer, other = ("x", "y") if more > 0 else ("y", "x")
         return (
-            f"The {evidence.effect.about} seems to be stretched: the data agree better if its "
-            f"lengths along {longer} are {100 * abs(more):.2f} ± {100 * std:.2f} % longer, against "
-            f"those along {other}, than its file says. Measure it with a caliper along both axes, "
-            "or let it be estimated (stretch: free in its file)."
+            f"The {evidence.effect.about} seems to be stretched. The data agree better if its "
+            f"lengths along {longer} are {100 * abs(more):.2f} ± {100 * std:.2f} % longer than "
+            f"its file says, relative to those along {other}. Measure it with a caliper along "
+            "both axes, or estimate the stretch (stretch: free in its file)."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:

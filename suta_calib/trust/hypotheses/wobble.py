@@ -57,10 +57,10 @@ class Wobble(AddedVariable):
         at_tip = np.sqrt(np.mean(np.sum((velocity[:, :3] @ evidence.size) ** 2, axis=1)))
         return (
             f"The residuals look like an axis of {joint} that wobbles {often} a turn, by "
-            f"{text(size, 'rad')} ± {text(std, 'rad', with_unit=True)}: it moves the tip by "
+            f"{text(size, 'rad')} ± {text(std, 'rad', with_unit=True)}. This moves the tip by "
             f"{text(float(at_tip), 'm', with_unit=True)} (RMS) in these postures. No parameter "
-            "describes it, and ± includes it only as far as held-out errors show it: look at the "
-            "bearing of this joint."
+            "describes it, and ± includes it only as far as validation errors show it. Check "
+            "the bearing of this joint."
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
