@@ -310,8 +310,8 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
         )
         if each.by_priors and not of_arm:
             found = (
-                f"{found}, or if all lengths of the arm are that much longer than their "
-                "priors allow"
+                f"{found}, or if all lengths of the arm are that much "
+                f"{'longer' if longer else 'shorter'} than their priors allow"
             )
         weak = each.by_priors and each.significance < options.scale_by_priors
         yield Contradiction(
