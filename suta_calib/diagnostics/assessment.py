@@ -118,9 +118,7 @@ def _not_converged(
 ) -> Assessment:
     """Of a solution that did not converge: what may be the cause."""
     notes = [said for said, level in doubts.items() if level == "bad"]
-    first = judge("time offsets", lambda: _said_first(solution), failed)
-    notes = notes or [*first, *judge("other readings", lambda: _cause(solution), failed)]
-    notes = notes or judge("the model", lambda: _cause_without_parameters(solution), failed)
+    notes = notes or _causes(solution, failed)
     notes = notes or judge(
         "single rows", lambda: [each.sentence for each in gross_rows(solution)], failed
     )
@@ -236,16 +234,20 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
-def _said_first(solution: Solution) -> list[str]:
-    """What looks like other readings of the data, and is said before them."""
-    cause = strongest_cause(thinned(solution))
-    return [cause.sentence] if cause is not None and cause.hypothesis.before_others else []
-
-
-def _cause_without_parameters(solution: Solution) -> list[str]:
+def _causes(solution: Solution, failed: list[str]) -> list[str]:
     """What may have spoilt a fit that did not converge; of joints its residuals say nothing."""
+    nothing: tuple[list[str], bool] = [], False
+    model, first = attempt("judged: the model", lambda: _cause_of_model(solution), nothing, failed)
+    readings = judge("other readings", lambda: _cause(solution), failed)
+    return [*model, *readings] if first else readings or model
+
+
+def _cause_of_model(solution: Solution) -> tuple[list[str], bool]:
+    """What the model lacks beside parameters, and whether it is said before other readings."""
     cause = strongest_cause(thinned(solution))
-    return [] if cause is None or cause.evidence.effect.parameters else [cause.sentence]
+    if cause is None or cause.evidence.effect.parameters:
+        return [], False
+    return [cause.sentence], cause.hypothesis.before_others
 
 
 def _named_cause(solution: Solution, accuracy: Accuracy, *, alone: bool) -> list[str]:
