@@ -69,14 +69,14 @@ def steps(deviations: FloatArray) -> FloatArray:
     A coarse encoder at rest reports two or three neighbouring values. Its scatter then says nothing
     below the step between them.
     """
-    found = np.zeros(deviations.shape[1])
+    smallest = np.zeros(deviations.shape[1])
     for k, column in enumerate(deviations.T.round(12)):
         values, counts = np.unique(column, return_counts=True)
         # A value that hardly ever occurs is an error, not a neighbouring step.
         values = values[counts >= max(2, _OFTEN * len(column))]
         if 2 <= len(values) <= _FEW_STEPS:
-            found[k] = np.diff(values).min()
-    return found
+            smallest[k] = np.diff(values).min()
+    return smallest
 
 
 def average(angles: ArrayLike, seconds: float = 0.0) -> Average:
@@ -94,9 +94,9 @@ def average(angles: ArrayLike, seconds: float = 0.0) -> Average:
         raise SamplesError("no readings", "at least one to average")
     centre, deviation = unwrapped_about_median(angles)
     limit = np.maximum(_GROSS * spread(deviation), 2 * steps(deviation) + 1e-9)
-    kept = np.abs(deviation) <= limit
-    mean = np.mean(deviation, axis=0, where=kept)
-    left = kept.sum(axis=0)
-    squares = np.sum((deviation - mean) ** 2, axis=0, where=kept)
+    inliers = np.abs(deviation) <= limit
+    mean = np.mean(deviation, axis=0, where=inliers)
+    left = inliers.sum(axis=0)
+    squares = np.sum((deviation - mean) ** 2, axis=0, where=inliers)
     std = np.sqrt(squares / np.maximum(left - 1, 1))
     return Average(wrap(centre + mean), std, len(angles), len(angles) - left, seconds)

@@ -105,8 +105,8 @@ class MeasureOptions:
         """
         given = [*(f"--{place}" for place in self.labels), *(["--free"] if self.free else [])]
         if len(given) != 1:
-            found = " and ".join(given) or "none of them"
-            raise InputError(found, "one of --placement LABEL, --point LABEL and --free")
+            chosen = " and ".join(given) or "none of them"
+            raise InputError(chosen, "one of --placement LABEL, --point LABEL and --free")
         placed = "placement" in self.labels
         if placed and self.continuous is not None:
             raise InputError("--continuous with --placement", "--point or --free")
@@ -319,11 +319,11 @@ def _plan(options: MeasureOptions) -> tuple[TouchSequence, Path]:
     ((place, label),) = options.labels.items()
     row = read_row(options.job, options.observation, kinds_of(place))
     if row.kind not in kinds_of(place):
-        places = dict.fromkeys(each.place for each in KINDS.values() if each.place)
+        places = dict.fromkeys(kind.place for kind in KINDS.values() if kind.place)
         flag = place_option(KINDS[row.kind]) if row.kind in KINDS else ""
         raise InputError(
             f"an observation of kind {row.kind}",
-            ", ".join(f"{' or '.join(kinds_of(each))} for --{each}" for each in places),
+            ", ".join(f"{' or '.join(kinds_of(place))} for --{place}" for place in places),
             file=options.job,
             where="--observation",
             hint=f"use {flag or '--free, and add what was seen to the file'}",

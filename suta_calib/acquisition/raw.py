@@ -56,7 +56,7 @@ class RawRecorder:
                 names = (
                     path.with_name(f"{path.stem}-recovered-{k}{path.suffix}") for k in count(1)
                 )
-                name = next(each for each in names if not each.exists())
+                name = next(name for name in names if not name.exists())
                 if rows := _to_parquet(self._part, name):
                     say(f"{rows} readings of a run that was killed are in {name}")
                 else:
@@ -123,7 +123,7 @@ def _to_parquet(part: Path, path: Path) -> int:
     rows, written = 0, path.with_name(f"{path.name}.tmp")
     try:
         with contextlib.ExitStack() as stack:
-            batches = _whole(stack.enter_context(part.open("rb")))
+            batches = _schema_and_batches(stack.enter_context(part.open("rb")))
             schema = next(batches, None)
             if schema is not None:
                 writer = stack.enter_context(parquet.ParquetWriter(written, schema))
@@ -142,7 +142,7 @@ def _to_parquet(part: Path, path: Path) -> int:
     return rows
 
 
-def _whole(file: Any) -> Iterator[Any]:
+def _schema_and_batches(file: Any) -> Iterator[Any]:
     """The schema of an Arrow stream, and its batches up to where it was cut off."""
     import pyarrow
 

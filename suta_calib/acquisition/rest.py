@@ -29,7 +29,7 @@ _RARE: Final = 4.5
 _GROSS: Final = 6.0
 # Readings after which the window is looked at, whatever their clock says; looks that tell noise.
 _MOST_FRESH: Final = 400
-_SEEN: Final = 400
+_MOST_LOOKS: Final = 400
 # A pause between readings that is worth telling, s.
 STALL: Final = 0.5
 
@@ -104,7 +104,7 @@ class RestDetector:
         self._settings, self._even = settings, even
         self._window: deque[Reading] = deque()
         self._fresh: list[Reading] = []
-        self._seen: deque[FloatArray] = deque(maxlen=_SEEN)
+        self._seen: deque[FloatArray] = deque(maxlen=_MOST_LOOKS)
         self._resting: bool | None = None
         self._gap = 0.0
         self._interrupted = False

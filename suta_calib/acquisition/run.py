@@ -136,7 +136,7 @@ class Run:
         """Return to the station before; its sample stays until there is another one."""
         self.index = max(0, self.index - 1)
         name = self.station.name
-        self.skipped = [each for each in self.skipped if each != name]
+        self.skipped = [skipped for skipped in self.skipped if skipped != name]
 
     def is_suspicious(self, average: Average) -> bool:
         """Whether the next station's distances would stand out."""
@@ -168,21 +168,21 @@ class Run:
 
     def _doubts(self, average: Average) -> list[str]:
         """What speaks against a sample of the next station, before it is kept."""
-        found = []
+        doubts = []
         last, labels = self.last, self._last_labels
         if last is not None and labels is not None and labels != self.station.labels:
             before = next((s.name for s in self.plan.stations if s.labels == labels), "the last")
             if float(np.max(np.abs(wrap(average.angles - last)))) < DEFAULT_REST.motion:
-                found.append(f"same posture as {before}: did the arm move to this landmark?")
+                doubts.append(f"same posture as {before}: did the arm move to this landmark?")
         turned = self._twist(average)
         if turned is not None and turned <= 0:
             other = next(way for name, way in TWISTS.items() if name != self.plan.twist)
             did = f"it turned {deg(-turned):.1f} deg {other}" if turned else "it did not turn"
-            wanted = TWISTS[self.plan.twist]
-            found.append(
-                f"the plug was not turned {wanted} before the arm rested ({did}): {self.plan.how}"
+            turn = TWISTS[self.plan.twist]
+            doubts.append(
+                f"the plug was not turned {turn} before the arm rested ({did}): {self.plan.how}"
             )
-        return found
+        return doubts
 
     def _twist(self, average: Average) -> float | None:
         """How far the plug turned the right way just before a rest, rad; negative the other way.
@@ -199,7 +199,7 @@ class Run:
         mark = None if artefact is None else artefact.landmark(self.station.labels["landmark"])
         # Up in the tip's frame: the artefact's z; the base's where that is not known.
         up = (last if mark is None or mark.rotation is None else mark.rotation)[2]
-        to_go = np.array([vector_from_rotation(each.T @ last) for each in rotations]) @ up
+        to_go = np.array([vector_from_rotation(rotation.T @ last) for rotation in rotations]) @ up
         turned = last_motion(to_go, DEFAULT_REST.motion)
         return turned if self.plan.twist == "ccw" else -turned
 
@@ -268,8 +268,8 @@ class SamplesFile:
         self._header = _cells(self._lines[table.header_line - 1])
         self.rows, self._at = [], []
         for index, line in enumerate(table.lines):
-            own = {name: str(values[index]) for name, values in labels.items()}
-            if any(own[name] != value for name, value in self._key.items()):
+            row_labels = {name: str(values[index]) for name, values in labels.items()}
+            if any(row_labels[name] != value for name, value in self._key.items()):
                 continue
             if not resume:
                 run = ", ".join(f"{name} {value}" for name, value in self._key.items())
@@ -281,7 +281,7 @@ class SamplesFile:
                     hint="go on with --resume, or give another --repeat or --out",
                 )
             self._at.append(line - 1)
-            self.rows.append((own, readings[index]))
+            self.rows.append((row_labels, readings[index]))
 
     def put(self, labels: Mapping[str, str], angles: FloatArray, at: int | None = None) -> int:
         """Write one row, in place of this run's row number ``at`` if that is given.

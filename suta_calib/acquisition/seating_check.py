@@ -79,17 +79,17 @@ class SeatingCheck:
         positions = np.array([mark.position for mark in self._artefact.landmarks.values()])
         if len(positions) < 2:
             return False
-        apart = np.linalg.norm(self.tip(angles) - self.tip(other))
-        return bool(apart < _SAME * pdist(positions).min())
+        distance = np.linalg.norm(self.tip(angles) - self.tip(other))
+        return bool(distance < _SAME * pdist(positions).min())
 
     def misfit(self, landmark: str, angles: FloatArray) -> float:
         """How badly a landmark of this name would fit here, m; zero while nothing can be said."""
-        known = [name for name in self.tips if name != landmark]
-        if len(known) >= 3:
-            source = self._artefact.position_of(known)
+        measured = [name for name in self.tips if name != landmark]
+        if len(measured) >= 3:
+            source = self._artefact.position_of(measured)
             extent = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
             if extent[1] > _COLLINEAR * extent[0]:
-                R, p = register_points(source, np.array([self.tips[name] for name in known]))
+                R, p = register_points(source, np.array([self.tips[name] for name in measured]))
                 predicted = R @ self._artefact.landmark(landmark).position + p
                 return float(np.linalg.norm(self.tip(angles) - predicted))
         errors = list(self.distances(landmark, angles).values())

@@ -37,9 +37,9 @@ class ArmReadings:
     """
 
     def __init__(self, spec: DeviceSpec, joints: Sequence[str]) -> None:
-        found = f"joints {', '.join(spec.names)}"
+        device_joints = f"joints {', '.join(spec.names)}"
         expected = f"the arm's joints {', '.join(joints)}"
-        columns = columns_of(joints, spec.names, found, expected, spec.path)
+        columns = columns_of(joints, spec.names, device_joints, expected, spec.path)
         self._columns = np.array(columns, dtype=np.intp)
         self._same = spec.names == tuple(joints)
 
@@ -100,11 +100,11 @@ def run_session(
         readings = source.read(_READ_TIMEOUT)
         now = time.monotonic()
         record(readings)
-        found = finder.feed(choose(readings))
-        for event in found:
+        stop_events = finder.feed(choose(readings))
+        for event in stop_events:
             if not sampler.done:
                 sampler.handle(event)
-        since = now if found else since
+        since = now if stop_events else since
         if readings:
             events.stalls += _pauses(readings if last is None else [last, *readings])
             first, last = first or readings[0], readings[-1]
@@ -132,8 +132,8 @@ def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec
     if statistics.stale_readings:
         lines.append(f"{statistics.stale_readings} stale readings dropped")
     if events.stalls:
-        each = ", ".join(f"{length:.1f} s" for length in events.stalls)
-        lines.append(f"the stream paused {_times(len(events.stalls))}: {each}")
+        lengths = ", ".join(f"{length:.1f} s" for length in events.stalls)
+        lines.append(f"the stream paused {_times(len(events.stalls))}: {lengths}")
     for what, flags in (("error", statistics.error_flags), ("warning", statistics.warning_flags)):
         raised = [f"{j} {_times(n)}" for j, n in zip(spec.names, flags, strict=True) if n]
         lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []

@@ -280,9 +280,9 @@ class StopWindow:
 
     def average(self, until: float = np.inf) -> Average:
         """Of the first ``until`` s."""
-        kept = max(1, int(np.searchsorted(self.ends, until, side="right")))
-        found = average(self.angles[:kept], min(self.seconds, max(until, 0.0)))
-        return replace(found, way=self.way)
+        count = max(1, int(np.searchsorted(self.ends, until, side="right")))
+        result = average(self.angles[:count], min(self.seconds, max(until, 0.0)))
+        return replace(result, way=self.way)
 
     def clear(self) -> None:
         """Begin again."""

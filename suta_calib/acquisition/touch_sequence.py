@@ -107,8 +107,8 @@ def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
     return read_arm_of_job(read_outline(job).top, urdf).model()
 
 
-def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
-    """The observation that samples are taken for: the first of a kind that is ``wanted``.
+def read_row(job: Path, which: str | None, usable: Sequence[str]) -> Row:
+    """The observation that samples are taken for: the first of a kind that is ``usable``.
 
     Or the one that ``which`` names: ``1``, ``observations[1]``, ``validation[0]`` or a kind.
 
@@ -117,7 +117,7 @@ def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
         ArtefactError: the artefact cannot be used.
     """
     rows = {row.where: row for row in read_outline(job).rows}
-    name = _chosen(job, {name: row.kind for name, row in rows.items()}, which, wanted)
+    name = _chosen(job, {name: row.kind for name, row in rows.items()}, which, usable)
     row = rows[name]
     file = row.artefact()
     if file is None and row.kind in KINDS and KINDS[row.kind].needs_artefact:
@@ -126,18 +126,18 @@ def read_row(job: Path, which: str | None, wanted: Sequence[str]) -> Row:
     return Row(job, name, row.kind, artefact, row.samples[0], "seating" in row.section)
 
 
-def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, wanted: Sequence[str]) -> str:
+def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, usable: Sequence[str]) -> str:
     if which is None:
-        found = next((name for name, kind in kinds.items() if kind in wanted), None)
-        expected = f"an observation of kind {' or '.join(wanted)}"
+        chosen = next((name for name, kind in kinds.items() if kind in usable), None)
+        expected = f"an observation of kind {' or '.join(usable)}"
     else:
         if (matched := _WHICH.fullmatch(which)) is None:
-            found = next((name for name, kind in kinds.items() if kind == which), None)
+            chosen = next((name for name, kind in kinds.items() if kind == which), None)
         else:
             name = f"{matched[1] or 'observations'}[{matched[3] or matched[2] or 0}]"
-            found = name if name in kinds else None
+            chosen = name if name in kinds else None
         expected = f"one of {', '.join(f'{name} ({kind})' for name, kind in kinds.items())}"
-    if found is None:
+    if chosen is None:
         listed = ", ".join(dict.fromkeys(kinds.values())) or "none"
         raise JobError(
             f"observations of kind {listed}" if which is None else repr(which),
@@ -146,7 +146,7 @@ def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, wanted: Sequ
             where="observations" if which is None else "--observation",
             hint="" if which is None else did_you_mean(which, kinds.values()),
         )
-    return found
+    return chosen
 
 
 def touched(

@@ -153,8 +153,8 @@ class Unattended:
             if near or (seating and seating.same_place(short.angles, following.angles)):
                 self._run.say("back where it rested before: one rest, recorded again")
                 return
-        told = seating is not None and len(seating.tips) >= _TELLING
-        if told and self._farthest_off(short) > ANOTHER:
+        recognisable = seating is not None and len(seating.tips) >= _TELLING
+        if recognisable and self._farthest_off(short) > ANOTHER:
             self._doubt = True
             self._run.say(f"rested {short.seconds:.1f} s on no landmark: taken for a pause")
             return
@@ -179,13 +179,15 @@ class Unattended:
         run = self._run
         if run.seating is not None and (self._doubt or self._sure()):
             # A motion may have been missed: it goes on to the landmark the arm really rests on.
-            found = run.seating.which(run.station.name, [s.name for s in run.left], average.angles)
+            landmark = run.seating.which(
+                run.station.name, [s.name for s in run.left], average.angles
+            )
             missed = []
-            while run.station.name != found:
+            while run.station.name != landmark:
                 missed.append(run.station.name)
                 run.skip()
             if missed:
-                run.say(f"missed {', '.join(missed)}: by its distances this is {found}")
+                run.say(f"missed {', '.join(missed)}: by its distances this is {landmark}")
         self._doubt = False
         run.confirm(average, note)
         self._left(average.angles)
@@ -261,7 +263,7 @@ class Continuous:
         """Write what is not written yet."""
         if not self._waiting:
             return
-        self._file.put_all([(self._plan.stations[0].labels, each) for each in self._waiting])
+        self._file.put_all([(self._plan.stations[0].labels, average) for average in self._waiting])
         self.count += len(self._waiting)
         self._waiting = []
         self._say(f"{self.count} samples, {max(0.0, self._seconds - self._elapsed):.0f} s to go")

@@ -185,15 +185,16 @@ class ZeroOffsets:
             )
         if self.status == "undetermined":
             bad.append("Not usable: give more poses, or their orientations.")
-        odd = self.contradicted
-        if odd is not None:
+        contradicted = self.contradicted
+        if contradicted is not None:
             care.append(
-                f"{odd.row} contradicts all the other poses: the tip stays {mm(odd.rms):.3f} mm "
-                f"(RMS) from those without it, and then {mm(odd.distance):.3f} mm from it. Check "
-                "its pose and its readings, or leave it out."
+                f"{contradicted.row} contradicts all the other poses: the tip stays "
+                f"{mm(contradicted.rms):.3f} mm (RMS) from those without it, and then "
+                f"{mm(contradicted.distance):.3f} mm from it. Check its pose and its readings, "
+                "or leave it out."
             )
         if self.status == "no_fit":
-            explained = odd is not None and odd.rms <= options.tolerance
+            explained = contradicted is not None and contradicted.rms <= options.tolerance
             bad.append(
                 "Not usable: no offsets make the URDF agree with all poses."
                 if explained
@@ -205,8 +206,10 @@ class ZeroOffsets:
                 f"{count} branches fit; this is number {options.branch}: choose with --branch N"
             )
         for combination in self.undetermined:
-            others = ", ".join(name for name in combination.direction if name != combination.fixed)
-            what = f"only together with {others}" if others else "held at 0"
+            partners = ", ".join(
+                name for name in combination.direction if name != combination.fixed
+            )
+            what = f"only together with {partners}" if partners else "held at 0"
             care.append(f"undetermined: {combination.fixed}, {what}")
         return Assessment.of(sentence, bad=bad, care=care)
 
@@ -265,7 +268,7 @@ def find_zero_offsets(
     chosen = branches[options.branch - 1].offsets
     beyond = _beyond_limits(arm, samples.q + chosen)
     # One row of each posture: repeats bear out one another and not the offsets.
-    postures = samples.take(_apart(arm, samples.q, _SAME_POSTURE))
+    postures = samples.take(_first_of_alike(arm, samples.q, _SAME_POSTURE))
     redundancy = fit.redundancy(len(postures), len(undetermined))
     contradicted = _contradicted(arm, postures, chosen, free)
     return ZeroOffsets(
@@ -281,26 +284,26 @@ def _contradicted(
     Each is left out in turn, as linearised about the answer; the one that stands out by refitting.
     """
     fit, count = _OffsetFit(arm, samples), len(samples)
-    each = fit.equations
-    freedom = (count - 1) * each - len(free)
+    size = fit.equations
+    freedom = (count - 1) * size - len(free)
     if freedom <= 0:
         return None
     offsets = fit.refined(offsets, free)
-    residual, own = fit.by_pose(offsets)
-    slope = own[:, :, free]
+    residual, slopes = fit.by_pose(offsets)
+    slope = slopes[:, :, free]
     spread = np.linalg.pinv(np.einsum("kdp,kdq->pq", slope, slope), hermitian=True)
-    left = np.eye(each) - slope @ spread @ np.swapaxes(slope, 1, 2)
+    left = np.eye(size) - slope @ spread @ np.swapaxes(slope, 1, 2)
     gain = np.einsum("kd,kde,ke->k", residual, np.linalg.pinv(left, hermitian=True), residual)
-    odd = int(np.argmax(gain))
-    others = _OffsetFit(arm, samples.take(np.delete(np.arange(count), odd)))
-    without = others.refined(offsets, free)
-    cost = others.cost(without)
-    ratio = (fit.cost(offsets) - cost) / each / max(cost / freedom, np.finfo(float).tiny)
-    if count * float(f.sf(ratio, each, freedom)) > _FALSE_ALARM:
+    worst = int(np.argmax(gain))
+    fit_without = _OffsetFit(arm, samples.take(np.delete(np.arange(count), worst)))
+    without = fit_without.refined(offsets, free)
+    cost = fit_without.cost(without)
+    ratio = (fit.cost(offsets) - cost) / size / max(cost / freedom, np.finfo(float).tiny)
+    if count * float(f.sf(ratio, size, freedom)) > _FALSE_ALARM:
         return None
-    distance = fit.branch(without, free).distances[odd]
-    rms = others.branch(without, free).rms
-    return Contradicted(samples.origin[odd], float(distance), rms)
+    distance = fit.branch(without, free).distances[worst]
+    rms = fit_without.branch(without, free).rms
+    return Contradicted(samples.origin[worst], float(distance), rms)
 
 
 def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:
@@ -314,34 +317,36 @@ def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[F
         np.tile(rotation, (_STARTS, 1, 1)),
         "position" if samples.rotation is None else "pose",
     )
-    found = inverse.solve(targets, postures, rng, starts=1)
-    order = np.argsort(~found.reached, kind="stable")
-    offsets = [wrapped_offsets(arm, found.q[k] - samples.q[0]) for k in order]
-    return [np.zeros(len(arm.joints)), *(offsets[k] for k in _apart(arm, offsets))][:_TRIED]
+    postures_found = inverse.solve(targets, postures, rng, starts=1)
+    order = np.argsort(~postures_found.reached, kind="stable")
+    offsets = [wrapped_offsets(arm, postures_found.q[k] - samples.q[0]) for k in order]
+    return [np.zeros(len(arm.joints)), *(offsets[k] for k in _first_of_alike(arm, offsets))][
+        :_TRIED
+    ]
 
 
 def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
     """Joints that stand beyond their limits, whatever turns are added, in angles (k, n)."""
-    found = []
+    names = []
     for joint, column in zip(arm.chain.moving, angles.T, strict=True):
         middle, half = (joint.lower + joint.upper) / 2, (joint.upper - joint.lower) / 2
         if math.isfinite(half):
             away = column - middle if joint.type == "prismatic" else wrap(column - middle)
             if np.max(np.abs(away)) > half + _SAME_POSTURE:
-                found.append(joint.name)
-    return tuple(found)
+                names.append(joint.name)
+    return tuple(names)
 
 
-def _apart(
+def _first_of_alike(
     arm: ArmModel, offsets: Sequence[FloatArray] | FloatArray, same: float = _SAME
 ) -> list[int]:
     """The first of each that are the same, in the order given."""
-    kept: list[int] = []
-    for k, each in enumerate(offsets):
-        others = np.array([offsets[first] for first in kept]).reshape(-1, len(each))
-        if not np.any(np.all(np.abs(wrapped_offsets(arm, others - each)) < same, axis=1)):
-            kept.append(k)
-    return kept
+    firsts: list[int] = []
+    for k, candidate in enumerate(offsets):
+        accepted = np.array([offsets[first] for first in firsts]).reshape(-1, len(candidate))
+        if not np.any(np.all(np.abs(wrapped_offsets(arm, accepted - candidate)) < same, axis=1)):
+            firsts.append(k)
+    return firsts
 
 
 def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray], free: IntArray) -> tuple[Branch, ...]:
@@ -350,8 +355,10 @@ def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray], free: IntArray) ->
     # Every residual may be as large as the noise assumed.
     limit = max(len(fit.rows(answers[0])[0]), _NOT_MUCH_WORSE**2 * float(costs.min()))
     good = [answers[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
-    apart = [good[k] for k in _apart(fit.arm, good)]
-    return tuple(fit.branch(o, free) for o in sorted(apart, key=lambda o: float(np.linalg.norm(o))))
+    different = [good[k] for k in _first_of_alike(fit.arm, good)]
+    return tuple(
+        fit.branch(o, free) for o in sorted(different, key=lambda o: float(np.linalg.norm(o)))
+    )
 
 
 class _OffsetFit:
@@ -391,15 +398,15 @@ class _OffsetFit:
     def refined(self, start: FloatArray, free: IntArray) -> FloatArray:
         """The nearest minimum over the free offsets; the others stay."""
 
-        def whole(x: FloatArray) -> FloatArray:
+        def with_held(x: FloatArray) -> FloatArray:
             offsets = start.copy()
             offsets[free] = x
             return offsets
 
-        found = least_squares(
-            lambda x: self.rows(whole(x))[0],
+        minimum = least_squares(
+            lambda x: self.rows(with_held(x))[0],
             start[free],
-            lambda x: self.rows(whole(x))[1][:, free],
+            lambda x: self.rows(with_held(x))[1][:, free],
             # MINPACK's is the quicker, and wants no fewer equations than unknowns.
             method="lm" if self.equations * len(self._position) >= len(free) else "trf",
             xtol=1e-12,
@@ -407,7 +414,7 @@ class _OffsetFit:
             gtol=1e-12,
             max_nfev=60,
         )
-        return wrapped_offsets(self.arm, whole(found.x))
+        return wrapped_offsets(self.arm, with_held(minimum.x))
 
     def undetermined(self, offsets: FloatArray) -> tuple[Combination, ...]:
         """What changes nothing that is known."""
