@@ -67,14 +67,14 @@ class DeviceSpec:
 
 
 def columns_of(
-    joints: Sequence[str], given: Sequence[str], found: str, expected: str, file: Path | None
+    joints: Sequence[str], given: Sequence[str], device: str, expected: str, file: Path | None
 ) -> list[int]:
     """For each joint of an arm, its place among those of a device.
 
     Args:
         joints: names of the arm's.
         given: names of the device's.
-        found: what to say where one is missing.
+        device: what to say where one is missing.
         expected: likewise.
         file: the device's, for messages.
 
@@ -83,8 +83,8 @@ def columns_of(
     """
     missing = [name for name in joints if name not in given]
     if missing:
-        others = (name for name in given if name not in joints)
-        said = (f"{n!r}: {hint}" for n in others if (hint := did_you_mean(n, missing)))
-        hint = next(said, f"add {', '.join(missing)}")
-        raise InputError(found, expected, file=file, where="joints", hint=hint)
+        unmatched = (name for name in given if name not in joints)
+        hints = (f"{n!r}: {hint}" for n in unmatched if (hint := did_you_mean(n, missing)))
+        hint = next(hints, f"add {', '.join(missing)}")
+        raise InputError(device, expected, file=file, where="joints", hint=hint)
     return [given.index(name) for name in joints]

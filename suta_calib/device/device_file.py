@@ -104,13 +104,13 @@ def read_device(path: Path) -> DeviceSpec:
     )
     if (refused := form.refusal(unit, counts)) is not None:
         key, expected = refused
-        found = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
-        raise top.refuse(found, expected, at=(key,))
+        value = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
+        raise top.refuse(value, expected, at=(key,))
     port = top.text("port")
     if len(port) > _LONGEST_PORT:
         raise top.refuse(shown(port), f"at most {_LONGEST_PORT} characters", at=("port",))
-    if (wanted := expected_name(port)) is not None:
-        raise top.refuse(repr(port), wanted, at=("port",))
+    if (port_form := expected_name(port)) is not None:
+        raise top.refuse(repr(port), port_form, at=("port",))
     return DeviceSpec(
         path=path,
         port=_beside(top.document.path, port),
@@ -178,7 +178,7 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
         ratio = section.number("ratio") if "ratio" in section else 1.0
         if ratio == 0.0:
             raise section.refuse("0", "turns of the encoder per turn of the joint", at=("ratio",))
-        own = (
+        joint_counts = (
             section.integer("counts_per_turn", 0, 2, _MOST_COUNTS)
             if "counts_per_turn" in section
             else None
@@ -192,5 +192,5 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
             if number >= _MOST_SERVOS or number in (joint.number for joint in joints):
                 expected = f"a number below {_MOST_SERVOS}, another for each servo"
                 raise section.refuse(str(number), expected, at=("id",))
-        joints.append(JointSpec(name, sign, zero, ratio, own, number))
+        joints.append(JointSpec(name, sign, zero, ratio, joint_counts, number))
     return tuple(joints)

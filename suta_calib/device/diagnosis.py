@@ -26,64 +26,68 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         spec: what was expected, and where the file is that says so.
     """
     form, text = format_of(spec), is_text(data)
-    others = (each for each in FORMATS.values() if each is not form and each.recognises(data))
-    other = next(others, None)
+    recognising = (
+        candidate
+        for candidate in FORMATS.values()
+        if candidate is not form and candidate.recognises(data)
+    )
+    other = next(recognising, None)
     if text:
         lines = [line for line in re.split(rb"[\r\n]+", data) if line.strip()]
         # The first may have been cut off at its beginning.
         line = lines[1] if len(lines) > 1 else b"".join(lines)
-        found = f"text such as {line[:_QUOTED].decode('ascii')!r}"
+        description = f"text such as {line[:_QUOTED].decode('ascii')!r}"
     else:
         # From the beginning of a frame, where one is recognised.
         start = 0 if other is None else max(data.find(other.header), 0)
-        found = f"bytes such as {data[start : start + _BYTES_SHOWN].hex(' ').upper()}"
+        description = f"bytes such as {data[start : start + _BYTES_SHOWN].hex(' ').upper()}"
     baud = f"baudrate ({spec.baudrate}) in {spec.path}"
     if other is not None:
         hint = f"set 'format: {other.name}' in {spec.path}"
     elif form.near_miss and form.recognises(data):
-        found, hint = form.near_miss, f"check the cable, its shield and {baud}"
+        description, hint = form.near_miss, f"check the cable, its shield and {baud}"
     else:
         hint = f"check {baud}"
         if len(set(data)) <= _FEW_VALUES and not text:
             hint += " (so few different values: most likely another speed)"
-    return f"found {found}; expected {form.expected(len(spec.joints))}; {hint}"
+    return f"found {description}; expected {form.expected(len(spec.joints))}; {hint}"
 
 
 def remarks(statistics: Statistics, spec: DeviceSpec) -> list[str]:
     """What is wrong with a stream that does come, most important first; empty where all is well."""
-    s, found = statistics, []
+    s, sentences = statistics, []
     for name, errors, warnings in zip(s.joints, s.error_flags, s.warning_flags, strict=True):
         if errors or warnings:
             what = ERROR_MEANING if errors else WARNING_MEANING
             share = _share(int(errors or warnings), s.frames)
-            found.append(f"{name}: {what} ({share} of readings); {ERROR_ADVICE}")
+            sentences.append(f"{name}: {what} ({share} of readings); {ERROR_ADVICE}")
     for name, count in zip(s.joints, s.joint_crc_errors, strict=True):
         if count:
-            found.append(
+            sentences.append(
                 f"{name}: the CRC of its encoder words is wrong in "
                 f"{_share(int(count), s.frames + s.word_crc_errors)} of frames; "
                 "check the cable from this encoder to the controller"
             )
     if s.frame_crc_errors:
         share = _share(s.frame_crc_errors, s.frames + s.frame_crc_errors)
-        found.append(
+        sentences.append(
             f"{share} of {format_of(spec).damage}; "
             f"check the cable to this computer, its shield and baudrate ({spec.baudrate})"
         )
     elif s.lost_frames:
-        found.append(
+        sentences.append(
             f"{_share(s.lost_frames, s.frames + s.lost_frames)} of frames are missing though none "
             "is damaged; the line, or this computer, is too slow for the device's rate"
         )
-    return found
+    return sentences
 
 
-def _share(part: int, whole: int) -> str:
-    percent = 100.0 * part / max(whole, 1)
+def _share(part: int, total: int) -> str:
+    percent = 100.0 * part / max(total, 1)
     return f"{percent:.2g} %" if percent < 99.5 else "100 %"
 
 
-_KEPT: Final = 4096
+_SAMPLE_BYTES: Final = 4096
 # Many boards restart when their port is opened.
 _START_FACTOR: Final = 2.0
 # Less than this is no evidence against the format.
@@ -129,7 +133,7 @@ class Watch:
         if self._unread_since is None:
             self._unread_since = now
         self._bytes += len(data)
-        self._sample = (self._sample + data)[-_KEPT:]
+        self._sample = (self._sample + data)[-_SAMPLE_BYTES:]
 
     def check(self, now: float) -> None:
         """Say or raise what is wrong by now.

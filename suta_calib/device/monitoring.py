@@ -175,13 +175,13 @@ def stream_report(
             To close a port takes a third of a second at a socket, in which nothing is read.
     """
     now, last = time.perf_counter() if now is None else now, monitor.last
-    seen = monitor.snapshot(now)
+    snapshot = monitor.snapshot(now)
     joints = {
         name: {
-            "angle_deg": deg(float(seen.angles[k])),
-            "noise_deg": deg(float(seen.noise[k])),
-            "error": bool(seen.error[k]),
-            "warning": bool(seen.warning[k]),
+            "angle_deg": deg(float(snapshot.angles[k])),
+            "noise_deg": deg(float(snapshot.noise[k])),
+            "error": bool(snapshot.error[k]),
+            "warning": bool(snapshot.warning[k]),
             "error_flags": int(statistics.error_flags[k]),
             "warning_flags": int(statistics.warning_flags[k]),
             "crc_errors": int(statistics.joint_crc_errors[k]),
@@ -194,8 +194,8 @@ def stream_report(
         "device": str(spec.path),
         "port": spec.port,
         "format": spec.format,
-        "frame_rate_hz": seen.rate,
-        "clock_ppm": seen.clock_ppm,
+        "frame_rate_hz": snapshot.rate,
+        "clock_ppm": snapshot.clock_ppm,
         "frames": statistics.frames,
         **{key: int(getattr(statistics, key)) for key in LOSSES},
         "stale_readings": statistics.stale_readings,

@@ -122,9 +122,9 @@ class Port:
     def _gone(self, error: Exception) -> DisconnectedError:
         there = "://" in self._name or Path(self._name).exists()
         reason = getattr(error, "strerror", None) or str(error)
-        said = "the connection was closed" if there else "the port is gone"
+        event = "the connection was closed" if there else "the port is gone"
         return DisconnectedError(
-            f"{self._name}: {said} ({reason}); check the cable and the device's power"
+            f"{self._name}: {event} ({reason}); check the cable and the device's power"
         )
 
 
@@ -139,10 +139,10 @@ def opening_error(spec: DeviceSpec, error: Exception) -> SutaCalibError:
     text = " ".join(str(error).split())
     if isinstance(error, ValueError | OverflowError):
         if isinstance(error, OverflowError) or "baud" in text.lower():
-            found, expected, key = f"{spec.baudrate}", "a baud rate this port supports", "baudrate"
+            value, expected, key = f"{spec.baudrate}", "a baud rate this port supports", "baudrate"
         else:
-            found, expected, key = f"{spec.port!r}", "a pyserial URL", "port"
-        return DeviceFileError(f"{found} ({text})", expected, file=spec.path, where=key)
+            value, expected, key = f"{spec.port!r}", "a pyserial URL", "port"
+        return DeviceFileError(f"{value} ({text})", expected, file=spec.path, where=key)
     if number in _ABSENT:
         link, ports = Path(spec.port), existing_ports()
         gone = f"a link to {link.readlink()}, which is gone" if link.is_symlink() else ""

@@ -29,7 +29,7 @@ URLS: Final = {
     "loop": (r"", "loop://"),
     "hwgrep": (_HARDWARE, "hwgrep:// and a part of the port's name, USB number or serial number"),
 }
-KNOWN: Final = (
+PORT_FORMS: Final = (
     "the name of a port (/dev/ttyACM0, COM3, a pseudo-terminal, a link to one) or a URL: "
     + ", ".join(f"{scheme}://" for scheme in URLS)
 )
@@ -46,12 +46,12 @@ def expected_name(port: str) -> str | None:
         For a message; None where the name may be handed to pyserial.
     """
     if "\0" in port:
-        return KNOWN
+        return PORT_FORMS
     scheme, separator, rest = port.partition("://")
     if not separator:
         return None
     if scheme.lower() not in URLS:
-        return KNOWN
+        return PORT_FORMS
     pattern, expected = URLS[scheme.lower()]
     match = re.fullmatch(pattern, rest, re.IGNORECASE | re.ASCII)
     if match is None or (match.groups() and int(match[1]) > _LARGEST_SERVER_PORT):

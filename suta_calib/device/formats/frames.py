@@ -90,9 +90,9 @@ class OtherCount:
         self._enough = 1
         self._in_a_row = 0
 
-    def feed(self, data: bytes, *, seen: bool) -> None:
-        """Take the next bytes; ``seen``: frames of the right number ended among them."""
-        if seen:
+    def feed(self, data: bytes, *, expected_seen: bool) -> None:
+        """Take the next bytes; ``expected_seen``: frames of the right number ended among them."""
+        if expected_seen:
             self._buffer.clear()
             self._enough, self._in_a_row = _ENOUGH_LATER, 0
         else:
@@ -157,7 +157,7 @@ class FramesDecoder(Decoder):
         self._claim(end, end)
         self._claimed -= end
         del self._buffer[:end]
-        self._other_count.feed(data, seen=bool(readings))
+        self._other_count.feed(data, expected_seen=bool(readings))
         return readings
 
     def resume(self, after: Reading | None) -> None:
@@ -217,18 +217,18 @@ class FramesDecoder(Decoder):
             good: BoolArray = np.asarray(words.good.all(axis=1))
             counts.word_crc_errors += int((~good).sum())
             counts.joint_crc_errors += (~words.good).sum(axis=0)
-            whole = good.tolist()
+            intact = good.tolist()
         else:
-            whole = [True] * len(starts)
+            intact = [True] * len(starts)
         if words.error.any():
-            counts.error_flags += words.error[whole].sum(axis=0)
+            counts.error_flags += words.error[intact].sum(axis=0)
         if words.warning.any():
-            counts.warning_flags += words.warning[whole].sum(axis=0)
+            counts.warning_flags += words.warning[intact].sum(axis=0)
         angles = angles_from_counts(words.counts - self._zeros, self._signs, POSITIONS)
         angles.setflags(write=False)
         readings = []
         for at, fits, row, error, warning in zip(
-            starts, whole, angles, words.error, words.warning, strict=True
+            starts, intact, angles, words.error, words.warning, strict=True
         ):
             sent, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
             if not fits:

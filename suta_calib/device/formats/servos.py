@@ -72,7 +72,7 @@ class ServoPort(Port):
             DisconnectedError: the port is gone, or a servo has not answered for long.
         """
         del timeout
-        found = list[int]()
+        counts = list[int]()
         for number in self._numbers:
             answer = self._position(number)
             if isinstance(answer, str):
@@ -82,12 +82,12 @@ class ServoPort(Port):
                         "check its cable and its power"
                     )
                 return b""
-            found.append(answer)
+            counts.append(answer)
             self._heard[number] = time.perf_counter()
         self.arrived = time.perf_counter()
         # What comes before the first end of a line would be taken for half a line.
         before, self._begun = b"" if self._begun else b"\n", True
-        return before + ",".join(map(str, found)).encode() + b"\n"
+        return before + ",".join(map(str, counts)).encode() + b"\n"
 
     def _position(self, number: int) -> int | str:
         """Where a servo is, counts, or why that is not known."""
