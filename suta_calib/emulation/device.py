@@ -39,8 +39,8 @@ def device_of(
             of the joints, or a joint that slides where angles are sent.
     """
     if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
-        found = f"{form} with {counts_per_turn} counts per turn, in {unit}"
-        raise InputError(found, refused[1], where=refused[0])
+        description = f"{form} with {counts_per_turn} counts per turn, in {unit}"
+        raise InputError(description, refused[1], where=refused[0])
     for joint in arm.chain.moving:
         if joint.type == "prismatic" and unit != "rad":
             raise InputError(

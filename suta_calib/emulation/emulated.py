@@ -272,7 +272,7 @@ def _values(
 
 def _set(options: EmulationOptions, script: SimulationSpec) -> SetSpec:
     """A set of a simulation that a tip can touch, with what the options change of it."""
-    touched = {each.name: each for each in script.sets if each.term.medium == "touch"}
+    touched = {item.name: item for item in script.sets if item.term.medium == "touch"}
     name = options.set_name or next(iter(touched), "")
     if name not in touched:
         raise JobError(
@@ -320,15 +320,19 @@ def _job_plan(
     return artefact_set(artefact, placements, options.repeats or 1, noise)
 
 
-def _places(wanted: Places, known: Mapping[str, PoseSpec], where: str) -> dict[str, PoseSpec]:
+def _places(
+    requested: Places, available: Mapping[str, PoseSpec], where: str
+) -> dict[str, PoseSpec]:
     """The places asked for, by label from those known or with a pose; those known by default."""
     chosen: dict[str, PoseSpec] = {}
-    for label, pose in wanted.items():
-        if pose is None and label not in known:
-            expected = f"one of {', '.join(known)}" if known else PLACE_FORM
-            raise InputError(repr(label), expected, where=where, hint=did_you_mean(label, known))
-        chosen[label] = known[label] if pose is None else pose
-    return chosen or dict(known)
+    for label, pose in requested.items():
+        if pose is None and label not in available:
+            expected = f"one of {', '.join(available)}" if available else PLACE_FORM
+            raise InputError(
+                repr(label), expected, where=where, hint=did_you_mean(label, available)
+            )
+        chosen[label] = available[label] if pose is None else pose
+    return chosen or dict(available)
 
 
 def _script_motion(

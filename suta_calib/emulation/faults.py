@@ -96,7 +96,7 @@ class Faults:
     @property
     def absences(self) -> tuple[Window, ...]:
         """When the port is gone, in order."""
-        return tuple(sorted((*self.disconnects, *self.reboots), key=lambda each: each.start))
+        return tuple(sorted((*self.disconnects, *self.reboots), key=lambda window: window.start))
 
     def check_joints(self, joints: Sequence[str]) -> None:
         """Refuse flags of joints that the device does not have.
@@ -143,12 +143,12 @@ def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
 
     def number(text: str, kind: Callable[[str], Number]) -> Number:
         try:
-            found = kind(text)
+            value = kind(text)
         except ValueError:
             raise InputError(repr(item), _FORMS[name], where="--faults") from None
-        if not (math.isfinite(found) and found >= 0):
+        if not (math.isfinite(value) and value >= 0):
             raise InputError(repr(item), "a number that is not negative", where="--faults")
-        return found
+        return value
 
     if name in _SHARES:
         if (share := number(value, float)) > 1:
@@ -186,8 +186,8 @@ class Damage:
         # Exclusive-or with anything but zero: a corrupted byte is never the right one by chance.
         self._change(received, self._faults.corrupt, self._random.integers(1, 256, len(data)))
         self._change(received, self._faults.flip, 1 << self._random.integers(0, 8, len(data)))
-        kept = self._random.random(len(data)) >= self._faults.lose
-        return received[kept].tobytes()
+        arrived = self._random.random(len(data)) >= self._faults.lose
+        return received[arrived].tobytes()
 
     def garbage(self, count: int) -> bytes:
         """Random bytes."""

@@ -156,17 +156,17 @@ def _order(plan: SetSpec, sequence: Sequence[str]) -> tuple[str, ...]:
         if sequence:
             raise InputError("a sequence of landmarks for fixed points", "none")
         return ()
-    known = tuple(read_artefact(plan.artefact).landmarks)
+    landmarks = tuple(read_artefact(plan.artefact).landmarks)
     for name in sequence:
-        if name not in known:
+        if name not in landmarks:
             raise InputError(
                 f"no landmark {name!r}",
-                f"names of {', '.join(known)}",
+                f"names of {', '.join(landmarks)}",
                 file=plan.artefact,
                 where="sequence",
-                hint=did_you_mean(name, known),
+                hint=did_you_mean(name, landmarks),
             )
-    return tuple(sequence) or known
+    return tuple(sequence) or landmarks
 
 
 def _rounds(file: SimulatedFile, order: tuple[str, ...]) -> list[tuple[SimulatedFile, list[int]]]:
@@ -178,7 +178,7 @@ def _rounds(file: SimulatedFile, order: tuple[str, ...]) -> list[tuple[Simulated
         (str(repeat), str(name)): row
         for row, (repeat, name) in enumerate(zip(labels["repeat"], labels["landmark"], strict=True))
     }
-    repeats = dict.fromkeys(str(each) for each in labels["repeat"])
+    repeats = dict.fromkeys(str(value) for value in labels["repeat"])
     return [(file, [row_of[repeat, name] for name in order]) for repeat in repeats]
 
 
@@ -190,7 +190,7 @@ def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
     """
     label, equals, rest = text.partition("=")
     try:
-        numbers = [float(each) for each in rest.split(",")]
+        numbers = [float(number) for number in rest.split(",")]
     except ValueError:
         numbers = []
     usable = len(numbers) in (3, 6) and np.isfinite(numbers).all()
@@ -281,4 +281,4 @@ def _every_landmark_reached(
         Targets(p[None], R[None], "position" if mark.rotation is None else "pose")
         for mark, p, R in zip(marks, tips.position, tips.rotation, strict=True)
     )
-    return all(kinematics.solve(each, start, rng, _STARTS).reached[0] for each in targets)
+    return all(kinematics.solve(target, start, rng, _STARTS).reached[0] for target in targets)

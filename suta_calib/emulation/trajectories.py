@@ -72,8 +72,8 @@ def sweep(
     limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving])
     room = np.minimum(middle - limits[:, 0], limits[:, 1] - middle)
     room = np.where(full_circle(arm), np.inf, room)
-    wanted = np.where(prismatic, _M_PER_RAD * amplitude, amplitude)
-    return Sweep(middle, np.minimum(wanted, room), slowest, fastest, duration)
+    swing = np.where(prismatic, _M_PER_RAD * amplitude, amplitude)
+    return Sweep(middle, np.minimum(swing, room), slowest, fastest, duration)
 
 
 def recorded(path: Path, arm: ArmModel) -> Curve:
@@ -122,7 +122,7 @@ _KNOTS: Final = 1000
 _COARSE: Final = 25
 _FEWEST_JOINTS: Final = 5
 # So many postures are tried where none is asked for.
-_OTHERS: Final = 20
+_RANDOM_STARTS: Final = 20
 
 
 def pivoting(
@@ -182,8 +182,8 @@ def pivoting(
 
     starts = [np.asarray(posture, dtype=float)]
     if posture is None:
-        others = kinematics.random_readings(stream(seed, "pivot from"), _OTHERS)
-        starts = [kinematics.middle, *others]
+        random_starts = kinematics.random_readings(stream(seed, "pivot from"), _RANDOM_STARTS)
+        starts = [kinematics.middle, *random_starts]
     refused: JobError | None = None
     for start in map(on_point, starts):
         try:
