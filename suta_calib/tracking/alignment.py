@@ -231,10 +231,10 @@ def _other_axes(points: FloatArray, targets: Sequence[FloatArray], left: float) 
     centred = [target - target.mean(axis=0) for target in targets]
     power = np.array([np.sum(away**2) + np.sum(target**2) for target in centred]) / len(away)
     shared = np.array([target.T @ away for target in centred]) / len(away)
-    others = (power - 2 * np.einsum("pij,sij->ps", signed, shared)).min(axis=1)
-    best = int(np.argmin(others))
+    squares = (power - 2 * np.einsum("pij,sij->ps", signed, shared)).min(axis=1)
+    best = int(np.argmin(squares))
     fits = best == 0 or left < _NEXT_TO_NOTHING
-    if fits or others[best] > min(_FAR_BETTER * left, _EXPLAINED * rms_length(away)) ** 2:
+    if fits or squares[best] > min(_FAR_BETTER * left, _EXPLAINED * rms_length(away)) ** 2:
         return ""
     names = [
         ("", "-")[int(row.min() < 0)] + "xyz"[int(np.argmax(np.abs(row)))] for row in signed[best]
@@ -267,15 +267,15 @@ class _AlignmentFit:
         """
         padded = np.concatenate([[np.inf], rms, [np.inf]])
         low = np.flatnonzero((rms <= padded[:-2]) & (rms <= padded[2:]))
-        found: list[tuple[float, FloatArray]] = []
+        minima: list[tuple[float, FloatArray]] = []
         for k in low[np.argsort(rms[low])][:_MINIMA]:
             self.latency, self.sizes = float(shifts[k]), np.zeros_like(self.sizes)
             if self.registered:
                 target = self.path.position(self.time - self.latency)
                 self.R, self.p = register_points(self.points, target)
             self.refine(float(shifts[-1]))
-            found.append((self.latency, (self.residual() ** 2).sum(axis=1)))
-        _, least = min(found, key=lambda each: float(each[1].mean()))
+            minima.append((self.latency, (self.residual() ** 2).sum(axis=1)))
+        _, least = min(minima, key=lambda minimum: float(minimum[1].mean()))
 
         def as_good(squares: FloatArray) -> bool:
             """Whether chance explains that these squares of distances are larger than the least."""
@@ -287,11 +287,13 @@ class _AlignmentFit:
             near = squares.mean() < _NEXT_TO_NOTHING**2
             return bool(squares.mean() <= worth and (near or blocks.mean() <= _SIGNIFICANT * error))
 
-        apart: list[float] = []
-        for latency in sorted((latency for latency, squares in found if as_good(squares)), key=abs):
-            if all(abs(latency - other) > shifts[1] - shifts[0] for other in apart):
-                apart.append(latency)
-        return apart
+        separate: list[float] = []
+        for latency in sorted(
+            (latency for latency, squares in minima if as_good(squares)), key=abs
+        ):
+            if all(abs(latency - other) > shifts[1] - shifts[0] for other in separate):
+                separate.append(latency)
+        return separate
 
     def refine(self, largest: float) -> None:
         """Until the latency does not change, or is as large as it may be."""

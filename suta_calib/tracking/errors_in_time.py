@@ -92,10 +92,10 @@ class Found:
     lateness: float = 0.0
 
 
-def fitted(columns: FloatArray, error: FloatArray, kept: BoolArray | None = None) -> FloatArray:
+def fitted(columns: FloatArray, error: FloatArray, used: BoolArray | None = None) -> FloatArray:
     """Coefficients (k,) of columns (n, 3, k) by least squares, of some rows."""
-    if kept is not None:
-        columns, error = columns[kept], error[kept]
+    if used is not None:
+        columns, error = columns[used], error[used]
     flat = columns.reshape(-1, columns.shape[2])
     scale = np.maximum(np.sqrt(np.mean(flat**2, axis=0)), 1e-300)
     flat = flat / scale

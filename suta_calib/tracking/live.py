@@ -102,19 +102,19 @@ class Tracking:
         recordings = [path for path in (options.csv, options.parquet) if path is not None]
         check_outputs(recordings, [options.arm, options.device, options.result, options.tool])
         for path in recordings:
-            found = next((p for p in (path, part_of(path)) if p.is_file()), None)
-            if found is not None and not options.force:
+            existing = next((p for p in (path, part_of(path)) if p.is_file()), None)
+            if existing is not None and not options.force:
                 raise OutputError(
-                    f"{found}: found a recording; expected the name of a new file; choose another, "
-                    "or replace it with --force"
+                    f"{existing}: found a recording; expected the name of a new file; choose "
+                    "another, or replace it with --force"
                 )
         self.on_event: Callable[[str], None] = lambda _: None
         self.arm = ArmModel.from_urdf(options.arm, options.tip, options.base)
         self.device = read_device(options.device)
         self.uncertainty: CalibrationUncertainty | None = None
         if options.result is not None:
-            known = read_uncertainty(options.result, self.arm, anyway=options.anyway)
-            self.uncertainty = known.with_held(self.arm)
+            calibration = read_uncertainty(options.result, self.arm, anyway=options.anyway)
+            self.uncertainty = calibration.with_held(self.arm)
         self.tool = NO_TOOL
         if options.tool is not None:
             self.tool = read_tool(options.tool, anyway=options.anyway)
@@ -132,8 +132,8 @@ class Tracking:
     @property
     def warmth(self) -> str:
         """What must be known of an arm whose lengths grow with warmth; empty for any other."""
-        known = self.uncertainty
-        return "" if known is None else taken_as_cool(self.arm.offered, known.values)
+        calibration = self.uncertainty
+        return "" if calibration is None else taken_as_cool(self.arm.offered, calibration.values)
 
     @property
     def statistics(self) -> Statistics:
@@ -195,7 +195,7 @@ class Tracking:
 
     def as_dict(self) -> dict[str, Any]:
         """What was tracked, and what happened, as JSON data."""
-        known, statistics = self.uncertainty, self.statistics
+        calibration, statistics = self.uncertainty, self.statistics
         last = self.session.last_valid
         counts = {key: value for key, value in vars(statistics).items() if isinstance(value, int)}
         flags = {
@@ -204,11 +204,11 @@ class Tracking:
                 statistics.joints, statistics.error_flags, statistics.warning_flags, strict=True
             )
         }
-        uncertainty = known and {
-            "source": SOURCE_WORDS[known.source],
-            "parameters": list(known.names),
-            "held": list(known.fixed),
-            "held_within": list(known.counted),
+        uncertainty = calibration and {
+            "source": SOURCE_WORDS[calibration.source],
+            "parameters": list(calibration.names),
+            "held": list(calibration.fixed),
+            "held_within": list(calibration.counted),
             "tool_included": self.tool.std is not None,
         }
         return {

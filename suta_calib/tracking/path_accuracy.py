@@ -120,8 +120,8 @@ class PathAccuracy:
         if self.recorded.rotation is None or self.reference.rotation is None:
             return None
         truth = Slerp(self.reference.time, Rotation.from_matrix(self.reference.rotation))
-        seen = self.alignment.rotation @ self.recorded.rotation[self.alignment.rows]
-        turned = truth(self.time - self.alignment.latency).inv() * Rotation.from_matrix(seen)
+        rotation = self.alignment.rotation @ self.recorded.rotation[self.alignment.rows]
+        turned = truth(self.time - self.alignment.latency).inv() * Rotation.from_matrix(rotation)
         return np.asarray(turned.magnitude())
 
     @cached_property
@@ -205,12 +205,12 @@ class PathAccuracy:
                 "the true one may be larger; raise --max-latency."
             )
         elif alignment.as_good:
-            others = listed([f"{ms(latency):.1f}" for latency in alignment.as_good])
-            apart = min(abs(other - alignment.latency) for other in alignment.as_good)
+            latencies = listed([f"{ms(latency):.1f}" for latency in alignment.as_good])
+            spacing = min(abs(other - alignment.latency) for other in alignment.as_good)
             bad.append(
-                f"The motion repeats itself: latencies of {others} ms explain it as well as "
+                f"The motion repeats itself: latencies of {latencies} ms explain it as well as "
                 f"{ms(alignment.latency):.1f} ms. Record one that does not, or narrow "
-                f"--max-latency to less than {0.9 * apart / 2:.2g} s if you know that it is so."
+                f"--max-latency to less than {0.9 * spacing / 2:.2g} s if you know that it is so."
             )
         elif self.undetermined:
             bad.append(
@@ -219,7 +219,7 @@ class PathAccuracy:
             )
         for fault in self.faults:
             (bad if fault.spoils else care).append(fault.sentence)
-        if not any(each.reversals for each in self.reversals):
+        if not any(channel.reversals for channel in self.reversals):
             care.append(f"No {self.per} turns back: nothing can be said of hysteresis.")
         elif self.per == "axis":
             care.append(
@@ -295,7 +295,7 @@ def compare(
     truth = ReferencePath(reference).position(recorded.time[rows] - alignment.latency)
     error[rows] = (alignment.act(recorded.position[rows]) - truth) @ alignment.rotation
     sizes = zip(alignment.sizes.tolist(), alignment.sizes_std.tolist(), strict=True)
-    found = PathAccuracy(
+    accuracy = PathAccuracy(
         recorded,
         reference,
         alignment,
@@ -303,31 +303,31 @@ def compare(
         "joint" if by_joint else "axis",
         dict(zip([t.channel.name for t in judged], sizes, strict=False)),
     )
-    return replace(found, faults=_faults(found, errors))
+    return replace(accuracy, faults=_faults(accuracy, errors))
 
 
-def _faults(found: PathAccuracy, errors: FloatArray | None) -> tuple[RecordFault, ...]:
+def _faults(accuracy: PathAccuracy, errors: FloatArray | None) -> tuple[RecordFault, ...]:
     """Of the record; errors (n, 3, k) of known shapes are along the recording's axes."""
-    alignment, rows = found.alignment, found.alignment.rows
-    path, late = ReferencePath(found.reference), found.time - alignment.latency
-    position = alignment.act(found.recorded.position[rows])
+    alignment, rows = accuracy.alignment, accuracy.alignment.rows
+    path, late = ReferencePath(accuracy.reference), accuracy.time - alignment.latency
+    position = alignment.act(accuracy.recorded.position[rows])
     none = np.zeros((len(rows), 3, 0))
     # Where nothing is known of joints, each axis may err by which way it went.
-    senses = np.column_stack([each.sense[rows] for each in found.reversals])
+    senses = np.column_stack([channel.sense[rows] for channel in accuracy.reversals])
     record = ErrorsInTime(
-        time=found.time,
-        error=found.error,
+        time=accuracy.time,
+        error=accuracy.error,
         recorded=position,
         reference=path.position(late),
         velocity=path.velocity(late),
         transform=rigid_motions(position) if alignment.registered else none,
         known=none if errors is None else -alignment.rotation @ errors[rows],
         honest=per_axis(senses) if errors is None else none,
-        interval=float(np.median(np.diff(found.reference.time))),
+        interval=float(np.median(np.diff(accuracy.reference.time))),
         late=lambda delay: (path.position(late - delay), path.velocity(late - delay)),
     )
     latency = alignment.latency, alignment.latency_std
-    return record_faults(record, found.recorded, rows, latency, _std_of_rms)
+    return record_faults(record, accuracy.recorded, rows, latency, _std_of_rms)
 
 
 def _std_of_rms(squares: FloatArray) -> float:

@@ -66,14 +66,14 @@ class UdpPublisher(Publisher):
     def __init__(self, host: str, port: int) -> None:
         super().__init__()
         try:
-            found = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
+            address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except (OSError, UnicodeError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise InputError(
                 f"{host!r} ({reason})", "a host that can be reached", where="--udp"
             ) from None
-        self._address = found[4]
-        self._socket = socket.socket(*found[:3])
+        self._address = address[4]
+        self._socket = socket.socket(*address[:3])
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
 

@@ -31,17 +31,17 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
     file = path / "result.json" if path.is_dir() else path
     data = read_json_object(file)
     if "parameters" not in data:
-        said = "an answer that is no calibration of an arm"
+        kind = "an answer that is no calibration of an arm"
         expected = "the result of suta-calib calibrate"
-        raise InputError(said, expected, file=file, hint="the report beside it has its pictures")
+        raise InputError(kind, expected, file=file, hint="the report beside it has its pictures")
     job = load_job(data, file)
-    known = read_uncertainty(file, job.arm, anyway=anyway)
+    calibration = read_uncertainty(file, job.arm, anyway=anyway)
     values = {
         name: float(numbers(entry.get("value"), (), file, name))
         for name, entry in data["parameters"].items()
     }
-    wanted = [*job.parameters, *(p.name for term in job.observations for p in term.own)]
-    if lacking := next((name for name in wanted if name not in values), None):
+    required = [*job.parameters, *(p.name for term in job.observations for p in term.own)]
+    if lacking := next((name for name in required if name not in values), None):
         raise InputError(
             f"no value of {lacking}",
             f"one of every unknown of {job.spec.path}",
@@ -54,8 +54,8 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         str(job.spec.path),
         job.arm,
         values,
-        known.names,
-        known.covariance,
+        calibration.names,
+        calibration.covariance,
         term_sets(job.observations, job.validation, values, held_out),
         _rms(data, file),
         read_assessment(data),
@@ -88,11 +88,13 @@ def load_job(data: Mapping[str, Any], file: Path) -> CalibrationJob:
 def _rms(data: Mapping[str, Any], file: Path) -> dict[str, tuple[float, float]]:
     """By set, before and after, m."""
     metrics = data.get("metrics")
-    found = {}
+    by_set = {}
     for name, both in metrics.items() if isinstance(metrics, dict) else ():
-        told = [both.get(when) for when in ("before", "after")] if isinstance(both, dict) else []
-        rms = [each["rms_mm"] for each in told if isinstance(each, dict) and "rms_mm" in each]
+        entries = [both.get(when) for when in ("before", "after")] if isinstance(both, dict) else []
+        rms = [
+            entry["rms_mm"] for entry in entries if isinstance(entry, dict) and "rms_mm" in entry
+        ]
         if len(rms) == 2:
-            before, after = (float(numbers(each, (), file, f"metrics.{name}")) for each in rms)
-            found[name] = (from_mm(before), from_mm(after))
-    return found
+            before, after = (float(numbers(value, (), file, f"metrics.{name}")) for value in rms)
+            by_set[name] = (from_mm(before), from_mm(after))
+    return by_set

@@ -141,28 +141,28 @@ def record_faults(
         latency: and its standard uncertainty, s.
         std_of_rms: the standard deviation of a root mean square, m, by squares in order of time.
     """
-    told, shape, lateness = list[RecordFault](), np.zeros_like(record.error), 0.0
+    faults, shape, lateness = list[RecordFault](), np.zeros_like(record.error), 0.0
     squares, late = np.sum(record.error**2, axis=1), 0.0
-    for each in _found(record):
+    for candidate in _candidates(record):
         # Each beside those before it: what one explains does not make the next a trifle.
-        shape, lateness = shape + each.shape, lateness + each.lateness
+        shape, lateness = shape + candidate.shape, lateness + candidate.lateness
         before, latency_with = squares, late
         squares, late = _without(record, shape)
         late += lateness
-        with_it, rms = (float(np.sqrt(np.mean(some))) for some in (before, squares))
+        with_it, rms = (float(np.sqrt(np.mean(values))) for values in (before, squares))
         changed = abs(late - latency_with) > latency[1] or abs(with_it - rms) > std_of_rms(squares)
         explained = 1.0 - float(squares.sum()) / max(float(before.sum()), 1e-300)
-        first, last = rows[each.first], rows[each.last]
+        first, last = rows[candidate.first], rows[candidate.last]
         fault = RecordFault(
-            kind=each.kind,
+            kind=candidate.kind,
             first=recorded.origin(first),
             last=recorded.origin(last),
             since=float(recorded.time[first]),
             until=float(recorded.time[last]),
-            to_the_end=bool(each.last == len(rows) - 1),
-            count=each.count,
-            size=each.size,
-            std=each.std,
+            to_the_end=bool(candidate.last == len(rows) - 1),
+            count=candidate.count,
+            size=candidate.size,
+            std=candidate.std,
             seconds=float(record.time[-1] - record.time[0]),
             explained=explained,
             latency=latency[0] + late,
@@ -171,36 +171,36 @@ def record_faults(
             rms_with=with_it,
             spoils=bool(explained > MOST and changed),
         )
-        told += [fault] if explained > WORTH else []
-    return tuple(told)
+        faults += [fault] if explained > WORTH else []
+    return tuple(faults)
 
 
-def _found(record: ErrorsInTime) -> list[Found]:
+def _candidates(record: ErrorsInTime) -> list[Found]:
     """The most telling faults: stuck and wild rows, and one of the others."""
     if len(record.time) < LEAST:
         return []
     left = robust_residual(record)
     scatter = max(float(np.median(np.linalg.norm(left, axis=1))), NOTHING / STUCK)
-    found, kept = list[Found](), np.ones(len(left), dtype=bool)
+    candidates, usable = list[Found](), np.ones(len(left), dtype=bool)
 
     def leave_out(kind: Kind, stray: Stray | None) -> None:
         if stray:
             shape = np.zeros_like(left)
             shape[stray.rows] = np.nan
-            kept[stray.rows] = False
+            usable[stray.rows] = False
             ends = stray.first, stray.last
-            found.append(Found(kind, stray.size, math.nan, shape, stray.count, *ends))
+            candidates.append(Found(kind, stray.size, math.nan, shape, stray.count, *ends))
 
     leave_out("stuck", stuck_rows(record, left, scatter))
-    leave_out("wild", wild_rows(record, left, scatter, kept) if np.sum(kept) >= LEAST else None)
-    other = ShiftsInTime(record, kept).most_telling() if np.sum(kept) >= LEAST else None
-    return [*found, other] if other else found
+    leave_out("wild", wild_rows(record, left, scatter, usable) if np.sum(usable) >= LEAST else None)
+    other = ShiftsInTime(record, usable).most_telling() if np.sum(usable) >= LEAST else None
+    return [*candidates, other] if other else candidates
 
 
 def _without(record: ErrorsInTime, shape: FloatArray) -> tuple[FloatArray, float]:
     """Squares of the errors (m,) without a shape (n, 3), m², and what lateness that leaves, s."""
-    kept = np.isfinite(shape[:, 0])
-    error, columns = record.error[kept] - shape[kept], record.estimated[kept]
+    finite = np.isfinite(shape[:, 0])
+    error, columns = record.error[finite] - shape[finite], record.estimated[finite]
     # What the alignment makes of it: lateness and transform go with the rest that it estimates.
     follows = fitted(columns, error)
     moved = 1 + record.transform.shape[2]

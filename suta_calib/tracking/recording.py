@@ -218,5 +218,5 @@ def flag_text(pose: TrackedPose) -> str:
     """``joint_3:error joint_2:warning``; empty where all is well."""
     if not (pose.errors or pose.warnings):
         return ""
-    said = [f"{name}:error" for name in pose.errors]
-    return " ".join(said + [f"{name}:warning" for name in pose.warnings])
+    flags = [f"{name}:error" for name in pose.errors]
+    return " ".join(flags + [f"{name}:warning" for name in pose.warnings])

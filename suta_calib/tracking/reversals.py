@@ -155,7 +155,7 @@ def find_reversals(channel: Channel, time: FloatArray, error: FloatArray) -> Cha
     creep = max(_CREEP * travel, _STANDS * noise)
     turns = turning_points(channel.coordinate, travel)
     around = [_neighbourhood(channel.coordinate, row, sense, travel) for row, sense in turns]
-    found = []
+    reversals = []
     for k, (row, sense) in enumerate(turns):
         first, last = around[k]
         # Not beyond the next reversal, and not further than the window.
@@ -165,13 +165,13 @@ def find_reversals(channel: Channel, time: FloatArray, error: FloatArray) -> Cha
         before, after = _mean(error[begin : first + 1]), _mean(error[last:end])
         if before is not None and after is not None:
             stands = _neighbourhood(channel.coordinate, row, sense, creep)
-            found.append(Reversal(float(time[row]), sense, *stands, before, after))
-    return ChannelReversals(channel, tuple(found))
+            reversals.append(Reversal(float(time[row]), sense, *stands, before, after))
+    return ChannelReversals(channel, tuple(reversals))
 
 
 def turning_points(x: FloatArray, travel: float) -> list[tuple[int, int]]:
     """Rows at which x is farthest before it goes back by ``travel``, and the new direction."""
-    found: list[tuple[int, int]] = []
+    turns: list[tuple[int, int]] = []
     sense, low, high = 0, 0, 0
     for row, value in enumerate(x.tolist()):
         if value > x[high]:
@@ -179,12 +179,12 @@ def turning_points(x: FloatArray, travel: float) -> list[tuple[int, int]]:
         if value < x[low]:
             low = row
         if sense >= 0 and value < x[high] - travel:
-            found += [(high, -1)] if sense else []
+            turns += [(high, -1)] if sense else []
             sense, low = -1, row
         elif sense <= 0 and value > x[low] + travel:
-            found += [(low, 1)] if sense else []
+            turns += [(low, 1)] if sense else []
             sense, high = 1, row
-    return found
+    return turns
 
 
 def _neighbourhood(x: FloatArray, row: int, sense: int, distance: float) -> tuple[int, int]:
@@ -197,8 +197,8 @@ def _neighbourhood(x: FloatArray, row: int, sense: int, distance: float) -> tupl
 
 def _mean(error: FloatArray) -> FloatArray | None:
     """Mean of the rows (n, 3) that are known, None where there are too few."""
-    known = error[np.isfinite(error).all(axis=1)]
-    return known.mean(axis=0) if len(known) >= _LEAST_ROWS else None
+    finite = error[np.isfinite(error).all(axis=1)]
+    return finite.mean(axis=0) if len(finite) >= _LEAST_ROWS else None
 
 
 def _rms(vectors: Sequence[FloatArray]) -> float:

@@ -91,7 +91,7 @@ class TrackingSession:
                     end, first = readings[0].arrival + lasts, False
                 elif not readings and left <= 0:
                     break
-                self.take(*(each for each in readings if each.arrival <= end))
+                self.take(*(reading for reading in readings if reading.arrival <= end))
                 if readings and readings[-1].arrival > end:
                     break
         finally:
@@ -100,7 +100,7 @@ class TrackingSession:
     def take(self, *readings: Reading) -> None:
         """Publish the poses of readings that came together, as many as the rate allows."""
         self.readings += len(readings)
-        poses = [self.tracker.pose(each) for each in readings if self._is_due(each.time)]
+        poses = [self.tracker.pose(reading) for reading in readings if self._is_due(reading.time)]
         for pose in poses:
             for publisher in self.publishers:
                 publisher.publish(pose)

@@ -45,7 +45,7 @@ ROUNDS: Final = 4
 # Times that a jump is larger than every other change, and the share by which the end of a short
 # one may differ from its beginning.
 DWARFS: Final = 2.5
-ALIKE: Final = 0.5
+COMPARABLE: Final = 0.5
 # Rows of which means are taken before and after, s of the longest, and means that a record has.
 WIDTHS: Final = (2, 4, 8, 16, 32, 64, 128)
 LONGEST: Final = 0.25
@@ -65,11 +65,11 @@ class ShiftsInTime:
         kept: (n,) rows that are neither stuck nor wild.
     """
 
-    def __init__(self, record: ErrorsInTime, kept: BoolArray) -> None:
-        self.record, self.at = record, np.flatnonzero(kept)
+    def __init__(self, record: ErrorsInTime, used: BoolArray) -> None:
+        self.record, self.at = record, np.flatnonzero(used)
         self.n = len(self.at)
-        self.time, self.error = record.time[kept], record.error[kept]
-        self.columns, self.velocity = record.columns[kept], record.velocity[kept]
+        self.time, self.error = record.time[used], record.error[used]
+        self.columns, self.velocity = record.columns[used], record.velocity[used]
         self.first = np.unique(np.linspace(0, self.n, min(self.n, BINS) + 1).astype(np.intp))[:-1]
         self.counts = np.diff(np.append(self.first, self.n))
         self.b_error, self.b_columns = self.mean(self.error), self.mean(self.columns)
@@ -94,14 +94,16 @@ class ShiftsInTime:
 
     def most_telling(self) -> Found | None:
         """The one that leaves least, where there is one."""
-        found = [each for each in (self.jump(), self.rate(), self.step()) if each]
-        return min(found, key=lambda each: each[0])[1] if found else None
+        candidates = [
+            candidate for candidate in (self.jump(), self.rate(), self.step()) if candidate
+        ]
+        return min(candidates, key=lambda candidate: candidate[0])[1] if candidates else None
 
     def spread(self, shape: FloatArray) -> FloatArray:
         """(n, 3) of all rows, from those that are kept."""
-        whole = np.zeros_like(self.record.error)
-        whole[self.at] = shape
-        return whole
+        full = np.zeros_like(self.record.error)
+        full[self.at] = shape
+        return full
 
     def judged(self, column: FloatArray, looks: int) -> tuple[float, float, float] | None:
         """What bins (m, 3) leave, the size of a column and its std; None where it is chance.
@@ -111,10 +113,10 @@ class ShiftsInTime:
             looks: of so many columns it is the best.
         """
         free = self.free(column)
-        told = float(np.sum(free**2))
-        if told <= FREE * float(np.sum(column**2)):
+        information = float(np.sum(free**2))
+        if information <= FREE * float(np.sum(column**2)):
             return None
-        size = float(np.sum(free * self.left)) / told
+        size = float(np.sum(free * self.left)) / information
         rest = self.left - size * free
         squares, every = float(np.sum(rest**2)), float(np.sum(self.left**2))
         freedom = (rest.size - self.q.shape[1] - 1) / correlation_length(rest)
@@ -125,7 +127,7 @@ class ShiftsInTime:
         variance = max(squares, 1e-18 * rest.size) / freedom
         if float(f.sf((every - squares) / variance, 1.0, freedom)) * looks > FALSE_ALARM:
             return None
-        return squares, size, float(np.sqrt(variance / told))
+        return squares, size, float(np.sqrt(variance / information))
 
     def rate(self) -> tuple[float, Found] | None:
         """An error along the velocity that grows with time."""
@@ -136,27 +138,29 @@ class ShiftsInTime:
         """An error along the velocity from a row on: the bin from which it explains most."""
         means = self.mean(-self.velocity)
         q = self.q.reshape(len(means), 3, -1)
-        own, shared, pull = (
-            np.cumsum(each[::-1], axis=0)[::-1]
-            for each in (
+        power, shared, pull = (
+            np.cumsum(values[::-1], axis=0)[::-1]
+            for values in (
                 np.sum(means**2, axis=1),
                 np.einsum("mi,mik->mk", means, q),
                 np.sum(means * self.left, axis=1),
             )
         )
-        told = own - np.sum(shared**2, axis=1)
-        usable = told > FREE * np.maximum(own, 1e-300)
+        information = power - np.sum(shared**2, axis=1)
+        usable = information > FREE * np.maximum(power, 1e-300)
         usable[:EDGE] = usable[-EDGE:] = False
-        gain = np.where(usable, pull**2 / np.where(usable, told, 1.0), 0.0)
+        gain = np.where(usable, pull**2 / np.where(usable, information, 1.0), 0.0)
         if not gain.any():
             return None
         row = int(self.first[np.argmax(gain)])
         after = np.zeros(self.n)
         after[row:] = 1.0
-        found = self.delayed("step", after, len(means), row)
-        if not found or not self.sharp(self.residual(), row, -found[1].size * self.velocity[row]):
+        candidate = self.delayed("step", after, len(means), row)
+        if not candidate or not self.sharp(
+            self.residual(), row, -candidate[1].size * self.velocity[row]
+        ):
             return None
-        return found
+        return candidate
 
     def delayed(
         self, kind: Kind, basis: FloatArray, looks: int, first: int
@@ -166,15 +170,15 @@ class ShiftsInTime:
         if not judged:
             return None
         size, lateness, error = judged[1], 0.0, self.error
-        whole, columns = np.zeros(len(self.record.time)), self.b_columns
+        delays, columns = np.zeros(len(self.record.time)), self.b_columns
         # Delays are not small beside what the motion changes in: again where they lead to.
         for _ in range(ROUNDS):
-            whole[self.at] = lateness + size * basis
-            position, velocity = (each[self.at] for each in self.record.late(whole))
+            delays[self.at] = lateness + size * basis
+            position, velocity = (values[self.at] for values in self.record.late(delays))
             error = self.error + self.record.reference[self.at] - position
-            late, own = (self.mean(-velocity * each) for each in (1.0, basis[:, None]))
+            late, delay_shape = (self.mean(-velocity * factor) for factor in (1.0, basis[:, None]))
             columns = np.concatenate([late[:, :, None], columns[:, :, 1:]], axis=2)
-            every = np.concatenate([columns, own[:, :, None]], axis=2)
+            every = np.concatenate([columns, delay_shape[:, :, None]], axis=2)
             change = fitted(every, self.mean(error))
             lateness, size = lateness + float(change[0]), size + float(change[-1])
         rest = self.mean(error) - every @ change
@@ -208,8 +212,8 @@ class ShiftsInTime:
             ratio, w, first, end = max(_dwarfing(left, w) for w in widths)
             inside = np.zeros(self.n)
             inside[first:end] = 1.0
-            own = per_axis(self.mean(inside)[:, None])
-            beta = fitted(np.concatenate([self.b_columns, own], axis=2), self.b_error)
+            jump_columns = per_axis(self.mean(inside)[:, None])
+            beta = fitted(np.concatenate([self.b_columns, jump_columns], axis=2), self.b_error)
             left = self.error - self.columns @ beta[:-3]
         if ratio < DWARFS:
             return None
@@ -217,8 +221,8 @@ class ShiftsInTime:
         jump = change[first - w]
         size = float(np.linalg.norm(jump))
         column = self.mean(inside[:, None] * jump)
-        told = float(np.sum(self.free(column) ** 2)) > FREE * float(np.sum(column**2))
-        if size < NOTHING or not told or not self.sharp(left, first, jump):
+        identifiable = float(np.sum(self.free(column) ** 2)) > FREE * float(np.sum(column**2))
+        if size < NOTHING or not identifiable or not self.sharp(left, first, jump):
             return None
         elsewhere = np.abs(np.arange(len(change)) - (first - w)) > w
         if end < self.n:
@@ -250,10 +254,10 @@ def _dwarfing(left: FloatArray, w: int) -> tuple[float, int, int, int]:
     two = int(np.argmax(beyond))
     third = np.where(np.abs(at - two) > w, beyond, 0.0)
     single = size[one] / max(beyond[two], TINY)
-    found = [(float(single), w, one + w, len(left))]
+    changes = [(float(single), w, one + w, len(left))]
     back = np.linalg.norm(change[one] + change[two])
-    if back < ALIKE * size[one]:
+    if back < COMPARABLE * size[one]:
         double = size[two] / max(float(third.max()), TINY)
         first, end = sorted((one, two))
-        found.append((float(double), w, first + w, end + w))
-    return max(found)
+        changes.append((float(double), w, first + w, end + w))
+    return max(changes)

@@ -24,7 +24,7 @@ PEAK: Final = 3.0
 # Times that a wild row is off what one of a hundred is, and the largest that is not wild; and rows
 # on either side that it is held against.
 WILD: Final = 5.0
-APART: Final = 2.0
+WILD_RATIO: Final = 2.0
 BESIDE: Final = 5
 # Of the rows, so many at most are wild: more are how this record scatters.
 FEW: Final = 0.01
@@ -50,18 +50,18 @@ class Stray:
 
 def robust_residual(record: ErrorsInTime) -> FloatArray:
     """(n, 3) what is left of the error, rows that are far off left out of the fit."""
-    kept = np.ones(len(record.time), dtype=bool)
+    inliers = np.ones(len(record.time), dtype=bool)
     left = record.error
     # Evenly spaced rows are enough to fit.
-    few = np.zeros(len(kept), dtype=bool)
-    few[:: max(1, len(kept) // ENOUGH)] = True
+    few = np.zeros(len(inliers), dtype=bool)
+    few[:: max(1, len(inliers) // ENOUGH)] = True
     for _ in range(ROUNDS):
-        left = record.error - record.columns @ fitted(record.columns, record.error, kept & few)
+        left = record.error - record.columns @ fitted(record.columns, record.error, inliers & few)
         sizes = np.linalg.norm(left, axis=1)
         again = sizes <= OFF * max(float(np.median(sizes)), NOTHING / OFF)
-        if np.array_equal(again, kept):
+        if np.array_equal(again, inliers):
             break
-        kept = again
+        inliers = again
     return left
 
 
@@ -109,7 +109,7 @@ def stuck_rows(record: ErrorsInTime, left: FloatArray, scatter: float) -> Stray 
 
 
 def wild_rows(
-    record: ErrorsInTime, left: FloatArray, scatter: float, kept: BoolArray
+    record: ErrorsInTime, left: FloatArray, scatter: float, used: BoolArray
 ) -> Stray | None:
     """Single rows that are off from those before and from those after, the same way.
 
@@ -117,9 +117,9 @@ def wild_rows(
         record: errors over time.
         left: (n, 3) of them, what no honest cause explains, m.
         scatter: what the median row is off by, m.
-        kept: (n,) rows that are not stuck.
+        used: (n,) rows that are not stuck.
     """
-    at, left = np.flatnonzero(kept), left[kept]
+    at, left = np.flatnonzero(used), left[used]
     n, reach = len(left), BESIDE
     padded = np.concatenate([left[reach:0:-1], left, left[-2 : -2 - reach : -1]])
     windows = np.lib.stride_tricks.sliding_window_view(padded, reach, axis=0)
@@ -134,13 +134,13 @@ def wild_rows(
         return None
     # Where the motion turns sharply, what is between two rows is not known so well.
     step = float(np.median(np.diff(record.time)))
-    near = min(1 + math.ceil(record.interval / step), len(kept) - 1)
-    turns = np.zeros(len(kept))
+    near = min(1 + math.ceil(record.interval / step), len(used) - 1)
+    turns = np.zeros(len(used))
     bend = np.linalg.norm(record.velocity[near:] - record.velocity[:-near], axis=1)
     for shift in range(near + 1):
         part = turns[shift : shift + len(bend)]
         np.maximum(part, bend * max(record.interval, step), out=part)
-    least = APART * max(float(off[~wild].max()), rms_length(left[~wild]))
+    least = WILD_RATIO * max(float(off[~wild].max()), rms_length(left[~wild]))
     rows = rows[off[rows] > np.maximum(least, turns[at[rows]])]
     if not len(rows):
         return None

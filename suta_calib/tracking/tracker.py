@@ -166,14 +166,14 @@ class TipKinematics:
         run.inputs[0][0] = angles
         flat, position, std, turn_std = run()
         rotation = flat.reshape(3, 3).T.copy()
-        known = (std[0].copy(), turn_std[0].copy()) if self._known else (None, None)
-        return rotation, position[0].copy(), *known
+        stds = (std[0].copy(), turn_std[0].copy()) if self._known else (None, None)
+        return rotation, position[0].copy(), *stds
 
 
 def quaternion(rotation: FloatArray) -> FloatArray:
     """Quaternion x y z w (4,) of a rotation matrix (3, 3), w ≥ 0."""
-    found = np.asarray(pin.Quaternion(rotation).coeffs(), dtype=float)
-    return -found if found[3] < 0 else found
+    xyzw = np.asarray(pin.Quaternion(rotation).coeffs(), dtype=float)
+    return -xyzw if xyzw[3] < 0 else xyzw
 
 
 def _compiled(arm: ArmModel, tool: Tool, uncertainty: CalibrationUncertainty | None) -> Any:
@@ -262,6 +262,8 @@ def matched_joints(
     Raises:
         InputError: the device lacks one; names it and what the device has.
     """
-    found = f"the joints {', '.join(device_joints)}"
+    device_names = f"the joints {', '.join(device_joints)}"
     expected = f"those of the chain {arm.chain.base} → {arm.tip}: {', '.join(arm.joints)}"
-    return np.array(columns_of(arm.joints, device_joints, found, expected, device), dtype=np.intp)
+    return np.array(
+        columns_of(arm.joints, device_joints, device_names, expected, device), dtype=np.intp
+    )

@@ -99,14 +99,14 @@ class CalibrationUncertainty:
         anywhere = InverseKinematics(arm, {}).random_readings(random, _POSTURES)
         counted, names, spreads = list[str](), list(self.names), list[Mapping[str, float]]()
         for fixed, direction, plausible in self.held:
-            step = {name: each * plausible for name, each in direction.items()}
+            step = {name: factor * plausible for name, factor in direction.items()}
             alone = replace(self, names=tuple(step), covariance=_square(step, tuple(step)))
             moving, factor = alone.folded(arm)
             at = sensitivity(arm, self.beside_geometry, moving, anywhere)
             if at.moved(factor[:, -1]):
                 counted.append(fixed)
                 names += [name for name in step if name not in names]
-                spreads.append({name: each / math.sqrt(3.0) for name, each in step.items()})
+                spreads.append({name: change / math.sqrt(3.0) for name, change in step.items()})
         covariance = np.zeros((len(names),) * 2)
         covariance[: len(self.names), : len(self.names)] = self.covariance
         for spread in spreads:
@@ -116,7 +116,7 @@ class CalibrationUncertainty:
             names=tuple(names),
             covariance=covariance,
             fixed=tuple(name for name in self.fixed if name not in counted),
-            held=tuple(each for each in self.held if each[0] not in counted),
+            held=tuple(parameter for parameter in self.held if parameter[0] not in counted),
             counted=tuple(counted),
         )
 
@@ -173,10 +173,10 @@ class CalibrationUncertainty:
     def _check_same(self, joint: ChainJoint, segment: Segment) -> None:
         if joint.type == "prismatic":
             return  # its offset is folded into the position
-        for name, found in zip(segment.names(*POSITION), joint.xyz, strict=True):
-            if abs(self.values.get(name, found) - found) > _SAME:
+        for name, urdf_value in zip(segment.names(*POSITION), joint.xyz, strict=True):
+            if abs(self.values.get(name, urdf_value) - urdf_value) > _SAME:
                 raise InputError(
-                    f"{self.values[name]:.9g} m, and {found:.9g} m in the URDF",
+                    f"{self.values[name]:.9g} m, and {urdf_value:.9g} m in the URDF",
                     "the result of the calibration that wrote this URDF",
                     file=self.path,
                     where=name,
@@ -220,20 +220,20 @@ def read_uncertainty(
             where="status",
         )
     refuse_unusable(data, path, anyway=anyway)
-    known = set(arm.offered.names)
-    own = {name: entry for name, entry in parameters.items() if name in known}
-    estimated = [name for name, entry in own.items() if entry.get("std") is not None]
-    if not own:
+    offered = set(arm.offered.names)
+    entries = {name: entry for name, entry in parameters.items() if name in offered}
+    estimated = [name for name, entry in entries.items() if entry.get("std") is not None]
+    if not entries:
         raise InputError(
             f"no parameter of {arm.chain.path.name} among {', '.join(list(parameters)[:4])}",
             "the result of this arm's calibration",
             file=path,
             where="parameters",
         )
-    names, covariance, source = _covariance(data, own, estimated, known, path)
+    names, covariance, source = _covariance(data, entries, estimated, offered, path)
     _check_covariance(covariance, path, source)
-    values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in own.items()}
-    fixed = tuple(str(n) for n in data.get("unidentified", []) if n in known)
+    values = {n: float(numbers(e.get("value"), (), path, n)) for n, e in entries.items()}
+    fixed = tuple(str(n) for n in data.get("unidentified", []) if n in offered)
     beside = {n: v for n, v in values.items() if v and not arm.offered[n].geometric}
     held = tuple(_held(data, fixed, path))
     return CalibrationUncertainty(path, names, covariance, values, source, fixed, beside, held)
@@ -258,9 +258,9 @@ def _held(
 
 def _covariance(
     data: dict[str, Any],
-    own: dict[str, dict[str, Any]],
+    entries: dict[str, dict[str, Any]],
     estimated: Sequence[str],
-    known: Set[str],
+    offered: Set[str],
     path: Path,
 ) -> tuple[tuple[str, ...], FloatArray, Source]:
     for source in ("covariance", "correlations"):
@@ -271,31 +271,31 @@ def _covariance(
         shape = (len(names), len(names))
         matrix = numbers(table.get("matrix"), shape, path, f"{source}: matrix")
         # What a job holds without naming it may be among them.
-        of_table = own if source == "correlations" else known
+        of_table = entries if source == "correlations" else offered
         if missing := [name for name in names if name not in of_table]:
             where = f"{source}: parameters"
             raise InputError(repr(missing[0]), "a parameter of this arm", file=path, where=where)
         if source == "covariance":
             return names, matrix, "covariance"
-        std = np.array([numbers(own[n].get("std"), (), path, n) for n in names])
+        std = np.array([numbers(entries[n].get("std"), (), path, n) for n in names])
         return names, matrix * np.outer(std, std), "correlations"
-    std = np.array([numbers(own[name]["std"], (), path, name) for name in estimated])
+    std = np.array([numbers(entries[name]["std"], (), path, name) for name in estimated])
     return tuple(estimated), np.diag(std**2), "std"
 
 
 def _check_covariance(covariance: FloatArray, path: Path, source: Source) -> None:
     """Refuse what is no covariance of lengths and angles, whatever it is called in the file."""
     variances = np.diag(covariance)
-    found = ""
+    problem = ""
     if np.abs(covariance).max(initial=0.0) > FARTHEST**2:
-        found = f"a standard deviation of {np.sqrt(np.abs(covariance).max()):.3g} m or rad"
+        problem = f"a standard deviation of {np.sqrt(np.abs(covariance).max()):.3g} m or rad"
     elif variances.min(initial=0.0) < 0:
-        found = f"a variance of {variances.min():.3g}"
+        problem = f"a variance of {variances.min():.3g}"
     elif not np.allclose(covariance, covariance.T, 1e-6, 1e-9 * variances.max(initial=0.0)):
-        found = "a matrix that is not symmetric"
-    if found:
+        problem = "a matrix that is not symmetric"
+    if problem:
         expected = "the covariance that suta-calib calibrate wrote"
-        raise InputError(found, expected, file=path, where=source)
+        raise InputError(problem, expected, file=path, where=source)
 
 
 def _unfolded(joint: ChainJoint, vector: FloatArray, offset: float) -> ChainJoint:
@@ -336,13 +336,13 @@ def numbers(data: Any, shape: tuple[int, ...], path: Path, where: str) -> FloatA
         InputError: anything else.
     """
     try:
-        found = np.array(data, dtype=float)
+        values = np.array(data, dtype=float)
     except (TypeError, ValueError):
-        found = np.full(1, np.nan)
-    if found.shape != shape or not np.isfinite(found).all():
-        said = repr(data)
-        said = said if len(said) <= 60 else said[:57] + "…"
+        values = np.full(1, np.nan)
+    if values.shape != shape or not np.isfinite(values).all():
+        text = repr(data)
+        text = text if len(text) <= 60 else text[:57] + "…"
         raise InputError(
-            said, f"{' x '.join(map(str, shape))} finite numbers", file=path, where=where
+            text, f"{' x '.join(map(str, shape))} finite numbers", file=path, where=where
         )
-    return found
+    return values

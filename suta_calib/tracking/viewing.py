@@ -66,7 +66,7 @@ class LiveArm:
         q = reading.angles[self._columns]
         wrong = [name for name, flag in zip(arm.joints, flags, strict=True) if flag]
         if wrong:
-            said = f"not valid: error flag of {', '.join(wrong)}"
+            label = f"not valid: error flag of {', '.join(wrong)}"
         else:
             self._viewer.move(q)
             self.shown += 1
@@ -74,5 +74,5 @@ class LiveArm:
         if not wrong:
             std = np.sqrt(np.diagonal(covariance[0]))
             numbers = zip(mm(position[0]), mm(std), strict=True)
-            said = ", ".join(f"{p:.2f} ± {s:.2f}" for p, s in numbers) + " mm"
-        self._viewer.show_tip(Ellipsoids.of("tip", position, covariance, UNSURE), said)
+            label = ", ".join(f"{p:.2f} ± {s:.2f}" for p, s in numbers) + " mm"
+        self._viewer.show_tip(Ellipsoids.of("tip", position, covariance, UNSURE), label)
