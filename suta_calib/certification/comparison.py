@@ -74,7 +74,7 @@ def compare(
     rows = _shared(names, drawing)
     drawn = drawing.position_of(names[k] for k in rows)
     try:
-        found = register(position[rows], drawn)
+        registration = register(position[rows], drawn)
     except SamplesError as problem:
         raise ArtefactError(
             f"landmarks that do not fit the drawing {drawing.name!r}: {problem.found}",
@@ -82,8 +82,8 @@ def compare(
             where="--nominal",
         ) from None
     deviation = np.full(position.shape, np.nan)
-    deviation[rows] = found.act(position[rows]) - drawn
-    turned = float(rpy_from_rotation(found.rotation)[2])
+    deviation[rows] = registration.act(position[rows]) - drawn
+    turned = float(rpy_from_rotation(registration.rotation)[2])
     turn = np.full(len(names), np.nan)
     for k in rows:
         seated = drawing.landmark(names[k]).rotation
@@ -91,7 +91,7 @@ def compare(
             turn[k] = yaw[k] + turned - rpy_from_rotation(seated)[2]
     lacking = tuple(name for name in names if name not in drawing.landmarks)
     untouched = tuple(name for name in drawing.landmarks if name not in names)
-    return DrawingComparison(drawing, found, deviation, wrap(turn), lacking, untouched)
+    return DrawingComparison(drawing, registration, deviation, wrap(turn), lacking, untouched)
 
 
 def _shared(names: Sequence[str], drawing: Artefact) -> list[int]:

@@ -62,8 +62,8 @@ def faults(
     tests = max(sum(int(np.isfinite(q.value).sum()) for q in quantities), 1)
     chance = FALSE_ALARM / tests / 2 if tolerance is None else RISK
     factor = deviates(chance, freedom)
-    found = [fault for q in quantities for fault in _faults_of(names, q, factor, tolerance)]
-    return tuple(sorted(found, key=lambda fault: list(names).index(fault.landmark)))
+    every_fault = [fault for q in quantities for fault in _faults_of(names, q, factor, tolerance)]
+    return tuple(sorted(every_fault, key=lambda fault: list(names).index(fault.landmark)))
 
 
 def _faults_of(
@@ -83,16 +83,16 @@ def _faults_of(
     if quantity.nominal and tolerance is not None:
         usual = np.zeros_like(usual)
     off = np.abs(quantity.value - usual)
-    own = STANDS_OUT * spread if tolerance is None else tolerance
-    limit = factor * quantity.std + own
-    found = []
+    allowance = STANDS_OUT * spread if tolerance is None else tolerance
+    limit = factor * quantity.std + allowance
+    faults = []
     for row, name in enumerate(names):
         over = np.nan_to_num(off[row] / limit[row], nan=0.0)
         worst = int(np.argmax(over))
         if over[worst] > 1.0:
             size, most = float(off[row, worst]), float(limit[row, worst])
-            found.append(Fault(name, quantity.name, size, most))
-    return found
+            faults.append(Fault(name, quantity.name, size, most))
+    return faults
 
 
 def judged(
@@ -117,14 +117,14 @@ def judged(
     tops = [pillar.top.position for pillar in measured.pillars]
     radius = np.array([[np.linalg.norm(top - top.mean(axis=0), axis=1).max()] for top in tops])
     slope, slope_std = rows(SLOPES)
-    found = [
+    quantities = [
         Quantity("rise of its top", radius * slope, radius * slope_std, True),
         Quantity("middles of its diagonals apart", *rows(UNEVEN), True),
         Quantity("length of a diagonal", *rows(DIAGONALS), False),
         Quantity("distance of its flats", *rows(slice(WIDTH, WIDTH + 1)), False),
     ]
     if comparison is None:
-        return found
+        return quantities
     std = np.array([mark.shape_std for mark in landmarks])
     # Deviations are in the drawing's axes, which may be turned about z.
     across = np.tile(std[:, :2].max(axis=1)[:, None], 2)
@@ -132,7 +132,7 @@ def judged(
     turned = np.array([np.nan if m.yaw_std is None else m.yaw_std for m in landmarks])
     turn, turn_std = arm * comparison.turn, np.nan_to_num(arm * turned, nan=1.0)
     return [
-        *found,
+        *quantities,
         Quantity("place in the plane", comparison.deviation[:, :2], across, True),
         Quantity("height", comparison.deviation[:, 2:], std[:, 2:], True),
         Quantity("turn of its flats", turn[:, None], turn_std[:, None], False),
@@ -141,10 +141,10 @@ def judged(
 
 def uneven_tops(measured: MeasuredArtefact, noise: float, tolerance: float | None) -> list[Fault]:
     """Tops that are no plane, whichever touch is left out."""
-    found = []
+    faults = []
     limit = SIGMAS * noise if tolerance is None else tolerance
     for pillar, top in zip(measured.pillars, measured.tops, strict=True):
         size = float(np.abs(top.residuals[top.inliers]).max())
         if not top.even and (tolerance is None or size > limit):
-            found.append(Fault(pillar.name, "unevenness of its top", size, limit))
-    return found
+            faults.append(Fault(pillar.name, "unevenness of its top", size, limit))
+    return faults

@@ -126,8 +126,8 @@ def _side(count: int, leaning: bool) -> Any:
     # The slope along the ground is the same at any height.
     columns = [column - ca.sum1(column) / count for column in [along, z][: 1 + leaning]]
     matrix = ca.horzcat(ca.SX.ones(count, 1), *columns)
-    found = ca.inv(matrix.T @ matrix) @ (matrix.T @ across)
-    angle = start + ca.atan(found[1])
+    line = ca.inv(matrix.T @ matrix) @ (matrix.T @ across)
+    angle = start + ca.atan(line[1])
     derivatives = [ca.jacobian(angle, ca.vec(touches)), ca.jacobian(angle, ground)]
     return ca.Function("side", [touches, ground, start], [angle, *derivatives], {"cse": True})
 
@@ -155,10 +155,10 @@ class Sources:
 
     def jacobians(self, pillars: Sequence[PillarGeometry]) -> list[FloatArray]:
         """(rows, c) derivative of each pillar's numbers by everything touched."""
-        found = [geometry.by_ground @ self.ground for geometry in pillars]
-        for full, geometry, columns in zip(found, pillars, self.pillars, strict=True):
+        derivatives = [geometry.by_ground @ self.ground for geometry in pillars]
+        for full, geometry, columns in zip(derivatives, pillars, self.pillars, strict=True):
             full[:, columns] += geometry.by_touch
-        return found
+        return derivatives
 
     def heading_jacobian(self, heading: Heading) -> FloatArray:
         """(c,) derivative of the side's direction by everything touched."""
@@ -180,10 +180,12 @@ def sources_of(measured: MeasuredArtefact, heading: Heading | None, noise: Probi
     n = len(measured.ground_points)
     sigmas = [np.full(3 * n, noise.ground)]
     for pillar, top in zip(measured.pillars, measured.tops, strict=True):
-        each = [noise.touch] * int(top.inliers.sum()) + [noise.of("hole")] * len(pillar.holes)
+        touch_sigmas = [noise.touch] * int(top.inliers.sum()) + [noise.of("hole")] * len(
+            pillar.holes
+        )
         if pillar.front is not None:
-            each += [noise.touch * count**-0.5 for count in pillar.flat_counts]
-        sigmas.append(np.repeat(each, 3))
+            touch_sigmas += [noise.touch * count**-0.5 for count in pillar.flat_counts]
+        sigmas.append(np.repeat(touch_sigmas, 3))
     side_touches = 0 if heading is None else int(heading.inliers.sum())
     sigmas.append(np.full(3 * side_touches, noise.of("side")))
     x, y = measured.ground_points[:, 0], measured.ground_points[:, 1]
@@ -285,15 +287,15 @@ def origin_of(names: Sequence[str], options: CertificationOptions) -> int:
     Raises:
         ArtefactError: the one asked for was not touched.
     """
-    wanted = options.origin or (ORIGIN if ORIGIN in names else names[0])
-    if wanted not in names:
+    origin = options.origin or (ORIGIN if ORIGIN in names else names[0])
+    if origin not in names:
         raise ArtefactError(
-            f"no touched landmark {wanted!r}",
+            f"no touched landmark {origin!r}",
             f"one of {', '.join(names)}",
             where="origin",
-            hint=did_you_mean(wanted, names),
+            hint=did_you_mean(origin, names),
         )
-    return names.index(wanted)
+    return names.index(origin)
 
 
 def _towards_farthest(
@@ -306,8 +308,8 @@ def _towards_farthest(
     centres = np.array([g.values[:2] for g in measured.geometry])
     away = centres - centres[origin]
     names = [pillar.name for pillar in measured.pillars]
-    known = [k for k, n in enumerate(names) if drawing is None or n in drawing.landmarks]
-    far = max(known, key=lambda k: float(away[k] @ away[k]), default=origin)
+    candidates = [k for k, n in enumerate(names) if drawing is None or n in drawing.landmarks]
+    far = max(candidates, key=lambda k: float(away[k] @ away[k]), default=origin)
     if not away[far].any():
         return 0.0, np.zeros(jacobians[0].shape[1])
     angle = float(np.arctan2(away[far, 1], away[far, 0]))

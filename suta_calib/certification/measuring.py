@@ -189,14 +189,14 @@ def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatA
             hint=hint,
         )
     if on_a_line(top * [1, 1, 0], 0.0):
-        found = f"{len(top)} touches of its top on a line"
+        defect = f"{len(top)} touches of its top on a line"
         spread = "touches spread over the top"
-        raise SamplesError(found, spread, file=raw.path, line=first, where=where)
-    apart = float(np.hypot(*(top.mean(axis=0) - holes.mean(axis=0))[:2]))
+        raise SamplesError(defect, spread, file=raw.path, line=first, where=where)
+    distance = float(np.hypot(*(top.mean(axis=0) - holes.mean(axis=0))[:2]))
     around = float(np.linalg.norm(holes - holes.mean(axis=0), axis=1).max())
-    if apart > 2.0 * around:
+    if distance > 2.0 * around:
         raise SamplesError(
-            f"a top {mm(apart):.1f} mm beside the middle of its holes",
+            f"a top {mm(distance):.1f} mm beside the middle of its holes",
             f"a top within {mm(2.0 * around):.1f} mm of it",
             file=raw.path,
             line=first,

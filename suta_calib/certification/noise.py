@@ -29,7 +29,7 @@ ENOUGH_FREEDOM: Final = 4
 DOUBT: Final = 0.001
 # Chance that holes or side as good as the tops get a noise of their own: no word is said of it, and
 # were it smaller, touches half as bad again would not be told.
-OWN: Final = 0.05
+WORSE_FEATURE: Final = 0.05
 # Pillars from which on their holes say what a touch of a hole is worth, though one may be damaged.
 ENOUGH_PILLARS: Final = 5
 # Chance that any pillar is kept out of that wrongly.
@@ -74,15 +74,15 @@ class ProbingNoise:
         """The fewest degrees of freedom of what planes and these features tell."""
         return min([self.freedom, *(float(self.own[k].freedom) for k in kinds if k in self.own)])
 
-    def beside(self, kind: Kind, seen: Scatter) -> ProbingNoise:
+    def beside(self, kind: Kind, scatter: Scatter) -> ProbingNoise:
         """The same, with what such a feature's touches scatter where that is more beyond chance."""
-        if seen.freedom < ENOUGH_FREEDOM:
+        if scatter.freedom < ENOUGH_FREEDOM:
             return self
-        chance, known = (OWN, seen.freedom), np.isinf(self.freedom)
-        most = chi2.isf(*chance) / seen.freedom if known else f.isf(*chance, self.freedom)
-        if seen.sigma**2 <= most * self.touch**2:
+        chance, exact = (WORSE_FEATURE, scatter.freedom), np.isinf(self.freedom)
+        most = chi2.isf(*chance) / scatter.freedom if exact else f.isf(*chance, self.freedom)
+        if scatter.sigma**2 <= most * self.touch**2:
             return self
-        return replace(self, own={**self.own, kind: seen})
+        return replace(self, own={**self.own, kind: scatter})
 
 
 def scatter_of_holes(uneven: FloatArray) -> Scatter:
@@ -98,8 +98,8 @@ def scatter_of_holes(uneven: FloatArray) -> Scatter:
         return Scatter(0.0, 0)
     squared = np.sum(uneven**2, axis=1)
     usual = float(np.median(squared)) / chi2.median(2)
-    kept = squared <= 2.0 * max(usual, FINEST**2) * f.isf(KEPT_OUT / count, 2, count)
-    return Scatter(float(squared[kept].sum()), 2 * int(kept.sum()))
+    inliers = squared <= 2.0 * max(usual, FINEST**2) * f.isf(KEPT_OUT / count, 2, count)
+    return Scatter(float(squared[inliers].sum()), 2 * int(inliers.sum()))
 
 
 def noise_of(measured: MeasuredArtefact, stated: float | None, raw: RawPoints) -> ProbingNoise:
@@ -119,27 +119,30 @@ def _noise_of_planes(
 ) -> ProbingNoise:
     even = [top for top in measured.tops if top.even]
     squared, freedom = sum(t.squared for t in even), sum(t.freedom for t in even)
-    ground, own = measured.ground, max(measured.ground.freedom, 0)
+    ground, ground_freedom = measured.ground, max(measured.ground.freedom, 0)
     if stated is not None:
         scatter = max(float(np.sqrt(squared / freedom)) if freedom else 0.0, FINEST)
         doubted = freedom > 0 and squared > stated**2 * chi2.isf(DOUBT, freedom)
-        touch, known = (scatter, float(freedom)) if doubted else (stated, np.inf)
-        rough = own > 0 and own * ground.rms**2 > touch**2 * chi2.isf(DOUBT, own)
-        return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, known)
-    if freedom + own < ENOUGH_FREEDOM:
+        touch, touch_freedom = (scatter, float(freedom)) if doubted else (stated, np.inf)
+        rough = ground_freedom > 0 and ground_freedom * ground.rms**2 > touch**2 * chi2.isf(
+            DOUBT, ground_freedom
+        )
+        return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, touch_freedom)
+    if freedom + ground_freedom < ENOUGH_FREEDOM:
         raise SamplesError(
-            f"{freedom + own} touches more than planes need, too few to learn their noise from",
+            f"{freedom + ground_freedom} touches more than planes need, too few to learn their "
+            "noise from",
             "five touches on each top, or the noise of a touch",
             file=raw.path,
             hint="state it with --sigma-um",
         )
     # A ground rougher than the tops is no worse an instrument.
-    alike = (
+    same_noise = (
         freedom == 0
-        or own == 0
-        or (ground.rms**2 * freedom <= squared * f.isf(DOUBT, own, freedom))
+        or ground_freedom == 0
+        or (ground.rms**2 * freedom <= squared * f.isf(DOUBT, ground_freedom, freedom))
     )
-    if alike:
-        squared, freedom = squared + own * ground.rms**2, freedom + own
+    if same_noise:
+        squared, freedom = squared + ground_freedom * ground.rms**2, freedom + ground_freedom
     touch = max(float(np.sqrt(squared / freedom)), FINEST)
-    return ProbingNoise(touch, touch if alike else ground.rms, float(freedom))
+    return ProbingNoise(touch, touch if same_noise else ground.rms, float(freedom))

@@ -83,10 +83,10 @@ class OverGround:
 
     def notes(self, level: Level) -> list[str]:
         """What is said of it at this level."""
-        found = list[str]()
+        sentences = list[str]()
         if self.risen == level:
             higher = "higher" if self.height > 0 else "lower"
-            found.append(
+            sentences.append(
                 f"All landmarks stand {mm(abs(self.height)):.4f} ± {mm(float(self.std[0])):.4f} mm "
                 f"{higher} over the ground than drawn: was the ball's radius taken off on the "
                 "ground and not on the tops, or the reverse, was anything moved between the two, "
@@ -94,21 +94,21 @@ class OverGround:
             )
         if self.tilted == level:
             size, sure = float(np.hypot(*self.tilt)), float(self.std[1:].max())
-            found.append(
+            sentences.append(
                 f"All landmarks lean by {deg(size):.4f} ± {deg(sure):.4f}° from the ground, "
                 f"{mm(size * self.reach):.4f} mm at the outermost: was anything moved between "
                 "touching the ground and the pillars, or is z not upright in the drawing?"
             )
-        return found
+        return sentences
 
     def _judged(self, row: int) -> Level:
         lever = self.reach if row else 1.0
         off = lever * abs(float([self.height, *self.tilt][row]))
         factor = deviates(CHANCE if self.tolerance is None else RISK, self.touch_freedom)
-        own = STANDS_OUT * self.spread if self.tolerance is None else self.tolerance
+        allowance = STANDS_OUT * self.spread if self.tolerance is None else self.tolerance
         # A height out of tolerance is so whether or not the landmarks scatter as much.
         certain = bool(self.beyond[row]) or (self.tolerance is not None and row == 0)
-        if certain and off > factor * lever * float(self.by_touch[row]) + own:
+        if certain and off > factor * lever * float(self.by_touch[row]) + allowance:
             return "bad"
         return "care" if self.beyond[row] else "good"
 
@@ -142,32 +142,32 @@ def over_ground(
     # A turn about x lifts what is at y, one about y lowers what is at x.
     design = np.column_stack([np.ones(len(rows)), across[:, 1], -across[:, 0]])
     solved = np.linalg.pinv(design)
-    found = solved @ off
+    estimate = solved @ off
     by_touch = solved @ height_by[rows]
     by_ground = np.linalg.norm(by_touch[:, ground], axis=1)
     # What has standard deviations was measured itself, over a ground touched as well as this one.
     times = 2.0 if any(mark.sigma for mark in marks) else 1.0
     by_ground = np.sqrt(times) * by_ground
-    size, scatter = np.linalg.norm(solved, axis=1), off - design @ found
+    size, scatter = np.linalg.norm(solved, axis=1), off - design @ estimate
     alone = Scatter(float(scatter @ scatter), len(rows) - UNKNOWNS)
     places = float(np.sum(comparison.deviation[rows, :2] ** 2))
     every = Scatter(alone.squared + places, 3 * len(rows) - MOTION)
 
-    def beyond(chance: float, seen: Scatter) -> BoolArray:
-        if seen.freedom < 1:
+    def beyond(chance: float, scatter: Scatter) -> BoolArray:
+        if scatter.freedom < 1:
             return np.ones(UNKNOWNS, dtype=np.bool_)
-        std = np.hypot(by_ground, max(seen.sigma, FINEST) * size)
-        return np.asarray(np.abs(found) > std * deviates(chance, seen.freedom))
+        std = np.hypot(by_ground, max(scatter.sigma, FINEST) * size)
+        return np.asarray(np.abs(estimate) > std * deviates(chance, scatter.freedom))
 
     strict, loose = beyond(CHANCE, alone), beyond(BY_THEMSELVES / UNKNOWNS / 2, alone)
-    told = loose & beyond(CHANCE, every) | strict & (alone.freedom > 0)
+    significant = loose & beyond(CHANCE, every) | strict & (alone.freedom > 0)
     spread = max((alone if alone.freedom >= ENOUGH_FREEDOM else every).sigma, FINEST)
     return OverGround(
-        height=float(found[0]),
-        tilt=found[1:],
+        height=float(estimate[0]),
+        tilt=estimate[1:],
         std=np.hypot(by_ground, spread * size),
         by_touch=np.sqrt(times) * np.linalg.norm(by_touch, axis=1),
-        beyond=told,
+        beyond=significant,
         touch_freedom=freedom,
         spread=spread,
         reach=float(np.linalg.norm(across, axis=1).max()),

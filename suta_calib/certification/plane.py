@@ -103,7 +103,7 @@ def agreeing(
         noise: as for `fit_plane`.
     """
     used = np.ones(count, dtype=np.bool_)
-    found = used.copy()
+    inliers = used.copy()
     while count - used.sum() < int(MOST_WRONG * count) and used.sum() >= parameters + 3:
         residual, design = fit(used)
         ratio, scale_known = _studentised(residual[used], design[used], noise)
@@ -113,8 +113,8 @@ def agreeing(
         limit = norm.isf(chance) if scale_known else t.isf(chance, freedom)
         used[np.flatnonzero(used)[worst]] = False
         if ratio[worst] > limit:
-            found = used.copy()
-    return found
+            inliers = used.copy()
+    return inliers
 
 
 def _studentised(
@@ -125,11 +125,11 @@ def _studentised(
     free = np.maximum(1.0 - np.sum(q**2, axis=1), 1e-6)
     freedom = len(residual) - design.shape[1]
     total = float(np.sum(residual**2))
-    others = np.maximum(total - residual**2 / free, 0.0) / max(freedom - 1, 1)
-    scale = np.sqrt(others)
+    variance_without = np.maximum(total - residual**2 / free, 0.0) / max(freedom - 1, 1)
+    scale = np.sqrt(variance_without)
     least = FINEST if noise is None else max(noise, FINEST)
-    known = bool(noise is not None and np.median(scale) <= least)
-    return np.abs(residual) / np.sqrt(free) / np.maximum(scale, least), known
+    noise_used = bool(noise is not None and np.median(scale) <= least)
+    return np.abs(residual) / np.sqrt(free) / np.maximum(scale, least), noise_used
 
 
 def _principal(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -174,9 +174,9 @@ def judge_tops(tops: Sequence[FloatArray], noise: float | None, fallback: float)
         level = float(np.sqrt(np.median([fit.squared / chi2.median(fit.freedom) for fit in free])))
         freedom = sum(fit.freedom for fit in free) // 2
     scale = max(level, noise or 0.0, FINEST)
-    known = noise is not None and scale == noise
+    given = noise is not None and scale == noise
     return tuple(
-        _judge(points, fit, scale, None if known else freedom, len(tops))
+        _judge(points, fit, scale, None if given else freedom, len(tops))
         for points, fit in zip(tops, fits, strict=True)
     )
 
@@ -193,7 +193,7 @@ def _judge(points: FloatArray, fit: Top, scale: float, freedom: int | None, coun
     if even(fit):
         return fit
     k = len(points)
-    without = [_fit(points, np.arange(k) != each) for each in range(k)] if k > 4 else []
+    without = [_fit(points, np.arange(k) != touch) for touch in range(k)] if k > 4 else []
     mended = [top for top in without if even(top)]
     if mended:
         return min(mended, key=lambda top: float(np.hypot(*_plane(points[top.inliers])[1:])))

@@ -161,8 +161,8 @@ class _Rows:
             raise self.table.refuse(row, "index", repr(cell), f"a whole number from 0 to {most}")
         return int(cell)
 
-    def missing(self, found: str, expected: str, where: str = "", hint: str = "") -> SamplesError:
-        return SamplesError(found, expected, file=self.table.path, where=where, hint=hint)
+    def missing(self, problem: str, expected: str, where: str = "", hint: str = "") -> SamplesError:
+        return SamplesError(problem, expected, file=self.table.path, where=where, hint=hint)
 
 
 def _pillar(rows: _Rows, name: str) -> Pillar:

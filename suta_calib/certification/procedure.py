@@ -96,8 +96,8 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
         )
 
     def damages() -> Iterator[Fault]:
-        found = judged(measured, jacobians, by, landmarks, comparison)
-        yield from faults(names, found, noise.freedom_of("hole"), options.tolerance)
+        quantities = judged(measured, jacobians, by, landmarks, comparison)
+        yield from faults(names, quantities, noise.freedom_of("hole"), options.tolerance)
 
     tops = judge("tops", lambda: uneven_tops(measured, noise.touch, options.tolerance), failed)
     return Certification(
@@ -136,12 +136,12 @@ def _landmarks(
     covariance = rows @ rows.T
     std = np.sqrt(np.diag(covariance)).reshape(n, 3)
     shape = np.sqrt(np.diag(shape_covariance(where.position, covariance)).clip(0)).reshape(n, 3)
-    found = []
+    landmarks = []
     for k, (pillar, top, geometry) in enumerate(
         zip(measured.pillars, measured.tops, measured.geometry, strict=True)
     ):
         g, has = geometry.values, bool(np.isfinite(yaw[k]))
-        found.append(
+        landmarks.append(
             CertifiedLandmark(
                 name=pillar.name,
                 position=where.position[k],
@@ -159,7 +159,7 @@ def _landmarks(
                 wrong_touches=pillar.top.lines_without(top.inliers),
             )
         )
-    return tuple(found), covariance
+    return tuple(landmarks), covariance
 
 
 def _quality(touches: ProbedPoints, plane: Plane | Heading, tilt_std: float) -> PlaneQuality:
@@ -180,9 +180,9 @@ def _spacers(
                 file=raw.path,
                 hint=did_you_mean(name, raw.spacers),
             )
-    found = []
+    spacers = []
     for name, ends in raw.spacers.items():
         # The ball's centre stays a radius off either end.
         length = float(np.linalg.norm(np.diff(ends, axis=0))) - 2 * options.probe_radius
-        found.append(SpacerLength(name, length, noise * 2**0.5, options.spacers.get(name)))
-    return tuple(found)
+        spacers.append(SpacerLength(name, length, noise * 2**0.5, options.spacers.get(name)))
+    return tuple(spacers)

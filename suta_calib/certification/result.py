@@ -250,39 +250,39 @@ class Certification:
         return Artefact(self.name, marks)
 
 
-def _touches(found: Certification) -> Iterator[str]:
-    planes = {"ground": found.ground, "side": found.side}
+def _touches(result: Certification) -> Iterator[str]:
+    planes = {"ground": result.ground, "side": result.side}
     for name, plane in planes.items():
         if plane is not None and plane.wrong_touches:
             yield f"Touches of the {name} that the others refute: {_lines(plane.wrong_touches)}."
-    for mark in found.landmarks:
+    for mark in result.landmarks:
         if mark.wrong_touches:
             yield (
                 f"A touch of the top of {mark.name} does not fit the others "
                 f"({_lines(mark.wrong_touches)}): the probe slipped, or the top is dented there."
             )
-    few = [m.name for m in found.landmarks if m.touches + len(m.wrong_touches) < TOUCHES]
+    few = [m.name for m in result.landmarks if m.touches + len(m.wrong_touches) < TOUCHES]
     if few:
         yield f"Fewer than five touches on the top of {', '.join(few)}: a wrong one may not show."
-    if found.stated_noise is not None and found.noise > found.stated_noise:
+    if result.stated_noise is not None and result.noise > result.stated_noise:
         yield (
-            f"Touches scatter by {um(found.noise):.2f} µm, more than the "
-            f"{um(found.stated_noise):.2f} µm stated: the larger is used."
+            f"Touches scatter by {um(result.noise):.2f} µm, more than the "
+            f"{um(result.stated_noise):.2f} µm stated: the larger is used."
         )
-    if found.ground.rms > ROUGH * found.noise:
+    if result.ground.rms > ROUGH * result.noise:
         yield (
-            f"The ground is rougher than the tops ({mm(found.ground.rms):.4f} mm RMS): heights "
+            f"The ground is rougher than the tops ({mm(result.ground.rms):.4f} mm RMS): heights "
             "count from its mean plane, and their uncertainty allows for it."
         )
-    if (side := found.probing.of("side")) > ROUGH * found.noise:
+    if (side := result.probing.of("side")) > ROUGH * result.noise:
         yield (
             f"The side is rougher than the tops ({mm(side):.4f} mm RMS): x follows its "
             "mean, and the uncertainty of its direction allows for it."
         )
-    if (holes := found.probing.of("hole")) > ROUGH * found.noise:
+    if (holes := result.probing.of("hole")) > ROUGH * result.noise:
         yield (
             f"The middles of the diagonals of the holes lie apart as if touches of holes scattered "
-            f"by {um(holes):.1f} µm, where those of planes do by {um(found.noise):.1f} µm: were "
+            f"by {um(holes):.1f} µm, where those of planes do by {um(result.noise):.1f} µm: were "
             "they touched worse, or drilled unevenly? The uncertainty of the centres allows for it."
         )
 
@@ -292,8 +292,8 @@ def _lines(lines: tuple[int, ...]) -> str:
     return f"line{'s' * (len(lines) > 1)} {shown}{', …' * (len(lines) > MOST_LINES)}; not used"
 
 
-def _drawing(found: Certification) -> Iterator[str]:
-    comparison = found.comparison
+def _drawing(result: Certification) -> Iterator[str]:
+    comparison = result.comparison
     if comparison is None:
         return
     if comparison.not_drawn:
@@ -309,54 +309,54 @@ def _drawing(found: Certification) -> Iterator[str]:
         )
     # What else a registration has to say is about too few points to use it for.
     yield from comparison.registration.deformed("care")
-    if found.over_ground is not None:
-        yield from found.over_ground.notes("care")
+    if result.over_ground is not None:
+        yield from result.over_ground.notes("care")
 
 
-def write_certified(path: Path, found: Certification) -> None:
+def write_certified(path: Path, result: Certification) -> None:
     """Write ``artefact.yaml`` with a header that says how it came about.
 
     Raises:
         OutputError: the file cannot be written; what was there is untouched.
     """
     story = [
-        f"Certified by suta-calib certify from {found.points} points of {found.path.name}. "
-        f"One touched coordinate scatters by {um(found.noise):.2f} µm (one standard deviation, "
-        f"{noise_source(found)}).",
-        f"Frame: {frame_sentence(found)} A position is the centre of a pillar's top; "
+        f"Certified by suta-calib certify from {result.points} points of {result.path.name}. "
+        f"One touched coordinate scatters by {um(result.noise):.2f} µm (one standard deviation, "
+        f"{noise_source(result)}).",
+        f"Frame: {frame_sentence(result)} A position is the centre of a pillar's top; "
         "rotation_rpy_deg is the seated tip's (z down, x from the back flat to the front one).",
         "sigma_mm is the largest of the three coordinates' standard deviations in this frame, by "
         "first-order propagation from every touch.",
     ]
-    if found.wrong_touches:
-        story.append(f"Touches not used, by line: {', '.join(map(str, found.wrong_touches))}.")
-    if found.damaged:
+    if result.wrong_touches:
+        story.append(f"Touches not used, by line: {', '.join(map(str, result.wrong_touches))}.")
+    if result.damaged:
         story.append(
-            f"DAMAGED, OR TOUCHED WRONGLY: {', '.join(found.damaged)}. Do not calibrate with this "
+            f"DAMAGED, OR TOUCHED WRONGLY: {', '.join(result.damaged)}. Do not calibrate with this "
             "file before that is settled."
         )
     comment = textwrap.TextWrapper(_WIDTH, initial_indent="# ", subsequent_indent="# ")
     header = [line for paragraph in story for line in comment.wrap(paragraph)]
-    write_text(path, "\n".join([*header, artefact_text(found.artefact())]))
+    write_text(path, "\n".join([*header, artefact_text(result.artefact())]))
 
 
-def noise_source(found: Certification) -> str:
+def noise_source(result: Certification) -> str:
     """Where the noise of a touch was taken from."""
-    if found.freedom == float("inf"):
+    if result.freedom == float("inf"):
         return "as stated"
-    return f"from the residuals of planes, {found.freedom:.0f} degrees of freedom"
+    return f"from the residuals of planes, {result.freedom:.0f} degrees of freedom"
 
 
-def frame_sentence(found: Certification) -> str:
+def frame_sentence(result: Certification) -> str:
     """How the artefact's frame lies in the artefact."""
     towards = {
         "side plane": "x along the side plane, which lies on the side of -y",
-        "farthest landmark": f"x by convention from {found.origin} to the farthest landmark",
-    }[found.heading]
-    if found.heading == "side plane" and found.turned:
-        towards = f"x as in the drawing, {90 * found.turned}° from the side plane's direction"
-    elif found.heading == "farthest landmark" and found.comparison is not None:
+        "farthest landmark": f"x by convention from {result.origin} to the farthest landmark",
+    }[result.heading]
+    if result.heading == "side plane" and result.turned:
+        towards = f"x as in the drawing, {90 * result.turned}° from the side plane's direction"
+    elif result.heading == "farthest landmark" and result.comparison is not None:
         towards = "x as in the drawing, by the landmark farthest from the origin"
     return (
-        f"z is the ground's normal, z = 0 the ground, x = y = 0 at {found.origin}, and {towards}."
+        f"z is the ground's normal, z = 0 the ground, x = y = 0 at {result.origin}, and {towards}."
     )

@@ -97,10 +97,10 @@ def csv_text(
     """
     position = np.array([row[3] for row in rows])
     turn = rotation_from_vector(random.uniform(-1.5, 1.5, 3))
-    seen = position @ turn.T + random.uniform(-2.0, 2.0, 3)
-    seen += sigma * random.standard_normal(seen.shape)
+    measured = position @ turn.T + random.uniform(-2.0, 2.0, 3)
+    measured += sigma * random.standard_normal(measured.shape)
     lines = [
         f"{feature},{name},{index}," + ",".join(f"{v:.9f}" for v in point)
-        for (feature, name, index, _), point in zip(rows, seen, strict=True)
+        for (feature, name, index, _), point in zip(rows, measured, strict=True)
     ]
     return "\n".join([f"# {note}", HEADER, *lines]) + "\n"
