@@ -23,7 +23,7 @@ from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.
 Matching = Literal["pose", "axis", "position"]
-_KEPT: Final[dict[Matching, FloatArray]] = {
+_ROTATION_WEIGHTS: Final[dict[Matching, FloatArray]] = {
     "pose": np.array([1.0, 1.0, 1.0]),
     "axis": np.array([1.0, 1.0, 0.0]),
     "position": np.zeros(3),
@@ -107,10 +107,10 @@ class InverseKinematics:
     def __init__(self, arm: ArmModel, values: Mapping[str, float]) -> None:
         self.arm, self.true, self.values = arm, arm.at(values), dict(values)
         offsets = arm.offsets
-        others = [n for n in values if n in arm.offered and n not in offsets]
-        self._function = arm.function([*offsets, *others], rows=len(offsets))
+        geometry = [n for n in values if n in arm.offered and n not in offsets]
+        self._function = arm.function([*offsets, *geometry], rows=len(offsets))
         nominal = {n: arm.parameters[n].nominal for n in offsets}
-        self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *others)])
+        self._theta = np.array([(nominal | dict(values))[n] for n in (*offsets, *geometry)])
         unlimited = full_circle(self.true)
         limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving]).T
         self._lower, self._upper = np.where(unlimited, [[-np.inf], [np.inf]], limits)
@@ -131,22 +131,22 @@ class InverseKinematics:
         q = self.random_readings(np.random.default_rng(0), _ASKED)
         batch = Batched(self._function, _ASKED, shared=[0])
         batch.inputs[0][:] = self._theta
-        found: dict[Matching, bool] = {}
-        for matching, kept in _KEPT.items():
+        reachable: dict[Matching, bool] = {}
+        for matching, weights in _ROTATION_WEIGHTS.items():
             here = Targets(np.zeros((_ASKED, 3)), np.tile(np.eye(3), (_ASKED, 1, 1)), matching)
             _, jacobian = _residuals(batch, here, q, self.true.gearing)
-            rows = jacobian[:, np.append([True] * 3, kept > 0)]
+            rows = jacobian[:, np.append([True] * 3, weights > 0)]
             values = np.linalg.svd(rows, compute_uv=False)
             ways = np.sum(values > _A_WAY * values[:, :1], axis=1).max()
-            found[matching] = bool(ways == rows.shape[1])
-        return found
+            reachable[matching] = bool(ways == rows.shape[1])
+        return reachable
 
     def most(self, matching: Matching) -> Matching:
         """What of a target the arm can match, at most what is asked: a position if nothing else."""
-        order = list(_KEPT)
-        for each in order[order.index(matching) :]:
-            if self.attainable[each]:
-                return each
+        order = list(_ROTATION_WEIGHTS)
+        for weaker in order[order.index(matching) :]:
+            if self.attainable[weaker]:
+                return weaker
         return "position"
 
     def random_readings(self, rng: np.random.Generator, n: int) -> FloatArray:
@@ -194,14 +194,14 @@ class InverseKinematics:
             if not len(rows) or not attempts:
                 return rows
             begins = np.concatenate([begin(k)[rows] if k else q[rows] for k in attempts])
-            each = np.tile(rows, len(attempts))
-            answers = self._descend(targets.take(each), begins)
-            parts = (np.split(each, len(attempts)) for each in answers)
-            for attempt, found, left in zip(attempts, *parts, strict=True):
+            tiled = np.tile(rows, len(attempts))
+            answers = self._descend(targets.take(tiled), begins)
+            parts = (np.split(ends, len(attempts)) for ends in answers)
+            for attempt, end, left in zip(attempts, *parts, strict=True):
                 last = attempt
                 before = np.linalg.norm(error[rows], axis=1)
                 better = (np.linalg.norm(left, axis=1) < before) & (before > _TOLERANCE)
-                q[rows[better]], error[rows[better]] = found[better], left[better]
+                q[rows[better]], error[rows[better]] = end[better], left[better]
                 away = np.linalg.norm(error[rows], axis=1) > _TOLERANCE
                 if not away.any():
                     break
@@ -242,7 +242,7 @@ class InverseKinematics:
 
     def _descend(self, targets: Targets, q: FloatArray) -> tuple[FloatArray, FloatArray]:
         """One damped Gauss–Newton search per row: final readings and residuals (n, 6)."""
-        found, left = np.empty_like(q), np.empty((len(q), 6))
+        ends, left = np.empty_like(q), np.empty((len(q), 6))
         rows, batch = np.arange(len(q)), self._batch(len(q))
         error, jacobian = _residuals(batch, targets, q, self.true.gearing)
         cost = (error**2).sum(axis=1)
@@ -266,14 +266,14 @@ class InverseKinematics:
                 break
             # Most arrive soon; what is out of reach goes on without them.
             if np.count_nonzero(going) <= _FEWER * len(rows):
-                found[rows], left[rows] = q, error
+                ends[rows], left[rows] = q, error
                 rows, targets = rows[going], targets.take(going)
                 q, error, jacobian, cost, damping = (
-                    each[going] for each in (q, error, jacobian, cost, damping)
+                    values[going] for values in (q, error, jacobian, cost, damping)
                 )
                 batch = self._batch(len(rows))
-        found[rows], left[rows] = q, error
-        return found, left
+        ends[rows], left[rows] = q, error
+        return ends, left
 
     def _batch(self, n: int) -> Batched:
         batch = Batched(self._function, n, shared=[0])
@@ -288,16 +288,16 @@ def _residuals(
     batch.inputs[1][:] = q
     flat, position, jacobian = batch()
     to_tip = flat.reshape(-1, 3, 3)  # Column by column: R of the tip in the base, transposed.
-    kept = _KEPT[targets.matching][:, None]
+    weights = _ROTATION_WEIGHTS[targets.matching][:, None]
     columns = jacobian.reshape(len(q), 6, -1)[:, :, : len(gearing)] @ gearing
-    linear, angular = to_tip @ columns[:, :3] / _LENGTH, kept * (to_tip @ columns[:, 3:])
+    linear, angular = to_tip @ columns[:, :3] / _LENGTH, weights * (to_tip @ columns[:, 3:])
     away = to_tip @ (targets.position - position)[..., None] / _LENGTH
     relative = to_tip @ targets.rotation
     if targets.matching == "pose":
         turn = vector_from_rotation(relative)
-    elif kept.any():
+    elif weights.any():
         turn = vector_turning_z_to(relative[:, :, 2])
     else:
         turn = np.zeros((len(q), 3))
-    error = np.concatenate([away, kept * turn[..., None]], axis=1)[..., 0]
+    error = np.concatenate([away, weights * turn[..., None]], axis=1)[..., 0]
     return error, np.concatenate([linear, angular], axis=1)

@@ -66,8 +66,8 @@ def set_keys(kind: type[Term]) -> Keys:
         Key("outliers", "mapping", "What is grossly wrong; nothing without.", inside=OUTLIER_KEYS),
     )
     measured = {*kind.measured_keys}
-    own = (*(key for key in kind.keys if key.name not in measured), *kind.simulation_keys)
-    return Keys(*every, *_medium_keys(kind), *own)
+    kind_keys = (*(key for key in kind.keys if key.name not in measured), *kind.simulation_keys)
+    return Keys(*every, *_medium_keys(kind), *kind_keys)
 
 
 def _medium_keys(kind: type[Term]) -> tuple[Key, ...]:

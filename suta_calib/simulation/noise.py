@@ -99,8 +99,8 @@ def encoder_readings(
     if noise.encoder_bits:
         step = 2 * np.pi / 2**noise.encoder_bits
         # The step at -π and the one at π are one place of the encoder: wrap once more.
-        whole = wrapped(arm, step * np.round(readings / step))
-        readings = np.where(prismatic, readings, whole)
+        rounded = wrapped(arm, step * np.round(readings / step))
+        readings = np.where(prismatic, readings, rounded)
     return readings
 
 
@@ -115,7 +115,7 @@ def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
     They are revolute, with limits at least 2π apart or none, and neither a gain nor a joint that
     follows them, or is coupled to them, makes another angle than full turns of it.
     """
-    whole = np.array(
+    turning = np.array(
         [
             joint.type != "prismatic" and joint.upper - joint.lower >= 2 * np.pi - 1e-6
             for joint in arm.chain.moving
@@ -123,7 +123,7 @@ def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
     )
     for mover, ratios in zip(arm.movers, arm.gearing, strict=True):
         (gain,) = mover.names(GAIN)
-        whole &= ratios % 1.0 == 0.0
+        turning &= ratios % 1.0 == 0.0
         if mover.motion != "revolute" or arm.nongeometric[gain].nominal:
-            whole[mover.column] = False
-    return whole
+            turning[mover.column] = False
+    return turning

@@ -47,12 +47,12 @@ def write_simulation(simulation: Simulation, folder: Path) -> list[Path]:
     """
     folder = Path(folder)
     _check_readme(folder / "README.md")
-    seen = [file.corners[0] for file in simulation.files if file.corners is not None]
-    written = [*(file.path for file in simulation.files), *seen, "truth.yaml", "README.md"]
+    corner_files = [file.corners[0] for file in simulation.files if file.corners is not None]
+    written = [*(file.path for file in simulation.files), *corner_files, "truth.yaml", "README.md"]
     # Before the first of them is written.
     empty = still_empty(simulation, folder)
     refuse_inputs(dict.fromkeys([*(folder / name for name in written), *empty]))
-    _check_strangers([path for path in _others(simulation, folder) if path not in empty])
+    _check_strangers([path for path in _other_files(simulation, folder) if path not in empty])
     for path in empty:
         try:
             path.unlink()
@@ -136,8 +136,8 @@ def _pose_row(pose: TruePose) -> CommentedMap:
             "matrix": homogeneous(rotation, pose.position),
         }
     # Without what rounding leaves of a zero, or its sign.
-    told = {name: (np.round(x, 12) + 0.0).tolist() for name, x in numbers.items()}
-    return _row({"what": pose.frame.what, "within": pose.frame.within, **told})
+    pose_numbers = {name: (np.round(x, 12) + 0.0).tolist() for name, x in numbers.items()}
+    return _row({"what": pose.frame.what, "within": pose.frame.within, **pose_numbers})
 
 
 def _outliers(file: SimulatedFile) -> list[CommentedMap]:
@@ -186,7 +186,7 @@ def _check_readme(path: Path) -> None:
         )
 
 
-def _others(simulation: Simulation, folder: Path) -> list[Path]:
+def _other_files(simulation: Simulation, folder: Path) -> list[Path]:
     """Samples files that lie where a simulation's will, and are none of them."""
     ours = {folder / file.path for file in simulation.files}
     return sorted({path for mine in ours for path in mine.parent.glob("*.csv")} - ours)
@@ -198,7 +198,7 @@ def still_empty(simulation: Simulation, folder: Path) -> list[Path]:
     Such as those that a new job begins with; nothing is lost with them, and a job whose glob finds
     one of them beside the simulated ones would be refused.
     """
-    return [path for path in _others(simulation, Path(folder)) if _is_empty(path, simulation)]
+    return [path for path in _other_files(simulation, Path(folder)) if _is_empty(path, simulation)]
 
 
 def _is_empty(path: Path, simulation: Simulation) -> bool:

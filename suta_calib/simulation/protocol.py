@@ -119,11 +119,11 @@ class Visitor:
             z = np.stack([radius * np.cos(around), radius * np.sin(around), height], axis=1)
             spread_out = turned @ rotation_from_vector(vector_turning_z_to(z))
             # An arm of few joints comes as it can, not from the cone.
-            wanted = Targets(position, spread_out, self.kinematics.most("axis"))
+            directed = Targets(position, spread_out, self.kinematics.most("axis"))
             # About the posture, so that the turns about the tool axis differ too.
-            other = self.kinematics.random_readings(rng, len(wanted))
+            other = self.kinematics.random_readings(rng, len(directed))
             starts = self.posture + 0.25 * (other - self.posture)
-            answer = self.kinematics.solve(wanted, starts, rng, _STARTS_PER_DIRECTION)
+            answer = self.kinematics.solve(directed, starts, rng, _STARTS_PER_DIRECTION)
             q = np.concatenate([q, answer.q[answer.reached]])
             touched = np.concatenate([touched, position[answer.reached]])
             if len(q) >= plan.directions or (batch == _EMPTY_BATCHES and not len(q)):
@@ -169,8 +169,8 @@ class Visitor:
             rows = np.flatnonzero(chosen)
             if not len(rows):
                 continue
-            some = Targets(targets.position[rows], targets.rotation[rows], matching)
-            answer = self.kinematics.solve(some, start[rows], rng)
+            subset = Targets(targets.position[rows], targets.rotation[rows], matching)
+            answer = self.kinematics.solve(subset, start[rows], rng)
             for k in np.flatnonzero(~answer.reached):
                 distance, angle = mm(answer.distance[k]), deg(answer.angle[k])
                 raise self._refused(
@@ -201,8 +201,8 @@ class Visitor:
         return "move it or turn it"
 
     def _refused(
-        self, plan: SetSpec, label: str, line: int | None, found: str, expected: str, hint: str
+        self, plan: SetSpec, label: str, line: int | None, problem: str, expected: str, hint: str
     ) -> JobError:
         """Error about a place of a set, to be raised by the caller."""
         where = f"sets.{plan.name}.{plan.places_key}.{label}"
-        return JobError(found, expected, file=self.spec.path, line=line, where=where, hint=hint)
+        return JobError(problem, expected, file=self.spec.path, line=line, where=where, hint=hint)

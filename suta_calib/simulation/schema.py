@@ -257,8 +257,8 @@ def _error_row(row: YamlSection) -> ErrorRow:
 def _by_unit(row: YamlSection, name: Literal["value", "std"]) -> dict[str, float]:
     """``value_mm``, ``value_deg``, … as {"m": …, "rad": …}; a std must not be negative."""
     sign: Sign = "non-negative" if name == "std" else "any"
-    found = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in ARM_UNITS}
-    return {unit: number for unit, number in found.items() if number is not None}
+    numbers = {unit: row.optional_number(key(name, unit), sign, unit=unit) for unit in ARM_UNITS}
+    return {unit: number for unit, number in numbers.items() if number is not None}
 
 
 def _noise(section: YamlSection) -> NoiseLevels:
@@ -299,10 +299,10 @@ def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:
     places: dict[str, PoseSpec] = {}
     if kind.place:
         read = partial(_pose, turns=kind.place_turns)
-        places = _named(section, f"{kind.place}s", lambda _, each: read(each))
+        places = _named(section, f"{kind.place}s", lambda _, entry: read(entry))
     marks: dict[str, PoseSpec] = {}
     if kind.mark and f"{kind.mark}s" in section:
-        marks = _named(section, f"{kind.mark}s", lambda _, each: _pose(each))
+        marks = _named(section, f"{kind.mark}s", lambda _, entry: _pose(entry))
     axis = np.array(section.numbers("axis", 3)) if "axis" in section else None
     if axis is not None and not axis.any():
         raise section.refuse("a vector without direction", "a direction", at=("axis",))

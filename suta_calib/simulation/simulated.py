@@ -124,7 +124,7 @@ def simulate(
         for label in plan.places or ("samples",):
             progress(f"{plan.name}/{label}.csv")
             if plan.term.medium != "touch":
-                files.append(_seen(plan, label, kinematics, values, seed))
+                files.append(_sighted_samples(plan, label, kinematics, values, seed))
                 continue
             place, touched = plan.places[label], artefacts.get(plan.name)
             visits = (
@@ -171,8 +171,8 @@ def true_values(arm: ArmModel, spec: SimulationSpec, seed: int) -> dict[str, flo
         for name in names:
             if name in row.select or arm.offered[name].unit in sized:
                 errors[name] = _error(arm.offered[name], row, index, seed, spec)
-    told = [n for n in arm.offered if n in errors or n in arm.parameters]
-    return {n: arm.offered[n].nominal + errors.get(n, 0.0) for n in told}
+    stated = [n for n in arm.offered if n in errors or n in arm.parameters]
+    return {n: arm.offered[n].nominal + errors.get(n, 0.0) for n in stated}
 
 
 def _error(
@@ -254,7 +254,7 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     return SimulatedFile(path, samples, displacement)
 
 
-def _seen(
+def _sighted_samples(
     plan: SetSpec,
     label: str,
     kinematics: InverseKinematics,
@@ -274,15 +274,15 @@ def _seen(
     if plan.temperature is not None:
         rng = stream(seed, plan.name, "temperature")
         temperature = rng.uniform(*plan.temperature, plan.samples)[seen_at]
-    told: dict[str, Any] = {"temperature": temperature, "direction": None}
+    conditions: dict[str, Any] = {"temperature": temperature, "direction": None}
     sides = last_motions(arm, values, rests, stream(seed, plan.name, "direction"))
     if sides is not None:
-        told["direction"] = sides[seen_at]
-    ideal = _ideal(plan, arm, q, labels, values, told)
+        conditions["direction"] = sides[seen_at]
+    ideal = _ideal(plan, arm, q, labels, values, conditions)
     rng = stream(seed, plan.name, "instrument")
     gross = stream(seed, plan.name, label, "outliers")
     displacement = outlier_displacements(gross, plan.outliers, n)
-    seen = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
+    position = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
     turned = scattered_rotations(rng, noise.instrument_angle, n)
     if ideal.rotation is not None:
         turned = ideal.rotation @ turned
@@ -291,15 +291,15 @@ def _seen(
     readings = encoder_readings(encoders, noise, kinematics.true, rests)
     path = f"{plan.name}/{label}.csv"
     if ideal.pixels is not None:
-        return _pictures(plan, path, arm, readings, ideal, displacement, rng, told)
+        return _pictures(plan, path, arm, readings, ideal, displacement, rng, conditions)
     samples = Samples.from_arrays(
         arm.joints,
         readings[seen_at],
         labels=labels,
-        position=seen,
+        position=position,
         rotation=turned if oriented else None,
         origin=_origins(path, n),
-        **told,
+        **conditions,
     )
     return SimulatedFile(path, samples, displacement)
 
@@ -312,7 +312,7 @@ def _pictures(
     ideal: Observed,
     displacement: FloatArray,
     rng: np.random.Generator,
-    told: Mapping[str, Any],
+    conditions: Mapping[str, Any],
 ) -> SimulatedFile:
     """Corners in pictures, each scattered by itself; an outlier moves all of a picture."""
     assert ideal.pixels is not None
@@ -322,8 +322,8 @@ def _pictures(
     # As the board would seem displaced: by the pixels that a length covers where it is.
     across = np.nanmedian(np.linalg.norm(np.diff(ideal.pixels, axis=1), axis=2), axis=1)
     board: Board = plan.settings["board"]
-    apart = np.linalg.norm(np.diff(np.array(list(board.points.values())), axis=0), axis=1)
-    shift = displacement[:, :2] * (across / np.median(apart))[:, None]
+    spacings = np.linalg.norm(np.diff(np.array(list(board.points.values())), axis=0), axis=1)
+    shift = displacement[:, :2] * (across / np.median(spacings))[:, None]
     pixels = ideal.pixels + shift[:, None]
     pixels = pixels + plan.noise.corner * rng.standard_normal(pixels.shape)
     # Nobody finds a corner where there is no picture.
@@ -334,10 +334,10 @@ def _pictures(
         readings,
         labels={"image": names},
         origin=_origins(path, n),
-        **told,
+        **conditions,
     )
-    seen = corners_of(names[picture], numbers[point], pixels[picture, point])
-    return SimulatedFile(path, samples, displacement, (f"corners/{plan.name}.csv", seen))
+    corners = corners_of(names[picture], numbers[point], pixels[picture, point])
+    return SimulatedFile(path, samples, displacement, (f"corners/{plan.name}.csv", corners))
 
 
 def _in_sight(
@@ -352,20 +352,20 @@ def _in_sight(
         JobError: it hardly ever is.
     """
     arm, n, chance = kinematics.arm, plan.samples, plan.term.chance
-    tries, found, left = math.ceil(n / chance), list[FloatArray](), n
+    tries, batches, left = math.ceil(n / chance), list[FloatArray](), n
     for _ in range(_ROUNDS):
         q = wrapped(kinematics.true, kinematics.random_readings(rng, tries))
         if chance < 1.0:
             # Some at a time, as long as some are wanted: of a large board all take much memory.
-            seen, rest = list[FloatArray](), q
-            while len(rest) and sum(map(len, seen)) < left:
-                some, rest = rest[:n], rest[n:]
-                seen.append(some[_ideal(plan, arm, some, {}, values).in_sight])
-            q = np.concatenate(seen)[:left]
-        found.append(q)
+            in_sight, rest = list[FloatArray](), q
+            while len(rest) and sum(map(len, in_sight)) < left:
+                chunk, rest = rest[:n], rest[n:]
+                in_sight.append(chunk[_ideal(plan, arm, chunk, {}, values).in_sight])
+            q = np.concatenate(in_sight)[:left]
+        batches.append(q)
         left -= len(q)
         if not left:
-            return np.concatenate(found)
+            return np.concatenate(batches)
     raise JobError(
         f"what is looked at in sight in {n - left} of {_ROUNDS * tries} random configurations",
         f"{n} of them",
@@ -381,11 +381,11 @@ def _ideal(
     q: FloatArray,
     labels: Mapping[str, Sequence[str]],
     values: Mapping[str, float],
-    told: Mapping[str, Any] = MappingProxyType({}),
+    conditions: Mapping[str, Any] = MappingProxyType({}),
 ) -> Observed:
     """What would be seen in these configurations without noise.
 
-    ``told`` is what is known of the arm beside its readings: temperature and direction.
+    ``conditions`` is what is known of the arm beside its readings: temperature and direction.
     """
     n = len(q)
     blank = Samples.from_arrays(
@@ -394,7 +394,7 @@ def _ideal(
         labels=labels,
         position=np.zeros((n, 3)),
         rotation=np.tile(np.eye(3), (n, 1, 1)),
-        **told,
+        **conditions,
     )
     poses = ArmPoses(arm, blank)
     term = plan.term.over(poses, Setup(settings=plan.settings))

@@ -63,6 +63,6 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
     if term.place_unknown:
         for label, pose in plan.places.items():
             rotation = pose.rotation if term.place_turns else None
-            known = term.known(label, GivenPose(pose.position, rotation))
-            values |= {name: each.value for name, each in known.items()}
+            priors = term.known(label, GivenPose(pose.position, rotation))
+            values |= {name: prior.value for name, prior in priors.items()}
     return values
