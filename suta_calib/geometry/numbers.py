@@ -42,8 +42,8 @@ def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
     quaternion = quaternion_from_rotation(rotation)
     axis, w = quaternion[..., :3], quaternion[..., 3]
     angle = 2.0 * np.arctan2(_length(axis), w)
-    whole = np.maximum(angle, _SMALL)
-    factor = whole / np.sin(whole / 2.0)
+    safe_angle = np.maximum(angle, _SMALL)
+    factor = safe_angle / np.sin(safe_angle / 2.0)
     if (small := angle <= _SMALL).any():
         square = angle**2
         factor = np.where(small, 2.0 + square / 12.0 + 7.0 * square**2 / 2880.0, factor)
@@ -72,8 +72,8 @@ def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
     rows = rotation.reshape(-1, 3, 3)
     made = np.empty((len(rows), 4))
     for first in range(0, len(rows), _AT_ONCE):
-        some = slice(first, first + _AT_ONCE)
-        made[some] = _quaternions(rows[some])
+        chunk = slice(first, first + _AT_ONCE)
+        made[chunk] = _quaternions(rows[chunk])
     return made.reshape(*rotation.shape[:-2], 4)
 
 
@@ -85,9 +85,9 @@ def _quaternions(rotation: FloatArray) -> FloatArray:
     products = np.einsum("ijn,kjn->ikn", r, r)
     off = np.abs(products - _UNIT) > _ORTHOGONAL
     if off.any():
-        some = off.any(axis=(0, 1))
-        left, _, right = np.linalg.svd(r[:, :, some].transpose(2, 0, 1))
-        r[:, :, some] = (left @ right).transpose(1, 2, 0)
+        skewed = off.any(axis=(0, 1))
+        left, _, right = np.linalg.svd(r[:, :, skewed].transpose(2, 0, 1))
+        r[:, :, skewed] = (left @ right).transpose(1, 2, 0)
     # Four multiples of the quaternion, one by each of its numbers; the largest is rounded least.
     four = (_MULTIPLES @ r.reshape(9, -1) + _MULTIPLES_OF_NONE).reshape(4, 4, -1)
     largest = np.argmax(four.reshape(16, -1)[::5], axis=0)
@@ -174,8 +174,8 @@ def _matrices(make: Callable[[FloatArray], FloatArray], given: FloatArray) -> Fl
         return make(given)
     made = np.empty((len(rows), 3, 3))
     for first in range(0, len(rows), _AT_ONCE):
-        some = slice(first, first + _AT_ONCE)
-        made[some] = make(rows[some])
+        chunk = slice(first, first + _AT_ONCE)
+        made[chunk] = make(rows[chunk])
     return made.reshape(*given.shape[:-1], 3, 3)
 
 

@@ -75,10 +75,10 @@ def undistorted(pixels: ArrayLike, intrinsics: ArrayLike | Sequence[float]) -> F
     less than it focuses, which is over the picture of every lens that has this model.
     """
     values = np.asarray(intrinsics, dtype=float)
-    seen = (np.asarray(pixels, dtype=float) - values[2:4]) / values[:2]
-    found = seen.copy()
+    observed = (np.asarray(pixels, dtype=float) - values[2:4]) / values[:2]
+    ideal = observed.copy()
     with np.errstate(over="ignore", invalid="ignore"):
         for _ in range(_ROUNDS):
-            x, y = np.moveaxis(found, -1, 0)
-            found = found + seen - np.stack(distorted(x, y, values[4:]), axis=-1)
-    return np.asarray(np.where(np.abs(found) < _FARTHEST, found, seen))
+            x, y = np.moveaxis(ideal, -1, 0)
+            ideal = ideal + observed - np.stack(distorted(x, y, values[4:]), axis=-1)
+    return np.asarray(np.where(np.abs(ideal) < _FARTHEST, ideal, observed))
