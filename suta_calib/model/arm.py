@@ -83,11 +83,12 @@ class ArmModel(Shown):
         self.nongeometric = ParameterSet([*beside, Parameter(LINKS, EXPANSION, "1/K")])
 
     @classmethod
-    def from_urdf(cls, path: str | Path, tip: str, base: str | None = None) -> ArmModel:
+    def from_urdf(cls, urdf: str | Path, tip: str, base: str | None = None) -> ArmModel:
         """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
 
         Args:
-            path: of the URDF, or of a ``.xacro`` file that makes one.
+            urdf: the path of a URDF, or of a ``.xacro`` file that makes one; or the text of a URDF,
+                which begins with ``<`` after blanks.
             tip: name of a link, or of a joint, which stands for its child link.
             base: the same; the root link by default.
 
@@ -95,7 +96,7 @@ class ArmModel(Shown):
             UrdfError: no such file, link or chain, or a chain with a joint that is not revolute,
                 continuous, prismatic or fixed (`chain.read_chain`).
         """
-        tree = read_tree(path)
+        tree = read_tree(urdf)
         chain = chain_of(tree, tip, base)
         return cls(chain, pinocchio_model(tree, {j.name for j in chain.joints if j.moving}))
 
@@ -158,6 +159,11 @@ class ArmModel(Shown):
         names = last.names(*POSITION)
         moved = [self.parameters[n].nominal for n in names] + last.rotation @ np.asarray(by)
         return self.at(dict(zip(names, moved.tolist(), strict=True)))
+
+    @property
+    def urdf(self) -> tuple[Path, bytes]:
+        """The URDF it was read from: the file, or what messages call a given text; its bytes."""
+        return self.chain.path, self.chain.data
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -375,7 +381,7 @@ class ArmModel(Shown):
             values: parameter values by name; those of other things than this arm are ignored, and
                 so is what is no geometry: a URDF cannot hold it.
         """
-        return urdf_bytes(self.chain.path, self.origins(values))
+        return urdf_bytes(*self.urdf, self.origins(values))
 
     def write_urdf(self, destination: str | Path, values: Mapping[str, float]) -> None:
         """Write `calibrated_urdf` of these values to a file.

@@ -106,7 +106,8 @@ class Chain:
     """The joints from a base link to a tip, and where they were read.
 
     Attributes:
-        path: the URDF file.
+        path: the URDF file, or what messages call a URDF that was given as text.
+        data: its bytes, which a calibrated URDF is made of.
         robot: name of the robot.
         base: name of the link the chain starts at.
         tip: the tip as the user named it: a link, or a joint for the link it carries.
@@ -121,6 +122,7 @@ class Chain:
     """
 
     path: Path
+    data: bytes
     robot: str
     base: str
     tip: str
@@ -138,7 +140,7 @@ def read_chain(path: str | Path, tip: str, base: str | None = None) -> Chain:
     Joints off the chain may be of any type; their origins, axes and limits are not looked at.
 
     Args:
-        path: of the URDF.
+        path: of the URDF, or its text.
         tip: name of a link, or of a joint, which stands for its child link; both mean the link.
         base: the same; the root link by default.
 
@@ -177,11 +179,13 @@ def chain_of(tree: UrdfTree, tip: str, base: str | None = None) -> Chain:
     remarks = notes(tree, [*climbed, *descended])
     robot = tree.robot or tree.path.stem
     return Chain(
-        *(tree.path, robot, base_link, tip, tip_link, top, joints, moving, coupled, remarks)
+        *(tree.path, tree.data, robot, base_link, tip, tip_link, top),
+        *(joints, moving, coupled, remarks),
     )
 
 
-def _known_link(tree: UrdfTree, name: str, where: str) -> str:
+def _known_link(tree: UrdfTree, given: str, where: str) -> str:
+    name = str(given)  # Python lets a caller give anything.
     if name in tree.links:
         return name
     if name in tree.joints:

@@ -105,22 +105,21 @@ def _urdf_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
     return found
 
 
-def urdf_bytes(source: str | Path, origins: Mapping[str, Origin]) -> bytes:
+def urdf_bytes(source: Path, data: bytes, origins: Mapping[str, Origin]) -> bytes:
     """A URDF byte for byte, with new numbers in the ``<origin>`` of the named joints.
 
     A number that keeps its value, to 1e-12, keeps its spelling; a new one is rounded to that. A
     joint without ``<origin>`` gets one. Relative mesh paths are copied as they stand.
 
     Args:
-        source: the user's URDF, in UTF-8, Latin-1 or another one-byte encoding it declares.
+        source: the user's URDF, for messages.
+        data: its bytes, in UTF-8, Latin-1 or another one-byte encoding it declares.
         origins: for each joint ``(xyz, rpy)``: (3,) m in the parent link's frame, and (3,) rad.
 
     Raises:
-        UrdfError: the source cannot be read, or has no joint of a name that was asked for.
+        UrdfError: the source cannot be edited, or has no joint of a name that was asked for.
         OutputError: a number is not finite.
     """
-    source = Path(source)
-    data = read_urdf_bytes(source)
     tags = _urdf_tags(source, data)
     splices: list[_Splice] = []
     for name, (xyz, rpy) in origins.items():
@@ -202,7 +201,8 @@ def write_urdf(source: str | Path, destination: str | Path, origins: Mapping[str
     Raises:
         UrdfError, OutputError: as there, or the destination cannot be written.
     """
-    write_bytes_atomically(destination, urdf_bytes(source, origins))
+    made = urdf_bytes(Path(source), read_urdf_bytes(source), origins)
+    write_bytes_atomically(destination, made)
 
 
 def folded_origin(

@@ -25,6 +25,10 @@ Element = Any
 
 _XACRO_HINT: Final = "run xacro first, or name the file .xacro: then it is run here"
 _XACRO: Final = ".xacro"
+# What messages call a URDF that was given as text.
+_TEXT: Final = Path("the text of a URDF")
+_BEFORE_TEXT: Final = "\ufeff \t\r\n"
+_ENCODING: Final = re.compile(r"""<\?xml[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)""", re.ASCII)
 _LONGEST_QUOTE: Final = 60
 # float() takes more than a URDF may say: 'nan', '1_000', digits of other scripts.
 _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -59,7 +63,8 @@ class UrdfTree:
     """Everything a URDF connects: one root link, every other link the child of one joint.
 
     Attributes:
-        path: the file.
+        path: the file, or what messages call a URDF that was given as text.
+        data: its bytes, of a ``.xacro`` file what xacro made of it.
         robot: name of the ``<robot>``; empty where it has none.
         links: names of all links that joints connect, in the file's order.
         joints: all joints by name, in the file's order.
@@ -71,6 +76,7 @@ class UrdfTree:
     """
 
     path: Path
+    data: bytes
     robot: str
     links: tuple[str, ...]
     joints: Mapping[str, TreeJoint]
@@ -99,19 +105,21 @@ def read_tree(path: str | Path, data: bytes | None = None) -> UrdfTree:
     """Read a URDF, or what xacro makes of one, and check that its joints and links make one tree.
 
     Args:
-        path: of the file.
-        data: its content, where that is known.
+        path: of the file; or the text of a URDF, which begins with ``<`` after blanks.
+        data: the file's content, where that is known.
 
     Raises:
         UrdfError: the file cannot be read or is not XML, its root is not ``<robot>``, xacro was
             not run, a name is missing or used twice, a joint connects a link that is not
             declared, or the joints make a loop, a cycle or several trees.
     """
+    if data is None:
+        path, data = _given(path)
     path = Path(path)
     robot = _robot(path, data)
     leftover = tuple(e for e in robot.iter() if tag_of(e).startswith("xacro:"))
     try:
-        return _tree_of(path, robot, leftover)
+        return _tree_of(path, data, robot, leftover)
     except UrdfError as problem:
         # What is wrong may be what xacro would have made right.
         raise unexpanded(path, leftover) or problem from None
@@ -125,7 +133,22 @@ def unexpanded(path: Path, leftover: Sequence[Element]) -> UrdfError | None:
     return None
 
 
-def _tree_of(path: Path, robot: Element, leftover: tuple[Element, ...]) -> UrdfTree:
+def _given(urdf: str | Path) -> tuple[Path, bytes]:
+    """The name and the bytes of a URDF that was given as a path or as text."""
+    if not isinstance(urdf, str | Path):
+        raise UrdfError(f"{type(urdf).__name__}", "the path or the text of a URDF", where="urdf")
+    text = urdf.lstrip(_BEFORE_TEXT) if isinstance(urdf, str) else ""
+    if not text.startswith("<"):
+        return Path(urdf), read_urdf_bytes(urdf)
+    declared = _ENCODING.match(text)
+    try:
+        return _TEXT, text.encode(declared[1] if declared else "utf-8")
+    except (LookupError, UnicodeError) as error:
+        expected = "text in the encoding that it declares"
+        raise UrdfError(f"text that cannot be encoded ({error})", expected, file=_TEXT) from None
+
+
+def _tree_of(path: Path, data: bytes, robot: Element, leftover: tuple[Element, ...]) -> UrdfTree:
     links = _by_name(path, robot, "link")
     elements = _by_name(path, robot, "joint")
     if not elements:
@@ -152,9 +175,8 @@ def _tree_of(path: Path, robot: Element, leftover: tuple[Element, ...]) -> UrdfT
         found += ", …" if len(others) > 1 else ""
         hint = "connect them by joints or remove what is not used: base and tip are in one tree"
         raise refusal(path, links[others[0]], found, "one root link", hint=hint)
-    return UrdfTree(
-        path, robot.get("name", ""), tuple(links), joints, into, root, robot, leftover, loose
-    )
+    name = robot.get("name", "")
+    return UrdfTree(path, data, name, tuple(links), joints, into, root, robot, leftover, loose)
 
 
 def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:
@@ -200,14 +222,13 @@ def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
 
 
 # ── elements ─────────────────────────────────────────────────────────────────────────────────
-def _robot(path: Path, data: bytes | None) -> Element:
+def _robot(path: Path, data: bytes) -> Element:
     """The ``<robot>`` element of a URDF file.
 
     Raises:
-        UrdfError: the file cannot be read (`read_urdf_bytes`) or is not XML, or its root is not
-            ``<robot>``.
+        UrdfError: it is not XML, or its root is not ``<robot>``.
     """
-    root = _parsed(path, read_urdf_bytes(path) if data is None else data)
+    root = _parsed(path, data)
     if tag_of(root) != "robot":
         raise refusal(path, root, f"the root element <{tag_of(root)[:_LONGEST_QUOTE]}>", "<robot>")
     return root

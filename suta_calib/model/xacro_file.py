@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -115,22 +114,3 @@ def _line(path: Path, expression: str) -> int | None:
         return None
     lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
     return next((n for n, line in enumerate(lines, 1) if expression in line), None)
-
-
-@contextlib.contextmanager
-def plain_urdf(path: Path) -> Iterator[Path]:
-    """A URDF file for readers that know no xacro: the file itself, or what xacro makes of it.
-
-    Raises:
-        UrdfError, MissingExtraError: as `expanded`.
-    """
-    if not is_xacro(path):
-        yield path
-        return
-    # Few URDFs are generated.
-    import tempfile
-
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder) / f"{path.stem}.urdf"
-        file.write_bytes(expanded(path))
-        yield file

@@ -117,7 +117,7 @@ def calibration_page(calibrated: Calibrated) -> bytes:
     """
     from suta_calib.view.page import page
 
-    return page(calibration_scene(calibrated, link_meshes(calibrated.arm.chain.path)))
+    return page(calibration_scene(calibrated, link_meshes(*calibrated.arm.urdf)))
 
 
 def view_calibration(calibrated: Calibrated, port: int = 0, host: str = "127.0.0.1") -> Viewer:
@@ -129,9 +129,7 @@ def view_calibration(calibrated: Calibrated, port: int = 0, host: str = "127.0.0
     """
     from suta_calib.view.server import Viewer
 
-    viewer = Viewer(
-        calibration_scene(calibrated, link_meshes(calibrated.arm.chain.path)), port, host
-    )
+    viewer = Viewer(calibration_scene(calibrated, link_meshes(*calibrated.arm.urdf)), port, host)
     viewer.add_panel()
     return viewer
 

@@ -89,7 +89,7 @@ class DrawnArm:
     @cached_property
     def links(self) -> tuple[str, ...]:
         """Names of all links, in the URDF's order."""
-        return read_tree(self.arm.chain.path).links
+        return read_tree(*self.arm.urdf).links
 
     @cached_property
     def bones(self) -> IntArray:

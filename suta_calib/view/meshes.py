@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import io
 import logging
 import os
 import warnings
@@ -24,10 +25,14 @@ _PACKAGE: Final = "package://"
 _GREY: Final = (160, 165, 172, 255)
 
 
-def link_meshes(urdf: Path) -> tuple[LinkMesh, ...]:
+def link_meshes(urdf: Path, data: bytes) -> tuple[LinkMesh, ...]:
     """Visual shapes of all links of a URDF; those whose files are not found are left out.
 
     What cannot be read is left out too, with a `SutaCalibWarning`: a picture is no reason to fail.
+
+    Args:
+        urdf: the file, beside which meshes are looked for.
+        data: its bytes.
 
     Raises:
         MissingExtraError: the extra ``view`` is not installed.
@@ -48,7 +53,9 @@ def link_meshes(urdf: Path) -> tuple[LinkMesh, ...]:
         return file
 
     def shapes(file_of: Callable[[str], Path]) -> tuple[LinkMesh, ...]:
-        robot = yourdfpy.URDF.load(str(urdf), filename_handler=lambda fname: str(file_of(fname)))
+        robot = yourdfpy.URDF.load(
+            io.BytesIO(data), filename_handler=lambda fname: str(file_of(fname))
+        )
         return tuple(_meshes_of(robot.scene, set(robot.link_map)))
 
     with _without_log("yourdfpy"):  # It warns of every mesh that is not there.

@@ -174,7 +174,7 @@ def test_meshes_are_found_as_the_urdf_names_them(tmp_path: Path) -> None:
         + '</link><joint name="j" type="continuous"><parent link="a"/><child link="b"/></joint>'
         "</robot>"
     )
-    (found,) = link_meshes(urdf)
+    (found,) = link_meshes(urdf, urdf.read_bytes())
     assert found.link == "a"
     np.testing.assert_allclose(found.vertices.min(axis=0), [0, 0, 0.5])
     np.testing.assert_allclose(found.vertices.max(axis=0), [2, 2, 0.5])
@@ -199,7 +199,7 @@ def test_a_mesh_that_is_broken_is_named_and_left_out(
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(WITH_SHAPE.format(f'<geometry><mesh filename="{file}"/></geometry>'))
     with pytest.warns(SutaCalibWarning, match=f"{file}: found no mesh"):
-        (box,) = link_meshes(urdf)
+        (box,) = link_meshes(urdf, urdf.read_bytes())
     assert box.link == "b"
     np.testing.assert_allclose(np.ptp(box.vertices, axis=0), [1, 2, 3])
 
@@ -208,7 +208,7 @@ def test_shapes_that_make_no_sense_are_no_reason_to_show_nothing(tmp_path: Path)
     urdf = tmp_path / "arm.urdf"
     urdf.write_text(WITH_SHAPE.format('<origin xyz="a b c"/><geometry><sphere/></geometry>'))
     with pytest.warns(SutaCalibWarning, match="shapes that cannot be drawn"):
-        assert link_meshes(urdf) == ()
+        assert link_meshes(urdf, urdf.read_bytes()) == ()
 
 
 def test_packages_of_ros_are_looked_through(

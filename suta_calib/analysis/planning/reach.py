@@ -28,7 +28,6 @@ from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.model.xacro_file import plain_urdf
 from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
@@ -284,9 +283,10 @@ class Collisions:
 
 def _shapes(arm: ArmModel, kind: Any) -> Any:
     """Geometry of the reduced model; meshes are looked for beside the URDF and above it."""
-    path = arm.chain.path
+    path, data = arm.urdf
     folders = [str(folder) for folder in path.resolve().parents]
-    model = pinocchio_model(read_tree(path), set(arm.model.names))
-    with warnings.catch_warnings(), plain_urdf(path) as file:
+    model = pinocchio_model(read_tree(path, data), set(arm.model.names))
+    text = data.decode("utf-8", errors="replace")
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        return pin.buildGeomFromUrdf(model, str(file), kind, folders)
+        return pin.buildGeomFromUrdfString(model, text, kind, package_dirs=folders)
