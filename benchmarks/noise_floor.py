@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from ruamel.yaml import YAML
+import yaml
 
 from suta_calib import CalibrationJob, Metrics, Problem
 from suta_calib.units import from_deg, from_mm, mm
@@ -16,7 +16,7 @@ FOLDER = Path(__file__).parents[1] / "data" / "suta"
 def main() -> None:
     """Print the held-out distance errors with the true geometry."""
     job = CalibrationJob.load(FOLDER / "calibration_full.yaml")
-    listed = YAML(typ="safe").load(FOLDER / "truth.yaml")["parameters"]
+    listed = yaml.safe_load((FOLDER / "truth.yaml").read_text(encoding="utf-8"))["parameters"]
     truth = {
         name: from_mm(entry["value_mm"]) if "value_mm" in entry else from_deg(entry["value_deg"])
         for name, entry in listed.items()

@@ -89,7 +89,7 @@ def test_imports_are_seen_however_they_are_written() -> None:
 @pytest.mark.parametrize(
     ("modules", "heavy"),
     [
-        ("units, assessment, errors, arrays", ("casadi", "scipy", "pinocchio", "ruamel")),
+        ("units, assessment, errors, arrays", ("casadi", "scipy", "pinocchio", "yaml")),
         ("device, device.bus, device.description", ("casadi", "scipy", "pinocchio")),
         ("measurements.samples, measurements.sample_files", ("casadi", "scipy", "pinocchio")),
         ("measurements.artefact, measurements.yaml_file", ("casadi", "scipy", "pinocchio")),
@@ -116,8 +116,8 @@ def test_what_needs_no_mathematics_does_not_wait_for_it(
 
 # What each command has no use for of other people's packages.
 JOB = "data/suta/calibration.yaml"
-NO_ARM = ("jinja2", "pinocchio", "lxml", "yaml", "ruamel.yaml")
-ARM = ("jinja2", "ruamel.yaml")
+NO_ARM = ("jinja2", "pinocchio", "lxml")
+ARM = ("jinja2",)
 STARTUP: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "--help": ((), ("numpy",)),
     "calibrate": ((JOB,), ARM[1:]),

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.version import Version
-from ruamel.yaml import YAML
 
 import suta_calib
 
@@ -43,7 +43,7 @@ def required(project: dict[str, Any], *extras: str) -> list[Requirement]:
 
 
 def test_the_version_is_one(project: dict[str, Any], repository: Path):
-    citation = YAML(typ="safe").load(repository / "CITATION.cff")
+    citation = yaml.safe_load((repository / "CITATION.cff").read_text(encoding="utf-8"))
     assert project["dynamic"] == ["version"]
     assert suta_calib.__version__ == citation["version"] == version(project["name"])
 

@@ -129,12 +129,12 @@ def glance(path: Path) -> DeviceSpec | None:
         A device without joints; None where there is anything to complain of, which is the business
         of `read_device`.
     """
-    from ruamel.yaml import YAML
+    import yaml
 
     try:
         # Its nodes only: what aliases make of a file is nobody's business here.
-        nodes = YAML(typ="safe", pure=True).compose(path.read_text(encoding="utf-8")).value
-        given = {key.value: (node.tag.rpartition(":")[2], node.value) for key, node in nodes}
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+        given = {key.value: (node.tag.rpartition(":")[2], node.value) for key, node in root.value}
         kind, port = given["port"]
         number, baud = given.get("baudrate", ("int", _DEFAULT_BAUDRATE))
         if given.get("format", ("str", UNASKED[0]))[1] not in UNASKED:

@@ -8,8 +8,8 @@ from typing import Any, Final
 
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
 from suta_calib.device.formats import FORMATS
-from suta_calib.emulation.truth import one_line, yaml_text
 from suta_calib.errors import InputError
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.arm import ArmModel
 
 BAUDRATE: Final = 921600
@@ -65,7 +65,6 @@ def device_text(device: DeviceSpec) -> str:
         "format": device.format,
         "unit": device.unit,
         "counts_per_turn": device.counts_per_turn,
-        "joints": [one_line({"name": joint.name, "sign": joint.sign}) for joint in device.joints],
+        "joints": [{"name": joint.name, "sign": joint.sign} for joint in device.joints],
     }
-    heading = "# An emulated arm: there is no hardware behind this port.\n"
-    return heading + yaml_text(document)
+    return yaml_text(document, "An emulated arm: there is no hardware behind this port.")

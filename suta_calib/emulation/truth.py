@@ -9,14 +9,13 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
 
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.player import TrueTrajectory
 from suta_calib.errors import JobError, did_you_mean
 from suta_calib.geometry.numbers import quaternion_from_rotation, rpy_from_rotation
 from suta_calib.measurements import YamlSection, read_yaml, write_text
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET, POSITION, Parameter
 from suta_calib.simulation import ErrorRow, SetSpec, SimulationSpec, read_simulation, true_values
@@ -123,8 +122,8 @@ def error_rows(arm: ArmModel, values: Mapping[str, float]) -> tuple[ErrorRow, ..
 
 
 _TRUTH_HEADING: Final = (
-    "# Simulated: the truth behind an emulated arm, for judging a calibration. Nothing here was\n"
-    "# measured. Parameters that are not listed are nominal.\n"
+    "Simulated: the truth behind an emulated arm, for judging a calibration. Nothing here was\n"
+    "measured. Parameters that are not listed are nominal."
 )
 
 
@@ -151,24 +150,22 @@ def truth_text(
             unit = _written(parameter)
             error = round(shown(value - parameter.nominal, unit), 9)
             row = {key("value", unit): shown(value, unit), key("error", unit): error}
-            parameters[name] = one_line(row)
+            parameters[name] = row
     document: dict[str, Any] = {"simulated": True, "seed": seed, "parameters": parameters}
     if plan is not None:
         document[plan.places_key] = {
-            name: one_line(
-                {
-                    "position_mm": _rounded(mm(pose.position)),
-                    "rotation_rpy_deg": _rounded(deg(rpy_from_rotation(pose.rotation))),
-                }
-            )
+            name: {
+                "position_mm": _rounded(mm(pose.position)),
+                "rotation_rpy_deg": _rounded(deg(rpy_from_rotation(pose.rotation))),
+            }
             for name, pose in plan.places.items()
         }
     if isinstance(motion, Stops):
         document["rests"] = [
-            one_line({"arrival_s": round(motion.arrival(k), 6), **labels})
+            {"arrival_s": round(motion.arrival(k), 6), **labels}
             for k, labels in enumerate(motion.labels)
         ]
-    return _TRUTH_HEADING + yaml_text(document)
+    return yaml_text(document, _TRUTH_HEADING)
 
 
 def write_trajectory(
@@ -210,20 +207,5 @@ def _written(parameter: Parameter) -> Unit:
     return "m" if parameter.unit == "m" else "rad"
 
 
-def one_line(values: dict[str, Any]) -> CommentedMap:
-    """A mapping that is written on one line."""
-    row = CommentedMap(values)
-    row.fa.set_flow_style()
-    return row
-
-
-def _rounded(values: np.ndarray) -> CommentedSeq:
-    return CommentedSeq([round(float(value), 9) + 0.0 for value in values])
-
-
-def yaml_text(document: dict[str, Any]) -> str:
-    """A mapping as YAML, every row on its line."""
-    yaml, text = YAML(), io.StringIO()
-    yaml.width = 1000
-    yaml.dump(document, text)
-    return text.getvalue()
+def _rounded(values: np.ndarray) -> list[float]:
+    return [round(float(value), 9) + 0.0 for value in values]

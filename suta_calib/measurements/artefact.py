@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ from suta_calib.measurements.files import write_text
 from suta_calib.measurements.keys import SCALE_KEYS, STRETCH, Key, Keys
 from suta_calib.measurements.scale import LengthScale, read_scale, read_stretch, stretch_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.records import dataclass
 from suta_calib.units import deg, mm
 
@@ -219,34 +219,18 @@ def write_artefact(path: Path, artefact: Artefact) -> None:
 
 def artefact_text(artefact: Artefact) -> str:
     """Content of ``artefact.yaml``: millimetres to 1 pm, degrees to 1e-9."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.comments import CommentedMap
-
-    landmarks = CommentedMap()
+    landmarks: dict[str, Any] = {}
     for name, landmark in artefact.landmarks.items():
-        row = CommentedMap(position_mm=_rounded(mm(landmark.position)))
+        row: dict[str, Any] = {"position_mm": _rounded(mm(landmark.position))}
         if landmark.rotation is not None:
             row["rotation_rpy_deg"] = _rounded(deg(rpy_from_rotation(landmark.rotation)))
         if landmark.sigma:
             row["sigma_mm"] = _rounded([mm(landmark.sigma)])[0]
-        row.fa.set_flow_style()
-        landmarks[_quotable(name)] = row
-    yaml, text = YAML(), io.StringIO()
-    yaml.width = 1000
+        landmarks[name] = row
     scale = {} if artefact.scale is None else artefact.scale.row()
     scale = {**scale, **stretch_row(artefact.stretch, artefact.scale)}
     twist = {} if artefact.twist is None else {"twist": artefact.twist}
-    yaml.dump({"name": _quotable(artefact.name), **scale, **twist, "landmarks": landmarks}, text)
-    return text.getvalue()
-
-
-def _quotable(name: str) -> Any:
-    """The name, marked to be written with escapes where YAML would otherwise fold it."""
-    if name.isprintable():
-        return name
-    from ruamel.yaml.scalarstring import DoubleQuotedScalarString
-
-    return DoubleQuotedScalarString(name)
+    return yaml_text({"name": artefact.name, **scale, **twist, "landmarks": landmarks})
 
 
 def _rounded(values: ArrayLike) -> list[float]:

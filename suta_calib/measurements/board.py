@@ -6,7 +6,6 @@ AprilTag have it, so that a board which faces a camera that stands upright is no
 
 from __future__ import annotations
 
-import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from copy import copy
@@ -25,6 +24,7 @@ from suta_calib.measurements.files import write_text
 from suta_calib.measurements.keys import POSITION, ROTATION, SCALE_KEYS, STRETCH, Key, Keys
 from suta_calib.measurements.scale import LengthScale, read_scale, read_stretch, stretch_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.units import deg, mm
 
 # Sizes of a whole board, m, beyond which its file is in another unit than mm.
@@ -450,14 +450,9 @@ def _length(section: YamlSection, key: str) -> float:
 
 def board_text(board: Board) -> str:
     """Content of ``board.yaml``, millimetres to 1 pm."""
-    from ruamel.yaml import YAML
-
-    yaml, text = YAML(), io.StringIO()
-    yaml.width = 1000
     scale: dict[str, Any] = {} if board.scale is None else board.scale.row()
     scale |= stretch_row(board.stretch, board.scale)
-    yaml.dump(_flow(board.row() | scale), text)
-    return text.getvalue()
+    return yaml_text(_rounded(board.row() | scale))
 
 
 def write_board(path: Path, board: Board) -> None:
@@ -469,17 +464,10 @@ def write_board(path: Path, board: Board) -> None:
     write_text(path, board_text(board))
 
 
-def _flow(value: Any, depth: int = 0) -> Any:
-    """What YAML writes: rows of a table on a line each, numbers rounded."""
-    from ruamel.yaml.comments import CommentedMap, CommentedSeq
-
+def _rounded(value: Any) -> Any:
+    """The same with every float rounded to 1e-9, without negative zeros."""
     if isinstance(value, dict):
-        mapping = CommentedMap({key: _flow(each, depth + 1) for key, each in value.items()})
-        if depth > 1:
-            mapping.fa.set_flow_style()
-        return mapping
+        return {key: _rounded(item) for key, item in value.items()}
     if isinstance(value, list):
-        row = CommentedSeq(_flow(each) for each in value)
-        row.fa.set_flow_style()
-        return row
+        return [_rounded(item) for item in value]
     return round(value, 9) + 0.0 if isinstance(value, float) else value

@@ -1,9 +1,7 @@
 """YAML text as plain data, with the line of every key.
 
 The node graph is read instead of constructed objects: nothing a file says is ever executed, a
-key such as ``01`` or ``null`` keeps its text, and every scalar has a line to point at. PyYAML makes
-it, by libyaml, in a fifteenth of the time that ruamel.yaml takes, which reads what libyaml does not
-take, or says what is wrong with it.
+key such as ``01`` or ``null`` keeps its text, and every scalar has a line to point at.
 """
 
 from __future__ import annotations
@@ -20,7 +18,6 @@ from suta_calib.errors import InputError
 from suta_calib.records import dataclass
 
 KeyPath = tuple[str | int, ...]
-# Of either library: they have the same attributes.
 Node = Any
 _SPECIAL_FLOATS = {".inf": "inf", "+.inf": "inf", "-.inf": "-inf", ".nan": "nan"}
 
@@ -29,8 +26,8 @@ MOST_VALUES: Final = 200_000
 MOST_BYTES: Final = 8_000_000
 MOST_LEVELS: Final = 50
 
-# What is no text where it is not quoted, in YAML 1.2 as ruamel.yaml reads it: PyYAML's own rules
-# are those of YAML 1.1, where ``no`` is false and 1:30 a number.
+# What is no text where it is not quoted, in YAML 1.2: PyYAML's own rules are those of YAML 1.1,
+# where ``no`` is false and 1:30 a number.
 _PLAIN: Final = {
     "bool": (r"true|True|TRUE|false|False|FALSE", "tTfF"),
     "int": (r"[-+]?0b[0-1_]+|[-+]?0o?[0-7_]+|[-+]?[0-9_]+|[-+]?0x[0-9a-fA-F_]+", "-+0123456789"),
@@ -65,9 +62,7 @@ def plain_data(
     text = f"#{text}" if text.startswith(("%YAML:", "%YAML 1.0")) else text
     lines: dict[KeyPath, int] = {}
     try:
-        node = _quickly(text)
-        node = _carefully(path, text, error) if node is None else node
-        data = _Plain(path, error, lines).value(node, (), ())
+        data = _Plain(path, error, lines).value(_graph(path, text, error), (), ())
     except RecursionError:
         raise error("lists nested too deeply", "a few levels", file=path) from None
     if not isinstance(data, dict):
@@ -75,59 +70,48 @@ def plain_data(
     return data, lines
 
 
-def _quickly(text: str) -> Node | None:
-    """The graph, by libyaml; None where that is not installed, or does not take the text.
+def _graph(path: Path, text: str, error: type[InputError]) -> Node:
+    """The graph, by libyaml where it is installed; or what is wrong, and where.
 
     Raises:
         RecursionError: lists nested far too deeply.
     """
-    if not yaml.__with_libyaml__:
-        return None
-    try:
-        # What composes the graph would end the process where lists are nested in thousands.
-        events = (type(event).__name__ for event in yaml.parse(text, yaml.CSafeLoader))
-        ways = (name.endswith("StartEvent") - name.endswith("EndEvent") for name in events)
-        if any(level > 10 * MOST_LEVELS for level in accumulate(ways)):
-            raise RecursionError
-        return yaml.compose(text, _loader())
-    except yaml.YAMLError:
-        return None
+    refused = yaml.YAMLError()
+    # What libyaml refuses, the reader in Python refuses with better words.
+    for base in (*([yaml.CSafeLoader] if yaml.__with_libyaml__ else []), yaml.SafeLoader):
+        loader = _loader(base)
+        try:
+            # What composes the graph would end the process where lists are nested in thousands.
+            events = (type(event).__name__ for event in yaml.parse(text, loader))
+            ways = (name.endswith("StartEvent") - name.endswith("EndEvent") for name in events)
+            if any(level > 10 * MOST_LEVELS for level in accumulate(ways)):
+                raise RecursionError
+            node = yaml.compose(text, loader)
+        except yaml.YAMLError as problem:
+            refused = problem
+        else:
+            if node is None:
+                raise error("an empty file", "a mapping of keys to values", file=path)
+            return node
+    mark = getattr(refused, "problem_mark", None)
+    words = str(getattr(refused, "problem", None) or refused).splitlines()
+    found = f"text that is not YAML ({words[0]})" if words else "text that is not YAML"
+    raise error(found, "YAML", file=path, line=None if mark is None else mark.line + 1) from None
 
 
 @cache
-def _loader() -> Any:
-    """PyYAML's quick loader, with `_PLAIN` in place of its own rules."""
-    loader: Any = type("Loader", (yaml.CSafeLoader,), {"yaml_implicit_resolvers": {}})
-    for kind, (form, first) in _PLAIN.items():
-        rule = re.compile(rf"^(?:{form})$")
-        loader.add_implicit_resolver(f"tag:yaml.org,2002:{kind}", rule, list(first))
+def _loader(base: Any) -> Any:
+    """A loader of PyYAML with `_PLAIN` in place of its own rules."""
+    loader: Any = type("Loader", (base,), {"yaml_implicit_resolvers": {}})
+    add_rules(loader)
     return loader
 
 
-def _carefully(path: Path, text: str, error: type[InputError]) -> Node:
-    """The graph, by ruamel.yaml; or what is wrong, and where."""
-    from ruamel.yaml import YAML
-    from ruamel.yaml.error import MarkedYAMLError, YAMLError
-
-    # Comments, which the round-trip reader keeps, are not asked for.
-    reader = YAML(typ="safe", pure=True)
-    reader.composer.warn_double_anchors = False
-    try:
-        node = reader.compose(text)
-    except MarkedYAMLError as problem:
-        mark = problem.problem_mark
-        line = None if mark is None else mark.line + 1
-        raise error(_not_yaml(problem.problem), "YAML", file=path, line=line) from None
-    except YAMLError as problem:
-        raise error(_not_yaml(problem), "YAML", file=path) from None
-    if node is None:
-        raise error("an empty file", "a mapping of keys to values", file=path)
-    return node
-
-
-def _not_yaml(problem: object) -> str:
-    lines = str(problem).splitlines()
-    return f"text that is not YAML ({lines[0]})" if lines else "text that is not YAML"
+def add_rules(resolver: Any) -> None:
+    """Have a loader or dumper of PyYAML tell values from texts by `_PLAIN`."""
+    for kind, (form, first) in _PLAIN.items():
+        rule = re.compile(rf"^(?:{form})$")
+        resolver.add_implicit_resolver(f"tag:yaml.org,2002:{kind}", rule, list(first))
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import io
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Final
-
-from ruamel.yaml import YAML
 
 from suta_calib.analysis.outliers import (
     AGREEMENT,
@@ -25,6 +22,7 @@ from suta_calib.analysis.outliers import (
     Thresholds,
 )
 from suta_calib.analysis.outliers.plots import PANEL, TOLD, metric_charts
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.report.chart_svg import Row, rows_svg
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
@@ -131,7 +129,10 @@ def advice(found: Outliers) -> list[Text]:
         if not levels:
             continue
         how = f"To leave it out, write into the {term.kind} row of the job:"
-        said += [Text(how, bullet=True), Text(f"exclude: {flow_yaml(levels)}", look="verbatim")]
+        said += [
+            Text(how, bullet=True),
+            Text(f"exclude: {yaml_text(levels, one_line=True)}", look="verbatim"),
+        ]
         for level in term.levels:
             noun = GROUPING_NOUN[level.name]
             for group in level.outliers:
@@ -145,15 +146,6 @@ def advice(found: Outliers) -> list[Text]:
                 )
                 said.append(Text(effect_said, bullet=True))
     return said
-
-
-def flow_yaml(value: Mapping[str, Sequence[str]]) -> str:
-    """A mapping as YAML on one line; labels that look like numbers are quoted."""
-    yaml, text = YAML(typ="safe", pure=True), io.StringIO()
-    yaml.default_flow_style = True
-    yaml.width = 1_000_000
-    yaml.dump(dict(value), text)
-    return text.getvalue().strip()
 
 
 def _effect(term: TermOutliers, level: Level, group: Group) -> HeldOut | None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from functools import partial
 from itertools import groupby
 from typing import Any, Final
 
 import numpy as np
-from ruamel.yaml import YAML
 
 from suta_calib.analysis.planning import (
     Best,
@@ -26,6 +24,7 @@ from suta_calib.analysis.planning import (
 from suta_calib.analysis.planning.candidates import Unreachable
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as
 from suta_calib.report.plan_plots import bench_drawing, gain_curve
@@ -254,14 +253,8 @@ def _bench_yaml(found: Plan) -> str:
         else:
             sort = "placements" if isinstance(place, Placement) else "points"
             content.setdefault(sort, {})[place.name] = place_dict(place)
-    out = io.StringIO()
-    yaml = YAML()
-    yaml.default_flow_style = None
-    yaml.width = 1000
-    yaml.dump(content, out)
-    return "# Where to measure next; suta-calib plan reads this file with --candidates.\n" + (
-        out.getvalue()
-    )
+    heading = "Where to measure next; suta-calib plan reads this file with --candidates."
+    return yaml_text(content, heading)
 
 
 def _joints(found: Plan) -> dict[str, Unit]:

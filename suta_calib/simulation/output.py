@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap
 
 from suta_calib.atomic import refuse_inputs
 from suta_calib.errors import OutputError
@@ -20,6 +17,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.measurements import write_corners, write_samples, write_text
 from suta_calib.measurements.files import lines_of
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.parameters import POSITION
 from suta_calib.simulation.simulated import SimulatedFile, Simulation
 from suta_calib.simulation.true_poses import TruePose
@@ -27,8 +25,8 @@ from suta_calib.units import deg, key, mm, shown
 
 _TITLE: Final = "# Simulated measurements"
 _TRUTH_HEADING: Final = (
-    "# Simulated: the true values behind the simulated samples in this folder, for judging a\n"
-    "# calibration. Nothing here was measured. Parameters that are not listed are nominal.\n"
+    "Simulated: the true values behind the simulated samples in this folder, for judging a\n"
+    "calibration. Nothing here was measured. Parameters that are not listed are nominal."
 )
 
 
@@ -88,11 +86,11 @@ def truth_text(simulation: Simulation) -> str:
         if value != nominal or name in tip:
             error = round(shown(value - nominal, unit), 9)
             row = {key("value", unit): shown(value, unit), key("error", unit): error}
-            parameters[name] = _row(row)
+            parameters[name] = row
     # True positions, where they depart from the certified ones.
     landmarks = {
         plan.name: {
-            mark.name: _row({"position_mm": mm(mark.position).tolist()})
+            mark.name: {"position_mm": mm(mark.position).tolist()}
             for mark in simulation.artefacts[plan.name].landmarks.values()
         }
         for plan in sets
@@ -100,7 +98,7 @@ def truth_text(simulation: Simulation) -> str:
     }
     # How the tip always sits, where it does not fit.
     seatings = {
-        plan.name: _row({"x_mm": mm(x), "y_mm": mm(y), "rz_deg": deg(rz)})
+        plan.name: {"x_mm": mm(x), "y_mm": mm(y), "rz_deg": deg(rz)}
         for plan in sets
         for x, y, rz in [plan.seating]
         if any(plan.seating)
@@ -120,13 +118,10 @@ def truth_text(simulation: Simulation) -> str:
         **({"external_poses": outside} if outside else {}),
         "outliers": [row for file in simulation.files for row in _outliers(file)],
     }
-    yaml, text = YAML(), io.StringIO()
-    yaml.width = 1000
-    yaml.dump(document, text)
-    return _TRUTH_HEADING + text.getvalue()
+    return yaml_text(document, _TRUTH_HEADING)
 
 
-def _pose_row(pose: TruePose) -> CommentedMap:
+def _pose_row(pose: TruePose) -> dict[str, Any]:
     """With the keys of a result's ``external_poses``."""
     numbers = {"position_mm": mm(pose.position)}
     if (rotation := pose.rotation) is not None:
@@ -137,29 +132,20 @@ def _pose_row(pose: TruePose) -> CommentedMap:
         }
     # Without what rounding leaves of a zero, or its sign.
     pose_numbers = {name: (np.round(x, 12) + 0.0).tolist() for name, x in numbers.items()}
-    return _row({"what": pose.frame.what, "within": pose.frame.within, **pose_numbers})
+    return {"what": pose.frame.what, "within": pose.frame.within, **pose_numbers}
 
 
-def _outliers(file: SimulatedFile) -> list[CommentedMap]:
+def _outliers(file: SimulatedFile) -> list[dict[str, Any]]:
     labels = file.samples.labels
     return [
-        _row(
-            {
-                "file": file.path,
-                "line": int(file.samples.origin[row].rpartition(":")[2]),
-                **{name: str(values[row]) for name, values in labels.items()},
-                "displacement_mm": [round(x, 6) for x in mm(file.displacement[row]).tolist()],
-            }
-        )
+        {
+            "file": file.path,
+            "line": int(file.samples.origin[row].rpartition(":")[2]),
+            **{name: str(values[row]) for name, values in labels.items()},
+            "displacement_mm": [round(x, 6) for x in mm(file.displacement[row]).tolist()],
+        }
         for row in map(int, file.outliers)
     ]
-
-
-def _row(values: dict[str, Any]) -> CommentedMap:
-    """A mapping that is written on one line."""
-    row = CommentedMap(values)
-    row.fa.set_flow_style()
-    return row
 
 
 def _readme(simulation: Simulation) -> str:

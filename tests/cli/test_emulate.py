@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from cli_job import cli
 from emulated import TRUTH, angles, listen, true_landmarks, write_artefact
-from ruamel.yaml import YAML
 
 from suta_calib.device import read_device
 from suta_calib.emulation import read_truth
@@ -260,7 +260,7 @@ def test_a_placement_without_a_pose_is_found_within_reach(
         assert "6 rests in 2 rounds" in capsys.readouterr().err
         texts.append(out.read_text())
     assert texts[0] == texts[1]
-    poses = YAML(typ="safe").load(texts[0])["placements"]
+    poses = yaml.safe_load(texts[0])["placements"]
     assert poses.keys() == {"P1", "B2"}
     assert poses["P1"] != poses["B2"]
     assert all(pose["rotation_rpy_deg"][:2] == [0, 0] for pose in poses.values())

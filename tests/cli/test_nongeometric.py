@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from cli_job import JOB, cli, simulated, write_simulated_job
-from ruamel.yaml import YAML
 
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
@@ -134,7 +134,7 @@ def test_rows_to_add_are_yaml_however_many() -> None:
     names = tuple(f"wrist_{k}_joint.ecc_{key}" for k in range(3) for key in ("c1", "s1"))
     lines = wrapped(row_text(Selection(names, bound_rad=np.radians(1.0))))
     assert max(map(len, lines.splitlines())) <= 78
-    rows = YAML().load(f"parameters:\n{lines}\n")["parameters"]
+    rows = yaml.safe_load(f"parameters:\n{lines}\n")["parameters"]
     assert rows == [{"select": list(names), "bound_deg": 1}]
 
 

@@ -9,17 +9,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from lxml import etree, html
-from ruamel.yaml import YAML
 
 from suta_calib.assessment import Assessment
 from suta_calib.errors import OutputError
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.plotting.style import BLUE, WIDTH
 from suta_calib.report import page as page_module
 from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.files import write_document
 from suta_calib.report.listing import Column, Listing
-from suta_calib.report.outliers import flow_yaml
 from suta_calib.report.page import page_with, themed
 from suta_calib.report.panels import apart
 from suta_calib.report.svg import picture as picture_of
@@ -119,8 +119,9 @@ def test_a_list_of_contents_is_of_more_than_one() -> None:
 
 def test_labels_to_paste_are_read_back_as_they_are() -> None:
     levels = {"landmarks": ["S2", "007", "yes", "a: b", "it's"], "rows": ["a.csv:12"]}
-    assert "\n" not in flow_yaml(levels)
-    assert YAML(typ="safe").load(f"exclude: {flow_yaml(levels)}") == {"exclude": levels}
+    written = yaml_text(levels, one_line=True)
+    assert "\n" not in written
+    assert yaml.safe_load(f"exclude: {written}") == {"exclude": levels}
 
 
 def test_a_page_is_dated_by_what_it_is_of() -> None:

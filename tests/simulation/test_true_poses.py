@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from ruamel.yaml import YAML
+import yaml
 from simulation_scenes import Folder
 
 from suta_calib.diagnostics.external_poses import external_poses
@@ -52,7 +52,7 @@ def all_samples(made: Simulation) -> Samples:
 
 def told(made: Simulation, out: Path) -> Any:
     write_simulation(made, out)
-    return YAML(typ="safe", pure=True).load((out / "truth.yaml").read_text())
+    return yaml.safe_load((out / "truth.yaml").read_text())
 
 
 @pytest.fixture

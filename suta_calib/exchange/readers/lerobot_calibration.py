@@ -20,7 +20,7 @@ from suta_calib.exchange.lerobot_motors import (
 )
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
-from suta_calib.exchange.yaml_text import yaml_bytes
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.words import listed
 
 BUS: Final = Option(
@@ -90,7 +90,7 @@ class LerobotCalibrationReader(Reader):
         return ImportedFile(
             source=path,
             form=self.name,
-            content=yaml_bytes(device, comment).decode(),
+            content=yaml_text(device, comment),
             what=f"a device of {len(joints)} motor{'s' * (len(joints) != 1)}",
             kind=".yaml",
             seen=tuple(said),

@@ -7,7 +7,7 @@ from typing import ClassVar
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import CalibratedArm, Result
 from suta_calib.exchange.writer import Writer
-from suta_calib.exchange.yaml_text import yaml_bytes
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.parameters import OFFSET
 from suta_calib.units import shown, unit_name
 
@@ -32,7 +32,7 @@ class JointOffsetsWriter(Writer):
                 f"{OFFSET}_{unit_name(unit)}": shown(value, unit),
             }
         said = "Added to the reading of each joint: angle = reading + offset."
-        return yaml_bytes({"joint_offsets": offsets}, said)
+        return yaml_text({"joint_offsets": offsets}, said).encode()
 
     def lost(self, arm: CalibratedArm) -> list[str]:
         """Everything that differs from nominal but the offsets of joints that are read."""

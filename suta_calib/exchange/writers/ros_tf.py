@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import Result, Transform
 from suta_calib.exchange.writer import Writer
-from suta_calib.exchange.yaml_text import yaml_bytes
 from suta_calib.geometry.numbers import quaternion_from_rotation
+from suta_calib.measurements.yaml_text import yaml_text
 
 
 def stamped(transform: Transform) -> dict[str, Any]:
@@ -39,4 +39,4 @@ class RosTfWriter(Writer):
         """``transforms: [{header, child_frame_id, transform}, …]``, m and x y z w."""
         del given
         found = result.need_transforms(self.name)
-        return yaml_bytes({"transforms": [stamped(each) for each in found]})
+        return yaml_text({"transforms": [stamped(each) for each in found]}).encode()

@@ -11,8 +11,8 @@ import numpy as np
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import CalibratedArm, Result
 from suta_calib.exchange.writer import Writer
-from suta_calib.exchange.yaml_text import yaml_bytes
 from suta_calib.geometry.numbers import rotation_from_rpy, vector_from_rotation
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.urdf import number_text, rounded
 from suta_calib.units import deg, mm
@@ -46,8 +46,8 @@ class XacroYamlWriter(Writer):
             for key, joint in zip(_keys(moving), moving, strict=True)
         }
         # Drivers tell by it that a description and a controller speak of one calibration.
-        digest = hashlib.sha256(yaml_bytes(joints)).hexdigest()[:20]
-        return yaml_bytes({"kinematics": {**joints, "hash": f"calib_{digest}"}})
+        digest = hashlib.sha256(yaml_text(joints).encode()).hexdigest()[:20]
+        return yaml_text({"kinematics": {**joints, "hash": f"calib_{digest}"}}).encode()
 
     def lost(self, arm: CalibratedArm) -> list[str]:
         """What is no geometry, and the parameters of fixed joints that changed."""
