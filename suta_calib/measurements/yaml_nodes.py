@@ -96,6 +96,8 @@ def _graph(path: Path, text: str, error: type[InputError]) -> Node:
     mark = getattr(refused, "problem_mark", None)
     words = str(getattr(refused, "problem", None) or refused).splitlines()
     found = f"text that is not YAML ({words[0]})" if words else "text that is not YAML"
+    # PyYAML's words for it say nothing without their context.
+    found = "an anchor a second time" if words == ["second occurrence"] else found
     raise error(found, "YAML", file=path, line=None if mark is None else mark.line + 1) from None
 
 
