@@ -19,6 +19,10 @@ _SHOWN_OF_WORD: Final = 40
 _LONGEST_PART: Final = 1500
 
 
+class SutaCalibWarning(UserWarning):
+    """Something that can be used, or done without, but that the user should look at."""
+
+
 class SutaCalibError(Exception):
     """Root of every error this package raises on purpose."""
 

@@ -24,6 +24,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.job import CalibrationJob
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.measurements import Samples
+from suta_calib.registry import shipped
 from suta_calib.report import calibration_document
 from suta_calib.report.document import Figure, File
 from suta_calib.report.files import write_document
@@ -278,7 +279,7 @@ def test_what_an_arm_cannot_reach_or_see_tells_nothing(tmp_path: Path) -> None:
     rich = RichData(problem, problem.start())
     told = {
         (name, oriented): rich.tells(kind, oriented)
-        for name, kind in KINDS.items()
+        for name, kind in shipped(KINDS).items()
         for oriented in (False, True)
     }
     assert all(np.isfinite(each).all() for each in told.values())

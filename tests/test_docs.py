@@ -18,6 +18,7 @@ from suta_calib.analysis.planning import read_candidates
 from suta_calib.cli._app import COMMANDS
 from suta_calib.device import read_device
 from suta_calib.measurements.keys import Key, Keys
+from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
 
 PACKAGE = Path(__file__).resolve().parent.parent / "suta_calib"
@@ -95,13 +96,13 @@ def test_every_key_says_something(maker: Maker) -> None:
 
 
 def test_every_column_of_a_sample_is_described(maker: Maker) -> None:
-    for kind in KINDS.values():
+    for kind in shipped(KINDS).values():
         for column, about in maker("observation_pages").column_rows(kind):
             assert about.strip().removesuffix("May be left out."), f"{kind.kind}: {column}"
 
 
 def test_every_kind_and_command_has_its_place(pages: dict[str, str]) -> None:
-    for kind in KINDS:
+    for kind in shipped(KINDS):
         assert f"\n## {kind}\n" in pages["observations.md"]
         assert f"[`{kind}`]" in pages["csv.md"]
     for command in COMMANDS:
@@ -128,7 +129,7 @@ def test_every_kind_is_compared(repository: Path) -> None:
     guides = repository / "docs" / "guides"
     for page in ("which_observation.md", "which_observation_table.md"):
         rows = re.findall(r"^\| `(\w+)` \|", (guides / page).read_text(encoding="utf-8"), re.M)
-        assert rows == list(KINDS)
+        assert rows == list(shipped(KINDS))
 
 
 @pytest.mark.parametrize("kind", ["fixed_point", "tracked_point"])

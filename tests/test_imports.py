@@ -15,7 +15,7 @@ from suta_calib.lazy import UNUSED_OF_NUMPY
 ROWS = (
     {"errors", "arrays", "units", "assessment", "atomic", "confined", "distributions", "extras"}
     | {"halton", "incomplete", "inputs", "lazy"}
-    | {"processes", "records", "showing", "staging", "threads", "words"},
+    | {"processes", "records", "registry", "showing", "staging", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},

@@ -8,13 +8,14 @@ from markdown_pieces import anchor, sentence, table
 
 from suta_calib.exchange import export_formats, import_formats
 from suta_calib.exchange.description import Described
+from suta_calib.registry import shipped
 
 TITLES = {"import": "What can be imported", "export": "What can be exported"}
 
 
 def formats() -> dict[str, Mapping[str, Described]]:
     """Formats by name, by the command that takes them."""
-    return {"import": import_formats(), "export": export_formats()}
+    return {"import": shipped(import_formats()), "export": shipped(export_formats())}
 
 
 def formats_page() -> Iterator[str]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from markdown_pieces import first_paragraph, table
 
+from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
 from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypothesis import Hypothesis, known_hypotheses
@@ -27,7 +28,7 @@ def hypotheses_page() -> Iterator[str]:
     )
     rows = (
         (name, each.about, where(each), first_paragraph(type(each)))
-        for name, each in known_hypotheses().items()
+        for name, each in shipped(known_hypotheses()).items()
     )
     yield table(("hypothesis", "what is wrong", "commands", "how it is described"), rows)
 
@@ -39,7 +40,7 @@ def where(hypothesis: Hypothesis) -> str:
     )
     kinds = [
         f"`{name}`"
-        for name, kind in KINDS.items()
+        for name, kind in shipped(KINDS).items()
         if any(issubclass(kind, one) for one in hypothesis.applies_to)
     ]
-    return commands if len(kinds) == len(KINDS) else f"{commands} over {', '.join(kinds)}"
+    return commands if len(kinds) == len(shipped(KINDS)) else f"{commands} over {', '.join(kinds)}"

@@ -12,6 +12,7 @@ from suta_calib.certification import read_raw_points
 from suta_calib.measurements import pose_files, read_corners
 from suta_calib.measurements.csv_table import length_columns, position_columns, rotation_columns
 from suta_calib.measurements.keys import Keys
+from suta_calib.registry import shipped
 from suta_calib.terms import KINDS, Term
 
 
@@ -23,7 +24,7 @@ def observations_page() -> Iterator[str]:
         "beside one per joint (rad; m for prismatic joints), which keys of a job's row are its "
         "own, what it cannot tell by itself, and what it tells that others leave open.\n\n"
     )
-    for name, kind in KINDS.items():
+    for name, kind in shipped(KINDS).items():
         yield f"({anchor(name)})=\n## {name}\n\n{sentence(kind.about)}\n\n"
         yield f"{first_paragraph(kind)} More: {{py:class}}`~suta_calib.terms.{kind.__name__}`.\n\n"
         rows = list(column_rows(kind))
@@ -113,10 +114,10 @@ def csv_page() -> Iterator[str]:
     )
     rows = (
         (f"[`{name}`](observations.md#{anchor(name)})", "; ".join(a for a, _ in column_rows(kind)))
-        for name, kind in KINDS.items()
+        for name, kind in shipped(KINDS).items()
     )
     yield table(("kind", "columns"), rows)
-    for name, (about, reader, shipped) in CSV_FILES.items():
-        first = (ROOT / shipped).read_text(encoding="utf-8").splitlines()[:3]
+    for name, (about, reader, example) in CSV_FILES.items():
+        first = (ROOT / example).read_text(encoding="utf-8").splitlines()[:3]
         yield f"## {name}\n\n{about} {first_paragraph(reader)}\n\n"
         yield "```text\n" + "\n".join(first) + "\n```\n\n"

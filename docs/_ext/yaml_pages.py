@@ -16,6 +16,7 @@ from suta_calib.measurements.artefact import ARTEFACT_KEYS
 from suta_calib.measurements.board import CHARUCO_KEYS, CHESSBOARD_KEYS, MARKERS_KEYS
 from suta_calib.measurements.camera import CAMERA_KEYS
 from suta_calib.measurements.keys import Keys
+from suta_calib.registry import shipped
 from suta_calib.simulation.keys import SIMULATION_KEYS, set_keys
 from suta_calib.terms import KINDS
 
@@ -91,7 +92,7 @@ FILES = (
         "Measurements to simulate: the nominal arm, how the true one departs from it, what "
         "scatters, and what is measured.",
         {"": SIMULATION_KEYS}
-        | {f"a set of kind {name}": set_keys(kind) for name, kind in KINDS.items()},
+        | {f"a set of kind {name}": set_keys(kind) for name, kind in shipped(KINDS).items()},
         "data/plane/simulation.yaml",
     ),
     FileFormat(

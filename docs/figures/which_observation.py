@@ -14,6 +14,7 @@ from pathlib import Path
 
 from suta_calib.cli import run
 from suta_calib.measurements import write_text
+from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
 from suta_calib.units import deg, mm
 
@@ -92,7 +93,7 @@ def main() -> None:
         "\nSimulated, with 0.1 mm, 0.05° and 0.1 px of noise; – is held. Written by "
         "`python docs/figures/which_observation.py`.\n"
     )
-    write_text(TABLE, f"{heads}{''.join(map(row, KINDS))}{below}")
+    write_text(TABLE, f"{heads}{''.join(map(row, shipped(KINDS)))}{below}")
 
 
 def row(kind: str) -> str:

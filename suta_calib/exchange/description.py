@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import inspect
-import pkgutil
 from collections.abc import Iterable
 from functools import cache
-from importlib import import_module
 from typing import ClassVar, TypeVar
 
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.exchange.option import Option
+from suta_calib.registry import Group, all_classes
 
 
 class Described:
@@ -35,21 +33,16 @@ Kind = TypeVar("Kind", bound=Described)
 
 
 @cache
-def formats_of(package: str, kind: type[Kind]) -> dict[str, Kind]:
-    """The formats of a package by name: one of every class that its modules define.
+def formats_of(group: Group, package: str, base: type[Kind]) -> dict[str, Kind]:
+    """The formats of a package of ours, and of other packages' entry points, by name.
 
     Args:
+        group: of the entry points.
         package: full name of the package whose modules are looked through.
-        kind: the abstract class that formats are of.
+        base: the abstract class that formats are of.
     """
-    found: dict[str, Kind] = {}
-    for module in pkgutil.iter_modules(import_module(package).__path__):
-        for value in vars(import_module(f"{package}.{module.name}")).values():
-            if not (isinstance(value, type) and issubclass(value, kind)):
-                continue
-            if not inspect.isabstract(value) and value.__module__ == f"{package}.{module.name}":
-                found[value.name] = value()
-    return dict(sorted(found.items()))
+    classes = all_classes(group, base, package)
+    return {name: form() for name, form in sorted(classes.items())}
 
 
 def named(formats: dict[str, Kind], name: str) -> Kind:

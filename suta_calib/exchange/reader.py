@@ -24,7 +24,8 @@ TABLE: Final = "table"
 class Reader(Described, ABC):
     """One foreign format that can be read.
 
-    A new one is a module in ``readers/`` with a subclass; nothing else names it.
+    A new one is a module in ``readers/`` with a subclass, or an entry point of another package in
+    the group ``suta_calib.readers``; nothing else names it.
 
     Attributes:
         suffixes: of files it may be, in small letters; any where none is listed.
@@ -53,7 +54,7 @@ class Reader(Described, ABC):
 
 def import_formats() -> dict[str, Reader]:
     """Every format that can be read, by name."""
-    return formats_of("suta_calib.exchange.readers", Reader)
+    return formats_of("readers", "suta_calib.exchange.readers", Reader)
 
 
 def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> Imported:

@@ -23,7 +23,8 @@ BESIDE: Final = ".left_out.json"
 class Writer(Described, ABC):
     """One foreign format that can be written.
 
-    A new one is a module in ``writers/`` with a subclass; nothing else names it.
+    A new one is a module in ``writers/`` with a subclass, or an entry point of another package in
+    the group ``suta_calib.writers``; nothing else names it.
 
     Attributes:
         file: name of the file where none is given.
@@ -117,7 +118,7 @@ class Exported:
 
 def export_formats() -> dict[str, Writer]:
     """Every format that can be written, by name."""
-    return formats_of("suta_calib.exchange.writers", Writer)
+    return formats_of("writers", "suta_calib.exchange.writers", Writer)
 
 
 def write_foreign(result: Result, form: str, **options: Any) -> Exported:

@@ -21,12 +21,11 @@ from suta_calib.diagnostics.accuracy import (
     read_where_fitted,
 )
 from suta_calib.diagnostics.widening import widened
-from suta_calib.errors import InputError, JobError, ParameterError, SamplesError
+from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
     Artefact,
     Samples,
-    SutaCalibWarning,
     read_artefact,
     read_samples,
 )

@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from suta_calib.measurements.corners import read_corners as read_corners
     from suta_calib.measurements.corners import write_corners as write_corners
     from suta_calib.measurements.csv_table import CsvTable as CsvTable
-    from suta_calib.measurements.csv_table import SutaCalibWarning as SutaCalibWarning
     from suta_calib.measurements.csv_table import has_rotations as has_rotations
     from suta_calib.measurements.csv_table import positions as positions
     from suta_calib.measurements.csv_table import read_csv_table as read_csv_table

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.errors import SamplesError, SutaCalibWarning, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
@@ -280,10 +280,6 @@ def _check_header(path: Path, line: int, header: list[str]) -> None:
 
 
 # ── positions and orientations ───────────────────────────────────────────────────────────────
-class SutaCalibWarning(UserWarning):
-    """Input that can be used, but that the user should look at."""
-
-
 def position_columns(prefix: str = "") -> tuple[str, ...]:
     """Names of every column that `positions` may read."""
     return tuple(f"{prefix}{axis}{unit}" for unit in ("", "_mm") for axis in "xyz")

@@ -13,10 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.measurements.csv_table import (
     CsvTable,
-    SutaCalibWarning,
     position_sigma_columns,
     position_sigmas,
     positions,

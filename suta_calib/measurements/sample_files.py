@@ -16,12 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import (
     SIGMAS,
     CsvTable,
-    SutaCalibWarning,
     has_rotations,
     length_columns,
     lengths,

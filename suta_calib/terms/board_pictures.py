@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.errors import SutaCalibWarning
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
-from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.records import dataclass
 from suta_calib.terms.camera_start import board_poses
 from suta_calib.terms.hand_eye_start import (

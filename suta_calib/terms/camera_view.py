@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.pinhole import CENTRE, FOCAL
 from suta_calib.measurements import (
     Board,
@@ -25,7 +25,6 @@ from suta_calib.measurements import (
     YamlSection,
     read_corners,
 )
-from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.records import dataclass

@@ -1,12 +1,12 @@
-"""The kinds of observation, by name. A new one is one new file here, and one line below."""
+"""The kinds of observation, by name: a file here and its line below, or an entry point."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib import import_module
 from typing import Final
 
+from suta_calib.registry import classes_in, other_classes
 from suta_calib.terms.term import Term
 
 # The file of each, which is called as the kind is. In the order in which they are offered; where
@@ -25,21 +25,27 @@ _NAMES: Final = (
 
 
 class Kinds(Mapping[str, type[Term]]):
-    """Kinds by name, each imported when it is asked for: a job rarely has more than one or two."""
+    """Kinds by name: ours, each imported when it is asked for, then those of other packages.
+
+    Those are entry points in the group ``suta_calib.kinds``. A job rarely has more than two kinds.
+    """
 
     def __getitem__(self, name: str) -> type[Term]:
-        if name not in _NAMES:
-            raise KeyError(name)
-        return _kind(name)
+        return _kind(name) if name in _NAMES else self._others[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in _NAMES
+        return name in _NAMES or name in self._others
 
     def __iter__(self) -> Iterator[str]:
-        return iter(_NAMES)
+        yield from _NAMES
+        yield from self._others
 
     def __len__(self) -> int:
-        return len(_NAMES)
+        return len(_NAMES) + len(self._others)
+
+    @property
+    def _others(self) -> Mapping[str, type[Term]]:
+        return other_classes("kinds", Term, _NAMES)
 
 
 KINDS: Final = Kinds()
@@ -47,9 +53,7 @@ KINDS: Final = Kinds()
 
 @cache
 def _kind(name: str) -> type[Term]:
-    home = vars(import_module(f"suta_calib.terms.{name}")).values()
-    terms = (each for each in home if isinstance(each, type) and issubclass(each, Term))
-    return next(term for term in terms if vars(term).get("kind") == name)
+    return classes_in(f"suta_calib.terms.{name}", Term)[name]
 
 
 @cache

@@ -9,9 +9,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.measurements import Board, Corners
-from suta_calib.measurements.csv_table import SutaCalibWarning
 from suta_calib.terms.poses import PoseSource
 from suta_calib.words import listed
 

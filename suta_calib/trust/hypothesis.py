@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import inspect
-import pkgutil
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
-from importlib import import_module
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.records import dataclass
+from suta_calib.registry import all_classes
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Rule, weigh_effects
 from suta_calib.trust.examination import Examination
-
-# Packages that are looked through for hypotheses.
-HOMES: Final = ("suta_calib.trust.hypotheses",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +37,8 @@ class Spoilt:
 class Hypothesis(ABC):
     """One way in which data can be wrong, or a model too simple.
 
-    A new one is a module in ``hypotheses/`` with a subclass; nothing else names it.
+    A new one is a module in ``hypotheses/`` with a subclass, or an entry point of another package
+    in the group ``suta_calib.hypotheses``; nothing else names it.
     `tests/trust/test_contract.py` then holds it to the contract: data that `spoil` made are named
     with the right size, and sound data are silent.
 
@@ -155,17 +151,9 @@ def strongest_cause(solution: Solution) -> Finding | None:
 
 @cache
 def known_hypotheses() -> dict[str, Hypothesis]:
-    """Every hypothesis by its name: one of each class that the modules of `HOMES` define."""
-    known: dict[str, Hypothesis] = {}
-    for home in HOMES:
-        for module in pkgutil.iter_modules(import_module(home).__path__):
-            path = f"{home}.{module.name}"
-            for value in vars(import_module(path)).values():
-                if not isinstance(value, type) or value.__module__ != path:
-                    continue
-                if issubclass(value, Hypothesis) and not inspect.isabstract(value):
-                    known[value.name] = value()
-    return dict(sorted(known.items()))
+    """Every hypothesis by its name, other packages' included."""
+    classes = all_classes("hypotheses", Hypothesis, "suta_calib.trust.hypotheses")
+    return {name: hypothesis() for name, hypothesis in sorted(classes.items())}
 
 
 def examine(answer: Examination, rule: Rule = Rule()) -> list[Finding]:

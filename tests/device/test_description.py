@@ -8,6 +8,7 @@ from suta_calib.device import JointSpec, read_device
 from suta_calib.device.description import UNASKED
 from suta_calib.device.formats import FORMATS
 from suta_calib.errors import DeviceFileError
+from suta_calib.registry import shipped
 
 GOOD = """\
 port: /dev/ttyACM0
@@ -109,4 +110,4 @@ def test_a_joint_may_have_its_own_zero_gear_and_encoder(tmp_path: Path) -> None:
 
 
 def test_formats_of_devices_that_speak_by_themselves_are_those_that_are_not_asked() -> None:
-    assert set(UNASKED) == {name for name, form in FORMATS.items() if not form.asked}
+    assert set(UNASKED) == {name for name, form in shipped(FORMATS).items() if not form.asked}

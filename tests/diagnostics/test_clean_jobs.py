@@ -16,11 +16,12 @@ from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.rich_data import RichData, Sort
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
 
 SORTS = [
     (kind, oriented)
-    for kind, of in KINDS.items()
+    for kind, of in shipped(KINDS).items()
     for oriented in (False, True)
     if (of.has_angles or not oriented) and (oriented or of.columns.orientation != "required")
 ]

@@ -18,6 +18,7 @@ from suta_calib.geometry.numbers import register_points, rms_length
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
+from suta_calib.registry import shipped
 from suta_calib.report.observability import explained
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.covariance import predicted_covariance
@@ -232,7 +233,7 @@ def test_advice_that_is_followed_tells_the_parameter(
     for each in before.explanations:
         if each.told == "redundant":
             continue
-        for kind in KINDS.values():
+        for kind in shipped(KINDS).values():
             if f"({kind.kind})" not in each.remedy:
                 continue
             added, _ = rich.observations(Sort(kind, oriented=False), "added")

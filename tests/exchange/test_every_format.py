@@ -17,12 +17,16 @@ from suta_calib.exchange import export_formats, import_formats, read_foreign
 from suta_calib.exchange.description import Described
 from suta_calib.exchange.option import Option
 from suta_calib.exchange.reader import recognised
+from suta_calib.registry import shipped
 
-FORMATS: list[Described] = [*import_formats().values(), *export_formats().values()]
+FORMATS: list[Described] = [
+    *shipped(import_formats()).values(),
+    *shipped(export_formats()).values(),
+]
 
 
 def test_every_format_that_is_read_has_a_sample() -> None:
-    assert set(SAMPLES) == set(import_formats())
+    assert set(SAMPLES) == set(shipped(import_formats()))
 
 
 @pytest.mark.parametrize("form", FORMATS, ids=lambda each: each.name)

@@ -17,6 +17,7 @@ from suta_calib.exchange.result import CalibratedArm
 from suta_calib.measurements import Camera, read_camera
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET
+from suta_calib.registry import shipped
 from suta_calib.tracking.uncertainty import CalibrationUncertainty
 
 # m and, of a rotation matrix, its elements: a Denavit-Hartenberg table has some for lines that are
@@ -74,7 +75,7 @@ def every_way(form: str) -> list[dict[str, Any]]:
 # Those of an arm that are read by us: as another program's file, or as a URDF.
 WAYS = [
     (form, way)
-    for form in sorted({"urdf", *export_formats()} & {"urdf", *import_formats()})
+    for form in sorted({"urdf", *shipped(export_formats())} & {"urdf", *import_formats()})
     for way in every_way(form)
 ]
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from suta_calib.errors import SutaCalibWarning
 from suta_calib.geometry import projected
 from suta_calib.measurements import (
     Camera,
@@ -14,7 +15,6 @@ from suta_calib.measurements import (
     Marker,
     Markers,
     Samples,
-    SutaCalibWarning,
     corners_of,
 )
 from suta_calib.measurements.marker_axes import markers_as_seen

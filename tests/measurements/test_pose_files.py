@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
 from scipy.spatial.transform import Rotation
 
-from suta_calib.errors import SamplesError
-from suta_calib.measurements import SutaCalibWarning
+from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.measurements.pose_files import (
     read_corresponding_points,
     read_points,

@@ -13,12 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from reading import PRISMATIC, REVOLUTE, SEEN, TOUCHED, TRACKED, refusal, write
 
-from suta_calib.errors import InputError, SamplesError
+from suta_calib.errors import InputError, SamplesError, SutaCalibWarning
 from suta_calib.measurements import (
     JointRange,
     SampleColumns,
     Samples,
-    SutaCalibWarning,
     read_samples,
     write_samples,
 )

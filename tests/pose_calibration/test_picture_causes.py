@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from camera_scenes import BOARD, CAMERA, LENS, Pictures, X, Z, errors, pictures, solved
 
-from suta_calib.errors import SamplesError
-from suta_calib.measurements import Camera, Chessboard, SutaCalibWarning
+from suta_calib.errors import SamplesError, SutaCalibWarning
+from suta_calib.measurements import Camera, Chessboard
 from suta_calib.pose_calibration.picture_answer import SeenCamera
 
 EXCHANGED = Chessboard(BOARD.rows, BOARD.columns, BOARD.square)

@@ -19,6 +19,7 @@ from suta_calib.cli.simulate import simulate as command
 from suta_calib.errors import InputError, JobError, OutputError
 from suta_calib.job import CalibrationJob
 from suta_calib.job.new_job import new_job, write_job
+from suta_calib.registry import shipped
 from suta_calib.simulation import (
     read_simulation,
     simulate,
@@ -114,7 +115,7 @@ def test_the_sets_of_the_guide_can_be_rehearsed(repository: Path, tmp_path: Path
     """Of every kind; from `init`'s own folder to a job that reads what the simulation wrote."""
     guide = (repository / "docs/guides/your_own_arm.md").read_text()
     sets = re.findall(r"^  calibration: (\{kind: (\w+).*\})$", guide, re.MULTILINE)
-    assert {kind for _, kind in sets} == {*KINDS}
+    assert {kind for _, kind in sets} == {*shipped(KINDS)}
     arm = f"{{urdf: {SUTA_URDF}, tip: tip}}"
     for row, kind in sets:
         out, sheet = tmp_path / kind, tmp_path / "simulation.yaml"

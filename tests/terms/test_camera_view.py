@@ -13,13 +13,12 @@ from cli_job import answer, cli
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.emulation import read_truth
-from suta_calib.errors import SamplesError
+from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.geometry.pinhole import projected
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import (
     Chessboard,
-    SutaCalibWarning,
     read_board,
     read_camera,
     read_corners,

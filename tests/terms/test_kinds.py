@@ -14,6 +14,7 @@ from simulated import arm_named
 
 from suta_calib.job.new_job import new_job
 from suta_calib.job.schema import read_job
+from suta_calib.registry import shipped
 from suta_calib.terms import KINDS, Term, first_kind
 
 # Files that state a problem of their own over measured poses, or offer the classes: what they use.
@@ -33,7 +34,8 @@ BY_NAME = {
     "trust/hypotheses/scaled_points.py": {"TrackedPoint"},
 }
 # Kinds that are called like something else too: a label column, a figure of a report.
-COLUMNS = {column for kind in KINDS.values() for column in kind.columns.labels}
+SHIPPED = shipped(KINDS)
+COLUMNS = {column for kind in SHIPPED.values() for column in kind.columns.labels}
 # Kinds that are called like any word of a sentence: there only a literal of its own names one.
 WORDS = {"range"}
 # What else is called like a kind: a command's module, its pictures, a key of a summary, an
@@ -48,7 +50,7 @@ OTHERS = {
     "report/study.py": {"range"},
 }
 
-each_kind = pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
+each_kind = pytest.mark.parametrize("kind", SHIPPED.values(), ids=SHIPPED)
 
 
 def literals(nodes: Sequence[ast.AST]) -> Iterator[str]:
@@ -67,9 +69,9 @@ def literals(nodes: Sequence[ast.AST]) -> Iterator[str]:
 def test_no_file_outside_terms_names_a_kind(repository: Path) -> None:
     package = repository / "suta_calib"
     names = re.compile(
-        rf"\b({'|'.join(sorted(KINDS.keys() - COLUMNS - WORDS))})\b|^({'|'.join(WORDS)})$"
+        rf"\b({'|'.join(sorted(SHIPPED.keys() - COLUMNS - WORDS))})\b|^({'|'.join(WORDS)})$"
     )
-    classes = {kind.__name__ for kind in KINDS.values()}
+    classes = {kind.__name__ for kind in SHIPPED.values()}
     found = []
     for file in sorted(package.rglob("*.py")):
         place = file.relative_to(package).as_posix()

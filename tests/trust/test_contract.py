@@ -10,8 +10,10 @@ import numpy as np
 import pytest
 from sound_sets import BOARD, MARKED, MOVING, PIVOT, POINTS, SHEET, TRACKED, TRUTH, Sound
 
+from suta_calib.registry import shipped
 from suta_calib.trust import AddedVariable, Hypothesis, Rule, examine, known_hypotheses
 
+HYPOTHESES = shipped(known_hypotheses())
 # Data that can have the fault, by the hypothesis's name, where an arm that is tracked cannot.
 SCENES: dict[str, Sound] = {
     "bent tip": PIVOT,
@@ -24,7 +26,7 @@ SORTS = {"tracked": TRACKED, "board": BOARD, **SCENES}
 
 
 @pytest.mark.parametrize("seed", [1, 2])
-@pytest.mark.parametrize("hypothesis", known_hypotheses().values(), ids=known_hypotheses())
+@pytest.mark.parametrize("hypothesis", HYPOTHESES.values(), ids=HYPOTHESES)
 def test_its_own_fault_is_named_and_sized(hypothesis: Hypothesis, seed: int) -> None:
     if not isinstance(hypothesis, AddedVariable):
         pytest.skip("data are read differently and fitted again: no size")
@@ -59,7 +61,7 @@ def test_sound_data_are_silent_as_often_as_the_rule_says(sort: str) -> None:
     assert len(false_alarms(SORTS[sort], range(100, 300))) <= 1
 
 
-@pytest.mark.parametrize("hypothesis", known_hypotheses().values(), ids=known_hypotheses())
+@pytest.mark.parametrize("hypothesis", HYPOTHESES.values(), ids=HYPOTHESES)
 def test_it_says_what_it_is(hypothesis: Hypothesis) -> None:
     assert hypothesis.about.endswith(".")
     assert hypothesis.name == hypothesis.name.strip().lower()

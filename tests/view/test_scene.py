@@ -11,8 +11,9 @@ from simulated import ARMS, SUTA_URDF, arm_named, perturbed, random_readings
 from terms_cases import each_case, problem_of, truth_of
 
 from suta_calib.assessment import Assessment
+from suta_calib.errors import SutaCalibWarning
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import Samples, SutaCalibWarning, write_samples
+from suta_calib.measurements import Samples, write_samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import Term

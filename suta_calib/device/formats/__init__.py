@@ -6,9 +6,9 @@ from typing import Final
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample
-from suta_calib.device.formats.frames import FramesFormat, encode_frame
-from suta_calib.device.formats.lines import LinesFormat, encode_line
-from suta_calib.device.formats.servos import DynamixelFormat, FeetechFormat
+from suta_calib.device.formats.frames import encode_frame
+from suta_calib.device.formats.lines import encode_line
+from suta_calib.registry import all_classes
 
 __all__ = [
     "FORMATS",
@@ -23,13 +23,7 @@ __all__ = [
 ]
 
 FORMATS: Final[dict[str, Format]] = {
-    form.name: form
-    for form in (
-        FramesFormat(),
-        LinesFormat(),
-        DynamixelFormat(),
-        FeetechFormat(),
-    )
+    name: form() for name, form in all_classes("device_formats", Format, __name__).items()
 }
 
 

@@ -1,6 +1,7 @@
 """What a format says of itself: how its bytes become readings, and readings become its bytes.
 
-A new format is one file with a subclass of `Format`, and its line in `FORMATS` (``__init__.py``).
+A new format is one file here with a subclass of `Format`, or an entry point of another package in
+the group ``suta_calib.device_formats``; nothing else names it.
 """
 
 from __future__ import annotations

@@ -8,6 +8,7 @@ offsets stay as they are.
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from typing import ClassVar, Final
 
 from suta_calib.device.description import DeviceSpec
@@ -104,7 +105,7 @@ class ServoPort(Port):
         return form.position(bytes(data))
 
 
-class ServoFormat(LinesFormat):
+class ServoFormat(LinesFormat, ABC):
     """Servos of one maker.
 
     Attributes:
@@ -124,9 +125,9 @@ class ServoFormat(LinesFormat):
         """What asks them."""
         return ServoPort(spec, self)
 
+    @abstractmethod
     def position(self, data: bytes) -> int:
         """The counts in a servo's register."""
-        raise NotImplementedError
 
     def recognises(self, data: bytes) -> bool:
         """Never: they say nothing by themselves."""
