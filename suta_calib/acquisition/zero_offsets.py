@@ -71,7 +71,7 @@ class Branch:
 
 
 @dataclass(frozen=True)
-class Contradicted:
+class ContradictedZero:
     """A pose that all others contradict.
 
     Attributes:
@@ -129,7 +129,7 @@ class ZeroOffsets:
     undetermined: tuple[Combination, ...]
     redundancy: int
     beyond_limits: tuple[str, ...] = ()
-    contradicted: Contradicted | None = None
+    contradicted: ContradictedZero | None = None
     options: ZeroOffsetOptions = DEFAULT
 
     @property
@@ -278,7 +278,7 @@ def find_zero_offsets(
 
 def _contradicted(
     arm: ArmModel, samples: Samples, offsets: FloatArray, free: IntArray
-) -> Contradicted | None:
+) -> ContradictedZero | None:
     """The pose without which the others agree far better than chance would have it, by an F test.
 
     Each is left out in turn, as linearised about the answer; the one that stands out by refitting.
@@ -303,7 +303,7 @@ def _contradicted(
         return None
     distance = fit.branch(without, free).distances[worst]
     rms = fit_without.branch(without, free).rms
-    return Contradicted(samples.origin[worst], float(distance), rms)
+    return ContradictedZero(samples.origin[worst], float(distance), rms)
 
 
 def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:

@@ -49,7 +49,7 @@ LOOSE: Final = 0.5
 
 
 @dataclass(frozen=True)
-class Contradicted:
+class ContradictedBelief:
     """What was believed of one thing, and what the data make of it.
 
     Attributes:
@@ -79,7 +79,7 @@ class Contradicted:
         )
 
 
-def contradicted_beliefs(solution: Solution) -> Iterator[Contradicted]:
+def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
     """What the data speak against, of everything that the terms believe.
 
     Args:
@@ -122,4 +122,6 @@ def contradicted_beliefs(solution: Solution) -> Iterator[Contradicted]:
         if chance_of(squared, len(told), freedom_of(again, np.array(at)[loose])) < LEVEL:
             values = [p.nominal + step for p, step in zip(told, change.tolist(), strict=True)]
             stds = np.sqrt(np.diag(covariance)).tolist()
-            yield Contradicted(tuple(told), tuple(values), tuple(stds), believed[told[0].name][1])
+            yield ContradictedBelief(
+                tuple(told), tuple(values), tuple(stds), believed[told[0].name][1]
+            )

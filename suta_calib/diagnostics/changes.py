@@ -66,7 +66,7 @@ class ChangeOptions:
 
 
 @dataclass(frozen=True)
-class Change:
+class Disturbance:
     """Something that was not the same for all rows.
 
     Attributes:
@@ -146,7 +146,9 @@ class Change:
 
 @lru_cache(maxsize=4)
 @single_threaded
-def changes(solution: Solution, options: ChangeOptions = ChangeOptions()) -> tuple[Change, ...]:
+def changes(
+    solution: Solution, options: ChangeOptions = ChangeOptions()
+) -> tuple[Disturbance, ...]:
     """The most telling change, where there is one.
 
     Args:
@@ -247,7 +249,7 @@ def _chance(fit: Following, where: Telling) -> float:
     return chance_beside_shared_errors(fit, velocity, lacking, waves(fit, suspect))
 
 
-def _change(fit: Following, where: Telling, done: Followed, p: float) -> Change:
+def _change(fit: Following, where: Telling, done: Followed, p: float) -> Disturbance:
     suspect, first = where.suspect, fit.problem.evaluation.table.first
     size, std = done.size(fit)
     turn, turn_std = math.nan, math.nan
@@ -261,7 +263,7 @@ def _change(fit: Following, where: Telling, done: Followed, p: float) -> Change:
         since = origin[where.first]
         until = "" if where.end in (first[where.term + 1], first[-1]) else origin[where.end - 1]
     name = suspect.kind, suspect.joint
-    return Change(*name, since, size, std, p, until, turn=turn, turn_std=turn_std)
+    return Disturbance(*name, since, size, std, p, until, turn=turn, turn_std=turn_std)
 
 
 def _with_std(size: float, std: float, unit: Unit) -> str:

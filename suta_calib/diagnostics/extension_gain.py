@@ -20,7 +20,7 @@ from suta_calib.diagnostics.accuracy import (
     term_accuracies,
 )
 from suta_calib.diagnostics.cross_validation import CrossValidation, folds_of, limited_rms
-from suta_calib.diagnostics.linearised import LinearFit, Linearised
+from suta_calib.diagnostics.linearised import LinearModels, ModelFit
 from suta_calib.errors import SamplesError
 from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
@@ -62,9 +62,9 @@ def best_extension(
         folds = folds_of(solution.problem.terms)
     except SamplesError:
         return None
-    linear = Linearised(solution, folds, solution.noise)
+    linear = LinearModels(solution, folds, solution.noise)
     job = linear.cross_validation(linear.fit())
-    best: tuple[CrossValidation, LinearFit] | None = None
+    best: tuple[CrossValidation, ModelFit] | None = None
     for names in choices:
         fit = linear.fit(names)
         errors = linear.cross_validation(fit)
@@ -77,7 +77,7 @@ def best_extension(
     return ExtensionGain(best[1].added, job.rms, best[0].rms)
 
 
-def _holds_on(validation: Sequence[TermAccuracy], linear: Linearised, fit: LinearFit) -> bool:
+def _holds_on(validation: Sequence[TermAccuracy], linear: LinearModels, fit: ModelFit) -> bool:
     """Whether the validation rows gain as much as is worth a note, own unknowns fitted anew.
 
     Folds of few placements resemble the rest; validation rows are of other days and places.

@@ -62,7 +62,7 @@ class _Block:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearFit:
+class ModelFit:
     """A model fitted to all rows.
 
     Attributes:
@@ -78,7 +78,7 @@ class LinearFit:
     weight: FloatArray
 
 
-class Linearised:
+class LinearModels:
     """A converged fit over an arm, its problem linear in all that the arm can be given.
 
     Args:
@@ -162,7 +162,7 @@ class Linearised:
         return believed.T @ jacobian, believed.T @ self._residual[rows]
 
     # ── fits ────────────────────────────────────────────────────────────────────────────────
-    def fit(self, added: Iterable[str] = ()) -> LinearFit:
+    def fit(self, added: Iterable[str] = ()) -> ModelFit:
         """The model with these unknowns too, fitted to all rows.
 
         What would end beyond its bounds is none of them: it takes the place of something else.
@@ -178,7 +178,7 @@ class Linearised:
                 return fit
             added = kept
 
-    def _fit(self, added: tuple[str, ...]) -> LinearFit:
+    def _fit(self, added: tuple[str, ...]) -> ModelFit:
         columns = np.array([self._index[n] for n in added], dtype=np.intp)
         free = np.concatenate([self._fitted_free, columns])
         jacobian = self._jacobian[:, free]
@@ -189,9 +189,9 @@ class Linearised:
             before, weight = weight, self._weights(residual)
             if np.abs(weight - before).max() < SAME_WEIGHT:
                 break
-        return LinearFit(added, free, step, residual, weight)
+        return ModelFit(added, free, step, residual, weight)
 
-    def residuals(self, fit: LinearFit) -> Residuals:
+    def residuals(self, fit: ModelFit) -> Residuals:
         """What is left by a model, to be tested."""
         rows = []
         for block, r in zip(self._blocks, self.rows, strict=True):
@@ -202,7 +202,7 @@ class Linearised:
         level = noise_ratio(self.solution)
         return Residuals(self.problem, rows, fitted, len(fit.free), level)
 
-    def rms(self, fit: LinearFit) -> float:
+    def rms(self, fit: ModelFit) -> float:
         """RMS of the fitted errors of the first kind, m, none beyond its Huber threshold."""
         lengths = [
             np.minimum(size, block.threshold) * block.sigma
@@ -211,7 +211,7 @@ class Linearised:
         ]
         return float(np.sqrt(np.mean(np.concatenate(lengths) ** 2)))
 
-    def cross_validation(self, fit: LinearFit) -> CrossValidation:
+    def cross_validation(self, fit: ModelFit) -> CrossValidation:
         """Errors on each fold of the model fitted to the rest, rows weighed as the fit does."""
         found = []
         everything = self._reweighed(fit.free, fit.weight, None)

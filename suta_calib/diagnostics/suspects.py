@@ -36,7 +36,7 @@ class Suspect:
     """One way in which tips may move.
 
     Attributes:
-        kind, joint: as of a `Change`; kind ``model`` where a model lacks something instead.
+        kind, joint: as of a `Disturbance`; kind ``model`` where a model lacks something instead.
         motion: (6·samples, k) velocity of every tip, per unit.
         plausible: (k,) size.
         at_once: whether it is so in some rows and not in others.

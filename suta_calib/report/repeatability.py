@@ -8,7 +8,6 @@ from functools import partial
 from typing import Final
 
 from suta_calib.analysis.repeatability import (
-    Change,
     DirectionalForce,
     Interval,
     JointNoise,
@@ -19,6 +18,7 @@ from suta_calib.analysis.repeatability import (
     ProtocolComparison,
     Repeatability,
     RepeatabilityTest,
+    ScatterChange,
     Stationary,
     joints_rms,
 )
@@ -105,7 +105,7 @@ def _joints(confidence: float) -> Listing[JointScatter]:
     )
 
 
-CHANGE: Final = Listing[Change](
+CHANGE: Final = Listing[ScatterChange](
     "",
     Column("first", unit="m"),
     Column("second", unit="m"),
@@ -124,7 +124,7 @@ COMPARED: Final = Listing[ProtocolComparison](
     Column("rms", value=lambda each: CHANGE.record(each.rms)),
 )
 # One figure of two protocols: which protocols, which figure, how it changes.
-COMPARISONS: Final = Listing[tuple[str, str, Change]](
+COMPARISONS: Final = Listing[tuple[str, str, ScatterChange]](
     "Protocols compared",
     Column("", "protocols", lambda row: row[0]),
     Column("", "", lambda row: row[1]),
@@ -136,7 +136,7 @@ COMPARISONS: Final = Listing[tuple[str, str, Change]](
 
 
 # One joint under two protocols: which protocols, the joint, its unit, how its scatter changes.
-JOINT_COMPARISONS: Final = Listing[tuple[str, str, Unit, Change]](
+JOINT_COMPARISONS: Final = Listing[tuple[str, str, Unit, ScatterChange]](
     "Scatter of the joints by protocol",
     Column("", "protocols", lambda row: row[0]),
     Column("", "joint", lambda row: row[1]),
@@ -145,7 +145,7 @@ JOINT_COMPARISONS: Final = Listing[tuple[str, str, Unit, Change]](
     shown_as("interval", lambda row: f"{row[3].ratio.low:.2f} to {row[3].ratio.high:.2f}"),
     shown_as("", lambda row: "proved" if row[3].proved else ""),
 )
-JOINT_CHANGE: Final = Listing[tuple[str, Unit, Change]](
+JOINT_CHANGE: Final = Listing[tuple[str, Unit, ScatterChange]](
     "",
     Column("joint", value=lambda row: row[0]),
     Column("first", value=lambda row: row[2].first, unit=lambda row: row[1]),
@@ -354,7 +354,7 @@ def _overall_by_protocol(found: Repeatability) -> str:
 
 def _by_joint(
     found: Repeatability, comparison: ProtocolComparison
-) -> list[tuple[str, Unit, Change]]:
+) -> list[tuple[str, Unit, ScatterChange]]:
     """Each joint of the chain with its unit and how its scatter changes."""
     return [(each.joint, each.unit, comparison.joints[each.joint]) for each in found.joints]
 

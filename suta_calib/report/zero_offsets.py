@@ -6,7 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from suta_calib.acquisition.zero_offsets import Branch, Contradicted, ZeroOffsets
+from suta_calib.acquisition.zero_offsets import Branch, ContradictedZero, ZeroOffsets
 from suta_calib.report.document import Document, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
 from suta_calib.units import deg, mm
@@ -19,7 +19,7 @@ RESIDUAL: Final = Listing[Branch](
     Column("max", value=lambda branch: branch.distances.max(), unit="m"),
     Column("rms", value=lambda branch: branch.rms_angle, unit="rad"),
 )
-CONTRADICTED: Final = Listing[Contradicted](
+CONTRADICTED: Final = Listing[ContradictedZero](
     "", Column("row"), Column("distance", unit="m"), Column("rms", unit="m")
 )
 

@@ -110,7 +110,7 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class MarginalLikelihood:
     """-log evidence as a function of η relative to where one is.
 
     Attributes:
@@ -191,7 +191,7 @@ class Evidence:
         return found
 
 
-def most_likely(evidence: Evidence) -> tuple[Point, FloatArray]:
+def most_likely(evidence: MarginalLikelihood) -> tuple[Point, FloatArray]:
     """Newton's method with its Hessian kept positive: where it ends, and the Hessian there."""
     here = evidence.at(np.zeros(len(evidence.counts)))
     gradient, hessian = evidence.derivatives(here)

@@ -33,7 +33,7 @@ from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.records import dataclass
 from suta_calib.solver.evidence import (
     SETTLED,
-    Evidence,
+    MarginalLikelihood,
     energies_of_rows,
     energy_of_prior,
     limit_of,
@@ -192,7 +192,9 @@ def learn_weights(
         for mine, log_factor in zip(members, eta[factors], strict=True):
             energies.append(energy_of_prior(precision * mine * math.exp(-2.0 * log_factor), away))
             counts.append(float(mine.sum()))
-        evidence = Evidence(energies, held, np.array(counts), beyond, np.log(given) - eta, belief)
+        evidence = MarginalLikelihood(
+            energies, held, np.array(counts), beyond, np.log(given) - eta, belief
+        )
         best, hessian = most_likely(evidence)
         eta, step = eta + best.eta, best.step
         if np.max(np.abs(best.eta)) < SETTLED:

@@ -13,7 +13,7 @@ from suta_simulated import everything, scene, thirteen
 from suta_calib.analysis.model_selection import ModelSelection, choose_model
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.cross_validation import folds_of, limited_rms
-from suta_calib.diagnostics.linearised import Linearised
+from suta_calib.diagnostics.linearised import LinearModels
 from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.parameters import ParameterSet
@@ -167,7 +167,7 @@ def test_a_linear_fit_is_that_of_the_solver(kind: str) -> None:
     options = SolverOptions(starts=1)
     solution = solve(problem, options)
     folds = folds_of(problem.terms)
-    linear = Linearised(solution, folds, solution.noise)
+    linear = LinearModels(solution, folds, solution.noise)
     added = [n for n in candidates if n.startswith(("joint_2.gain", "joint_3.ecc"))]
     fit = linear.fit(added)
     more = ParameterSet([*problem.arm_parameters.values(), *(candidates[n] for n in fit.added)])

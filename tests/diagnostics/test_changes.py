@@ -37,7 +37,7 @@ from suta_calib import (
     solve,
 )
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.changes import Change, ChangeOptions, changes
+from suta_calib.diagnostics.changes import ChangeOptions, Disturbance, changes
 from suta_calib.diagnostics.following import everything_follows, followed, whitened
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 from suta_calib.diagnostics.suspects import suspects, waves
@@ -57,7 +57,9 @@ def solved(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) ->
     return solve(Problem([term], UNKNOWN), SolverOptions(starts=1))
 
 
-def found(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) -> tuple[Change, ...]:
+def found(
+    scene: Scene, change: Callable[[Samples], Samples], seed: int = 0
+) -> tuple[Disturbance, ...]:
     return changes(solved(scene, change, seed))
 
 
@@ -377,7 +379,7 @@ def test_what_suspects_are_reduced_by_is_the_curvature_of_all_rows() -> None:
 
 
 def test_a_size_that_is_hardly_more_than_its_std_is_no_finding() -> None:
-    unsure = Change("tip", "", "row 9", 3.9e-3, 7.1e-3, 1e-6)
+    unsure = Disturbance("tip", "", "row 9", 3.9e-3, 7.1e-3, 1e-6)
     assert not unsure.sized(ChangeOptions())
     turned = replace(unsure, turn=math.radians(2.0), turn_std=math.radians(0.1))
     assert turned.sized(ChangeOptions())

@@ -32,7 +32,7 @@ from suta_calib.diagnostics.cross_validation import (
     folds_of,
     limited_rms,
 )
-from suta_calib.diagnostics.linearised import LinearFit, Linearised
+from suta_calib.diagnostics.linearised import LinearModels, ModelFit
 from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
@@ -285,7 +285,7 @@ class _Search:
     tried: dict[str, ModelCandidate] = field(default_factory=dict)
     solutions: dict[str, Solution] = field(default_factory=dict)
     untold: set[str] = field(default_factory=set)
-    _linearised: dict[bool, Linearised] = field(default_factory=dict)
+    _linearised: dict[bool, LinearModels] = field(default_factory=dict)
     _noise: tuple[float, ...] = ()
 
     @property
@@ -305,7 +305,7 @@ class _Search:
             return None
         self._noise = self._noise or solution.noise
         self.solutions[name] = solution
-        self._linearised[geometry] = Linearised(solution, self.folds, self._noise)
+        self._linearised[geometry] = LinearModels(solution, self.folds, self._noise)
         return self._told(name, geometry, self._linearised[geometry].fit())
 
     def grown(self, start: ModelCandidate, rival: ModelCandidate | None = None) -> ModelCandidate:
@@ -378,7 +378,7 @@ class _Search:
             del self.tried[chosen.name]
             return None
         self.solutions[chosen.name] = solution
-        linear = Linearised(solution, self.folds, self._noise)
+        linear = LinearModels(solution, self.folds, self._noise)
         own = self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
         return self._noted(own), solution
 
@@ -405,7 +405,7 @@ class _Search:
                 p = (len(tests) + len(EVERY_JOINT)) * left.chance(names)
                 yield _Step(name, names, 1.0 if p < PROVEN else UNPROVEN)
 
-    def _told(self, name: str, geometry: bool, fit: LinearFit) -> ModelCandidate:
+    def _told(self, name: str, geometry: bool, fit: ModelFit) -> ModelCandidate:
         return self._noted(self._candidate(name, geometry, self._linearised[geometry], fit))
 
     def _noted(self, candidate: ModelCandidate) -> ModelCandidate:
@@ -415,7 +415,7 @@ class _Search:
         return candidate
 
     def _candidate(
-        self, name: str, geometry: bool, linear: Linearised, fit: LinearFit
+        self, name: str, geometry: bool, linear: LinearModels, fit: ModelFit
     ) -> ModelCandidate:
         own = linear.solution.problem.arm_parameters
         parameters = self._unknown(geometry, (*_added(own), *fit.added))

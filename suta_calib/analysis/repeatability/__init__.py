@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from suta_calib.analysis.repeatability.at_rest import stationary as stationary
     from suta_calib.analysis.repeatability.directions import DirectionalForce as DirectionalForce
     from suta_calib.analysis.repeatability.directions import JointPush as JointPush
-    from suta_calib.analysis.repeatability.scatter import Change as Change
     from suta_calib.analysis.repeatability.scatter import Interval as Interval
     from suta_calib.analysis.repeatability.scatter import JointScatter as JointScatter
     from suta_calib.analysis.repeatability.scatter import OrientationScatter as OrientationScatter
     from suta_calib.analysis.repeatability.scatter import PositionScatter as PositionScatter
     from suta_calib.analysis.repeatability.scatter import ProtocolComparison as ProtocolComparison
+    from suta_calib.analysis.repeatability.scatter import ScatterChange as ScatterChange
     from suta_calib.analysis.repeatability.scatter import ScatterEstimate as ScatterEstimate
     from suta_calib.analysis.repeatability.scatter import compare_protocols as compare_protocols
     from suta_calib.analysis.repeatability.scatter import joints_rms as joints_rms

@@ -267,7 +267,7 @@ def median_angle(readings: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class Change:
+class ScatterChange:
     """One figure under two protocols.
 
     Attributes:
@@ -305,9 +305,9 @@ class ProtocolComparison:
 
     first: str
     second: str
-    rp: Change
-    rms: Change
-    joints: Mapping[str, Change]
+    rp: ScatterChange
+    rms: ScatterChange
+    joints: Mapping[str, ScatterChange]
 
 
 def compare_protocols(
@@ -320,8 +320,10 @@ def compare_protocols(
 ) -> ProtocolComparison:
     """Compare two independent sets of visits, and each joint's scatter in the one and the other."""
 
-    def change(a: ScatterEstimate, b: ScatterEstimate) -> Change:
-        return Change(a.value, b.value, ratio(a, b, confidence), difference(a, b, confidence))
+    def change(a: ScatterEstimate, b: ScatterEstimate) -> ScatterChange:
+        return ScatterChange(
+            a.value, b.value, ratio(a, b, confidence), difference(a, b, confidence)
+        )
 
     return ProtocolComparison(
         first,
