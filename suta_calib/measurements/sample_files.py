@@ -33,7 +33,7 @@ from suta_calib.measurements.csv_table import (
     rotations,
 )
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.samples import Samples
+from suta_calib.measurements.samples import TEMPERATURES, Samples
 from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 
@@ -50,9 +50,7 @@ _PRISMATIC_MARGIN = 0.5
 # How far beyond its range, in units of it, what a prismatic joint reads deserves a word: no zero
 # that is set a little otherwise puts it there. A revolute joint's may be anywhere on its turn.
 _PRISMATIC_WORD = 0.5
-# The arm's, and what no arm has, °C.
 TEMPERATURE = "temperature"
-TEMPERATURES = (-60.0, 150.0)
 
 
 @dataclass(frozen=True)
@@ -87,6 +85,7 @@ class SampleColumns:
         common_labels: label columns that all the files have, or none of them.
         common_lengths: columns of measured lengths, m, or in mm with ``_mm`` after their name,
             that all the files have, or none of them.
+        pixels: whether points of a board are seen in pictures, which have a file of their own.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
         position_sigma: whether their standard deviations, ``sigma_x, sigma_y, sigma_z`` or one
             ``sigma`` (m, or in mm with ``_mm``), are read; all the files have them, or none.
@@ -102,6 +101,7 @@ class SampleColumns:
     common_labels: tuple[str, ...] = ()
     common_lengths: tuple[str, ...] = ()
     about: Mapping[str, str] = field(default_factory=dict)
+    pixels: bool = False
 
 
 def read_samples(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import field
-from typing import TYPE_CHECKING, Any, Literal, SupportsIndex, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Final, Literal, SupportsIndex, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,12 +14,14 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
 from suta_calib.records import dataclass
 from suta_calib.showing import Shown
-from suta_calib.units import REFERENCE_TEMPERATURE
+from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
 
 if TYPE_CHECKING:
     from suta_calib.plotting.scene import Posable, Scene
 
 Array = TypeVar("Array", bound=NDArray[Any])
+# What an arm may be, °C; kelvins are beyond.
+TEMPERATURES: Final = (-60.0, 150.0)
 
 
 class RowNames(Sequence[str]):
@@ -121,6 +123,7 @@ class Samples(Shown):
         direction: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
         position_sigma: ArrayLike | None = None,
+        pixels: ArrayLike | None = None,
     ) -> Samples:
         """Samples from copies of arrays, checked; arguments as the class's attributes.
 
@@ -138,14 +141,16 @@ class Samples(Shown):
             direction: (n, n_joints) of -1, 0 and 1.
             temperature: (n,).
             position_sigma: (n, 3), all of them positive.
+            pixels: (n, points, 2), NaN where a point was not seen.
 
         Raises:
-            SamplesError: a shape does not fit, or a value is not finite, empty, not a rotation or,
-                of a standard deviation, not positive.
+            SamplesError: a shape does not fit, or a value is not finite, empty, not a rotation, no
+                direction, no temperature of an arm or, of a length or a standard deviation, not
+                positive.
         """
         if len(set(joints)) != len(joints):
             raise SamplesError(f"joints {', '.join(joints)}", "each name once", where="joints")
-        n = len(_floats("q", q))
+        n = len(np.atleast_1d(numbers_of("q", q)))
         if n == 0:
             raise SamplesError("no samples", "at least one", where="q")
         origin = () if origin is None else tuple(origin)
@@ -155,14 +160,13 @@ class Samples(Shown):
             tuple(joints),
             _finite("q", q, (n, len(joints))),
             {name: _labels(name, values, n) for name, values in (labels or {}).items()},
-            None if position is None else _finite("position", position, (n, 3)),
+            None if position is None else _positions(position, n),
             None if rotation is None else _rotations(rotation, n),
             origin,
-            lengths={name: _finite(name, v, (n,)) for name, v in (lengths or {}).items()},
-            direction=None
-            if direction is None
-            else _finite("direction", direction, (n, len(joints))),
-            temperature=None if temperature is None else _finite("temperature", temperature, (n,)),
+            pixels=None if pixels is None else _pixels(pixels, n),
+            lengths={name: _positive(name, v, (n,)) for name, v in (lengths or {}).items()},
+            direction=None if direction is None else _directions(direction, (n, len(joints))),
+            temperature=None if temperature is None else _temperatures(temperature, n),
             position_sigma=None
             if position_sigma is None
             else _positive("position_sigma", position_sigma, (n, 3)),
@@ -333,16 +337,26 @@ def _frozen(array: Array) -> Array:
     return array
 
 
-def _floats(name: str, values: ArrayLike) -> FloatArray:
+def numbers_of(name: str, values: ArrayLike) -> FloatArray:
+    """A copy of numbers of any shape; what a masked array hides is none.
+
+    Raises:
+        SamplesError: something else than numbers; ``name`` says where.
+    """
     try:
-        return np.array(values, dtype=float, ndmin=1)
+        array = np.array(values)
+        if isinstance(values, np.ma.MaskedArray):
+            array = np.where(np.ma.getmaskarray(values), np.nan, array)
+        if array.dtype.kind in "cmM":
+            raise TypeError(f"values of type {array.dtype}")
+        return array.astype(float)
     except (TypeError, ValueError) as problem:
         raise SamplesError(f"no array of numbers ({problem})", where=name) from None
 
 
 def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Read-only copy as finite floats of the given shape, or the error that it is not."""
-    array = _floats(name, values)
+    array = numbers_of(name, values)
     if array.shape != shape:
         raise SamplesError(f"shape {array.shape}", f"shape {shape}", where=name)
     for index in np.argwhere(~np.isfinite(array)):
@@ -357,6 +371,41 @@ def _positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArra
         place = f"{name}[{', '.join(map(str, index))}]"
         raise SamplesError(f"{array[tuple(index)]:g}", "a number greater than 0", where=place)
     return array
+
+
+def _positions(values: ArrayLike, n: int) -> FloatArray:
+    position = _finite("position", values, (n, 3))
+    for index in np.argwhere(np.abs(position) > FARTHEST):
+        place = f"position[{', '.join(map(str, index))}]"
+        found, hint = f"{position[tuple(index)]:g}", "coordinates of a grid? subtract an origin"
+        raise SamplesError(found, f"m, within {FARTHEST:g}", where=place, hint=hint)
+    return position
+
+
+def _directions(values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    direction = _finite("direction", values, shape)
+    for index in np.argwhere(~np.isin(direction, (-1.0, 0.0, 1.0))):
+        place = f"direction[{', '.join(map(str, index))}]"
+        raise SamplesError(f"{direction[tuple(index)]:g}", "-1, 0 or 1", where=place)
+    return direction
+
+
+def _temperatures(values: ArrayLike, n: int) -> FloatArray:
+    temperature, (low, high) = _finite("temperature", values, (n,)), TEMPERATURES
+    for row in np.flatnonzero((temperature < low) | (temperature > high)):
+        found, expected = f"{temperature[row]:g}", f"°C, from {low:g} to {high:g}"
+        raise SamplesError(found, expected, where=f"temperature[{row}]")
+    return temperature
+
+
+def _pixels(values: ArrayLike, n: int) -> FloatArray:
+    array = numbers_of("pixels", values)
+    if array.ndim != 3 or (len(array), array.shape[2]) != (n, 2):
+        raise SamplesError(f"shape {array.shape}", f"shape ({n}, points, 2)", where="pixels")
+    for index in np.argwhere(np.isinf(array) | (np.isnan(array) != np.isnan(array[..., ::-1]))):
+        place = f"pixels[{', '.join(map(str, index))}]"
+        raise SamplesError(str(array[tuple(index)]), "two numbers, or NaN twice", where=place)
+    return _frozen(array)
 
 
 def _labels(name: str, values: Sequence[str] | NDArray[np.str_], n: int) -> NDArray[np.str_]:

@@ -16,7 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.keys import POSE
-from suta_calib.measurements.sample_files import TEMPERATURES
+from suta_calib.measurements.samples import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign
 from suta_calib.model.arm import ArmModel
 from suta_calib.records import dataclass

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.records import dataclass
 from suta_calib.units import Unit
@@ -55,6 +56,11 @@ class Noise:
     sigma: float | None = None
     huber: float = math.inf
     fixed: bool = False
+
+    def __post_init__(self) -> None:
+        for name, size in (("sigma", self.sigma), ("huber", self.huber)):
+            if not (size is None or size > 0.0):
+                raise ParameterError(f"{size}", "a number greater than 0", where=f"Noise: {name}")
 
 
 # Numbers from which on a sparse product is worth importing SciPy's.

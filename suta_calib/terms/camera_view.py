@@ -23,6 +23,7 @@ from suta_calib.measurements import (
     Corners,
     SampleColumns,
     YamlSection,
+    corners_of,
     read_corners,
 )
 from suta_calib.measurements.keys import Key
@@ -108,7 +109,7 @@ class CameraView(FramedTerm):
         "intrinsics: free corrects the camera too"
     )
     columns: ClassVar[SampleColumns] = SampleColumns(
-        labels=("image",), about={"image": "The picture that was taken there."}
+        labels=("image",), pixels=True, about={"image": "The picture that was taken there."}
     )
     medium: ClassVar[Medium] = "camera"
     has_angles: ClassVar[bool] = False
@@ -170,6 +171,27 @@ class CameraView(FramedTerm):
             if corners is None
             else cls.of_corners(poses, read_corners(corners), **known)
         )
+        if "pixel" in given:
+            return term.where_pixels_cover(term.pixel, noise)
+        return term.at_its_distance(noise)
+
+    @classmethod
+    def over_arrays(cls, poses: PoseSource, given: Mapping[str, Any]) -> Self:
+        """Build it from arrays, as from files: ``noise`` is in px; no camera means to find one."""
+        board, noise = given.get("board"), given.get("noise")
+        if board is None:
+            raise SamplesError("no board", "board: what was seen", where=cls.kind)
+        pixels, images = poses.samples.pixels, poses.samples.labels["image"]
+        assert pixels is not None
+        if pixels.shape[1] != len(board.points):
+            expected = f"{len(board.points)}, as the board has"
+            raise SamplesError(f"{pixels.shape[1]} points", expected, where=f"{cls.kind}: pixels")
+        picture, point = np.nonzero(np.isfinite(pixels).all(axis=2))
+        numbers = np.array([*board.points])
+        corners = corners_of(images[picture], numbers[point], pixels[picture, point])
+        more = {"free": "camera" not in given} | {n: v for n, v in given.items() if n != "noise"}
+        term = cls.of_corners(poses, corners, **more)
+        term.check_given()
         if "pixel" in given:
             return term.where_pixels_cover(term.pixel, noise)
         return term.at_its_distance(noise)

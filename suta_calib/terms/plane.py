@@ -98,6 +98,12 @@ class TouchedPlane(Term):
     noise: Noise = LEARNT
     radius: float = 0.0
 
+    def __post_init__(self) -> None:
+        if not self.radius >= 0.0:
+            found, expected = f"{self.radius:g}", "a radius in m, 0 for a point"
+            raise SamplesError(found, expected, where=f"{self.kind}: radius")
+        super().__post_init__()
+
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> TouchedPlane:
         """Build it from a row of a job file."""

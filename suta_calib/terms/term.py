@@ -26,6 +26,7 @@ from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_touches
+from suta_calib.terms.from_arrays import FromArrays
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
@@ -229,6 +230,20 @@ class Term(ABC):
     @abstractmethod
     def over(cls, poses: PoseSource, setup: Setup) -> Term:
         """Build the term from what a row of a job file can say, taking what this kind needs."""
+
+    from_arrays = FromArrays()
+
+    @classmethod
+    def over_arrays(cls, poses: PoseSource, given: Mapping[str, Any]) -> Self:
+        """Build the term over an arm's poses with what was observed, all of it checked.
+
+        Args:
+            poses: with the arrays of `columns`.
+            given: attributes by name.
+        """
+        term = cls(poses, **given)
+        term.check_given()
+        return term
 
     @classmethod
     def required_keys(cls) -> tuple[str, ...]:
