@@ -32,7 +32,6 @@ from suta_calib import (
     Term,
     solve,
 )
-from suta_calib.analysis import Sensitivity
 from suta_calib.analysis.planning import (
     Candidate,
     Design,
@@ -52,6 +51,7 @@ from suta_calib.analysis.planning import (
     tip_weight,
 )
 from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics import Sensitivity
 from suta_calib.geometry import register_points, rotation_from_vector
 from suta_calib.simulation import Targets, read_simulation, true_values
 from suta_calib.terms import Setup

@@ -22,8 +22,7 @@ from tables import number_table
 from suta_calib import FixedPoint, HandEye, calibrate_hand_eye, calibrate_pivot
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry import vector_from_rotation
-from suta_calib.pose_calibration import Poses
-from suta_calib.terms import EXACT, OutlierKind, OutlierModel, PoseNoise, Simulated
+from suta_calib.terms import EXACT, OutlierKind, OutlierModel, PoseNoise, Poses, Simulated
 from suta_calib.units import deg, from_deg, from_mm, mm, ms
 
 RESULTS = Path(__file__).parent / "results" / "poses.md"

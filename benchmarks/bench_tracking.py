@@ -26,7 +26,8 @@ from tables import number_table
 from suta_calib import ArmModel
 from suta_calib.device import Bus, DeviceSpec, JointSpec, Statistics
 from suta_calib.emulation import EmulatedArm, Emulation, sweep
-from suta_calib.report import BLUE, GREY, ORANGE, WIDTH, plain_log, style, svg_text
+from suta_calib.plotting import BLUE, GREY, ORANGE, WIDTH, plain_log, style
+from suta_calib.report import svg_text
 from suta_calib.tracking import (
     CsvRecorder,
     IgtlPublisher,

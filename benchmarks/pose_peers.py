@@ -16,7 +16,7 @@ from types import ModuleType
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.pose_calibration import Poses, inverse_poses
+from suta_calib.terms import Poses, inverse_poses
 from suta_calib.units import from_mm, mm
 
 # X from the hand's poses and what the eye saw.

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import wraps
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
 from suta_calib.errors import NotUsableError, SutaCalibError
-from suta_calib.records import dataclass
 
 Level = Literal["good", "care", "bad"]
 WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do not use"}

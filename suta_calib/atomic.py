@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
 import os
 import sys
+import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from contextvars import ContextVar
 from pathlib import Path
 
 from suta_calib.errors import OutputError
+from suta_calib.staging import exchange
 
 # What was read so far, as it was named, for whoever asks (`inputs_listed`).
 _listed: ContextVar[dict[Path, None] | None] = ContextVar("listed", default=None)
@@ -110,7 +113,6 @@ def exchange_files(
             a new folder is left.
     """
     # Who prints help writes no file.
-    from suta_calib.staging import exchange
 
     files = {folder / name: data for name, data in contents.items()}
     refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
@@ -156,8 +158,6 @@ def only_writer(path: Path) -> Iterator[None]:
         OutputError: another process is writing it; says which.
     """
     # What every command would wait for, and few need.
-    import hashlib
-    import tempfile
 
     real = os.path.realpath(path)
     name = hashlib.sha256(os.fsencode(real)).hexdigest()[:24]

@@ -8,6 +8,7 @@ computed once, not once for each row.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
@@ -15,7 +16,6 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.records import dataclass
 
 # Rows that are computed at once: enough that Python's part is small, and few enough that all their
 # columns stay in a core's cache.

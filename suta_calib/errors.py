@@ -7,6 +7,7 @@ A message says what was found, where, what was expected and what to do about it,
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterable
 from pathlib import Path
@@ -171,8 +172,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     Returns an empty string where nothing is close, so that the answer can go straight into
     `InputError`'s ``hint``.
     """
-    import difflib
-
     by_lower_case = {name.lower(): name for name in known if name != word}
     close = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
     return f"did you mean {by_lower_case[close[0]]!r}?" if close else ""

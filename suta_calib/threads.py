@@ -8,6 +8,9 @@ from functools import cache, wraps
 from threading import local
 from typing import Any, Final, ParamSpec, TypeVar
 
+from numpy import show_config
+from threadpoolctl import ThreadpoolController
+
 P = ParamSpec("P")
 R = TypeVar("R")
 _within = local()
@@ -15,16 +18,9 @@ _within = local()
 VARIABLE: Final = "OPENBLAS_NUM_THREADS"
 
 
-def one_thread_from_the_start() -> None:
-    """Ask for one BLAS thread, unless somebody has asked for others; before NumPy is imported."""
-    os.environ.setdefault(VARIABLE, "1")
-
-
 @cache
 def _controller() -> Any:
     """Looked for once: that takes longer than the work."""
-    from threadpoolctl import ThreadpoolController
-
     return ThreadpoolController()
 
 
@@ -32,7 +28,6 @@ def _is_one() -> bool:
     """Whether there is but one thread from the start on, so that nothing needs to be looked for."""
     if os.environ.get(VARIABLE) != "1":
         return False
-    from numpy import show_config
 
     built = show_config(mode="dicts") or {}
     return "openblas" in str(built.get("Build Dependencies", {}).get("blas", {}).get("name"))

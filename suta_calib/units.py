@@ -7,10 +7,10 @@ columns (``rms_mm``), and as many decimals as mean something.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final, Literal, TypeVar
 
 from suta_calib.arrays import FloatArray
-from suta_calib.records import dataclass
 
 # rad/Nm is the unit of a joint's compliance, a turn per torque; 1/K that of a thermal expansion;
 # rad/s that of a drift; % that of a share, a number from 0 to 1 that a reader sees in per cent.

@@ -38,7 +38,8 @@ JUDGES = [
     *(f"{ASSESSMENT}.{name}" for name in ("contradictions", "contradicted_beliefs", "changes")),
     *(f"{ASSESSMENT}.{name}" for name in ("thinned", "lack_of_fit", "effective_unknowns")),
     *(f"{ASSESSMENT}.{name}" for name in ("score_tests", "_on_scale", "explain_solution")),
-    *(f"{ASSESSMENT}.{name}" for name in ("assess_calibration", "_on_gain", "judge_priors")),
+    *(f"{ASSESSMENT}.{name}" for name in ("_on_gain", "judge_priors")),
+    "suta_calib.job.calibration.assess_calibration",
     *(f"{ASSESSMENT}.{name}" for name in ("_named_cause", "judge_priors", "_on_widening")),
     *(f"{EXPLANATION}.{name}" for name in ("RichData", "_redundant", "tip_motion", "_spread")),
     "suta_calib.diagnostics.rich_data.RichData._information",
@@ -51,7 +52,7 @@ SHOWN = [
     *(f"{REPORT}.{name}" for name in ("held_out_rows", "external_poses", "explained", "noise_of")),
     *(f"{REPORT}.{name}" for name in ("priors_of", "groups", "_repeatability")),
     *(f"{REPORT}.plots.{name}" for name in ("histogram_svg", "changes_svg")),
-    "suta_calib.job.scene.calibration_scene",
+    "suta_calib.job.calibration.calibration_scene",
 ]
 
 

@@ -10,7 +10,7 @@ from types import ModuleType
 import pytest
 
 from suta_calib import ArmModel, CalibrationJob
-from suta_calib.cli import run
+from suta_calib.cli._app import run
 from suta_calib.units import mm
 
 

@@ -8,14 +8,10 @@ import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
-import pytest
-
-from suta_calib.lazy import UNUSED_OF_NUMPY
-
 ROWS = (
-    {"errors", "arrays", "units", "assessment", "atomic", "confined", "distributions", "extras"}
-    | {"halton", "incomplete", "inputs", "lazy"}
-    | {"processes", "records", "registry", "showing", "staging", "threads", "words"},
+    {"errors", "arrays", "units", "assessment", "atomic", "confined", "extras"}
+    | {"inputs", "registry"}
+    | {"processes", "showing", "staging", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
@@ -86,95 +82,14 @@ def test_imports_are_seen_however_they_are_written() -> None:
     assert seen == {"job", "terms", "solver", "model", "report", "analysis"}
 
 
-@pytest.mark.parametrize(
-    ("modules", "heavy"),
-    [
-        ("units, assessment, errors, arrays", ("casadi", "scipy", "pinocchio", "yaml")),
-        ("device, device.bus, device.description", ("casadi", "scipy", "pinocchio")),
-        ("measurements.samples, measurements.sample_files", ("casadi", "scipy", "pinocchio")),
-        ("measurements.artefact, measurements.yaml_file", ("casadi", "scipy", "pinocchio")),
-        ("geometry.numbers, model.parameters", ("casadi", "scipy", "pinocchio")),
-        ("emulation.child, device.port_process", ("casadi", "scipy", "pinocchio")),
-        (
-            "job.calibration, pose_calibration.pivot, report.observability, report.calibration, "
-            "report.pivot, report.hand_eye, report.registration",
-            ("matplotlib", "scipy.stats", "scipy.optimize", "scipy.interpolate", "cv2"),
-        ),
-        ("cli._app", ("casadi", "scipy", "pinocchio", "numpy", "matplotlib")),
-    ],
-)
-def test_what_needs_no_mathematics_does_not_wait_for_it(
-    modules: str, heavy: tuple[str, ...]
-) -> None:
-    # Old namespace packages are there from the start, by a .pth file.
-    code = "import sys\nbefore = set(sys.modules)\n"
-    code += "".join(f"import suta_calib.{name.strip()}\n" for name in modules.split(","))
-    code += f"print(*sorted(set({heavy!r}) & set(sys.modules) - before))"
+def test_a_process_that_only_reads_a_port_loads_no_mathematics() -> None:
+    # It is started for each device and must be there before the first frame.
+    code = (
+        "import sys, suta_calib.device.port_process, suta_calib.emulation.child\n"
+        "print(*sorted({'casadi', 'pinocchio'} & set(sys.modules)))"
+    )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert not run.stdout.split()
-
-
-# What each command has no use for of other people's packages.
-JOB = "data/suta/calibration.yaml"
-NO_ARM = ("jinja2", "pinocchio", "lxml")
-ARM = ("jinja2",)
-STARTUP: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
-    "--help": ((), ("numpy",)),
-    "calibrate": ((JOB,), ARM[1:]),
-    "observe": ((JOB,), ARM),
-    "validate": (("urdf/suta.urdf", JOB), ARM),
-    "outliers --out": ((JOB,), ()),
-    "pivot": (("data/poses/pivot.csv",), ("json", *NO_ARM)),
-    "hand-eye": (("data/poses/hand_eye.csv",), ("json", *NO_ARM)),
-    "register": (("data/poses/register_a.csv", "data/poses/register_b.csv"), ("json", *NO_ARM)),
-    "pivot --out": (("data/poses/pivot.csv",), NO_ARM[1:]),
-    "hand-eye --out": (("data/poses/hand_eye.csv",), NO_ARM[1:]),
-    "register --out": (("data/poses/register_a.csv", "data/poses/register_b.csv"), NO_ARM[1:]),
-}
-# To draw, to sample and minimise, to see, to listen, to compute elsewhere, to guess what a wrong
-# word means; what SciPy would load of NumPy, if nobody were there before it.
-UNUSED = (
-    *("matplotlib", "PIL", "scipy.stats", "scipy.optimize", "scipy.interpolate", "scipy.spatial"),
-    *("cv2", "viser", "serial", "anycrc", "pyigtl", "joblib", "distributed", "pyarrow", "asyncio"),
-    *("difflib", "numpy.f2py.f2py2e"),
-)
-
-
-@pytest.mark.parametrize("command", STARTUP)
-def test_a_command_loads_no_package_that_it_does_not_use(
-    command: str, repository: Path, tmp_path: Path
-) -> None:
-    arguments, unused = STARTUP[command]
-    writes = command == "calibrate" or command.endswith("--out")
-    code = (
-        "import sys; before = set(sys.modules)\n"
-        "from suta_calib.cli import run\n"
-        "code = run(sys.argv[1:])\n"
-        "print(code, *sorted(set(sys.modules) - before), file=sys.stderr)"
-    )
-    out = ("--out", str(tmp_path)) if writes else ()
-    line = [sys.executable, "-c", code, *command.split()[:1], *arguments, *out]
-    run = subprocess.run(line, cwd=repository, capture_output=True, text=True, check=True)
-    exit_code, *loaded = run.stderr.splitlines()[-1].split()
-    assert exit_code == "0", run.stderr
-    assert not {*UNUSED, *unused} & set(loaded)
-
-
-def test_what_is_spared_is_there_when_it_is_used() -> None:
-    code = (
-        "import sys, numpy\n"
-        "from suta_calib.lazy import UNUSED_OF_NUMPY, spare\n"
-        "spare('numpy', UNUSED_OF_NUMPY)\n"
-        "import scipy.special\n"
-        "assert 'numpy.f2py.f2py2e' not in sys.modules\n"
-        "from numpy.testing import assert_allclose\n"
-        "import numpy.polynomial\n"
-        "assert_allclose(numpy.polynomial.Polynomial([1.0, 2.0])(3.0), 7.0)\n"
-        "assert numpy.ma.masked_invalid([1.0, float('nan')]).count() == 1\n"
-        "print(*(isinstance(getattr(numpy, name), type(sys)) for name in UNUSED_OF_NUMPY))"
-    )
-    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert run.stdout.split() == ["True"] * len(UNUSED_OF_NUMPY)
 
 
 def modules(package: Path) -> dict[str, Path]:

@@ -16,8 +16,7 @@ import pytest
 from shown_blocks import BLOCKS, SHELL, Block, words
 
 from suta_calib import ArmModel
-from suta_calib.cli import run
-from suta_calib.cli._app import app
+from suta_calib.cli._app import app, run
 
 # What is not run here, by the beginning of the line, and why; the options are looked up even so.
 DEVICE = "needs a device or an emulator for as long as it says; tests/cli and notebook 05 run it"

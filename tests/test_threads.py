@@ -52,11 +52,8 @@ def test_a_command_has_one_thread_from_the_start_unless_another_number_is_asked_
         "import atexit, sys\n"
         "from suta_calib.cli import main\n"
         "def say():\n"
-        "    import numpy as np\n"
-        "    from suta_calib.threads import single_threaded\n"
-        "    single_threaded(np.eye)(3) @ np.eye(3)\n"
-        "    print('threadpoolctl' in sys.modules, end=' ')\n"
-        "    import threadpoolctl\n"
+        "    import numpy as np, threadpoolctl\n"
+        "    np.eye(3) @ np.eye(3)\n"
         "    print(*{p['num_threads'] for p in threadpoolctl.threadpool_info()})\n"
         "atexit.register(say)\n"
         "sys.argv[1:] = ['--version']\n"
@@ -66,4 +63,4 @@ def test_a_command_has_one_thread_from_the_start_unless_another_number_is_asked_
     environment |= {} if asked is None else {VARIABLE: asked}
     run = [sys.executable, "-c", code]
     said = subprocess.run(run, env=environment, capture_output=True, text=True, check=True).stdout
-    assert said.splitlines()[-1] == ("False 1" if asked is None else "True 2")
+    assert said.splitlines()[-1] == (asked or "1")

@@ -12,7 +12,7 @@ import tempfile
 from contextlib import redirect_stdout
 from pathlib import Path
 
-from suta_calib.cli import run
+from suta_calib.cli._app import run
 from suta_calib.measurements import write_text
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS

@@ -6,6 +6,7 @@ median first, and what lies far from it is left out of the mean.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import wrap
-from suta_calib.records import dataclass
 
 # Median absolute deviation to standard deviation of a normal distribution.
 NORMAL: Final = 1.4826

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -37,7 +37,6 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.errors import InputError
-from suta_calib.records import dataclass
 from suta_calib.terms import KINDS
 from suta_calib.units import deg
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -18,7 +19,6 @@ import numpy as np
 from suta_calib.acquisition.averaging import spread, steps, unwrapped_about_median
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import wrap
-from suta_calib.records import dataclass
 from suta_calib.units import from_deg
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -23,7 +23,6 @@ from suta_calib.acquisition.averaging import (
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import wrap
-from suta_calib.records import dataclass
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +17,6 @@ from suta_calib.job.outline import read_outline
 from suta_calib.job.schema import read_arm as read_arm_of_job
 from suta_calib.measurements import Artefact, read_artefact
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.seating import ALWAYS_ALIKE
 

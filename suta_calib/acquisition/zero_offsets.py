@@ -9,20 +9,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
 from scipy.optimize import least_squares
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.batched import Batched
-from suta_calib.distributions import f
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import vector_from_rotation, wrap
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.solver.identifiability import Combination, identify
 from suta_calib.solver.information import Information
@@ -299,7 +299,7 @@ def _contradicted(
     without = fit_without.refined(offsets, free)
     cost = fit_without.cost(without)
     ratio = (fit.cost(offsets) - cost) / size / max(cost / freedom, np.finfo(float).tiny)
-    if count * float(f.sf(ratio, size, freedom)) > _FALSE_ALARM:
+    if count * float(fdtrc(size, freedom, ratio)) > _FALSE_ALARM:
         return None
     distance = fit.branch(without, free).distances[worst]
     rms = fit_without.branch(without, free).rms

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
@@ -27,7 +28,6 @@ from suta_calib.errors import UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.units import text
 

@@ -7,7 +7,7 @@ the arm's calibration causes.
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -20,7 +20,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import JobError
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -14,7 +15,6 @@ from suta_calib.analysis.planning.region import Region, turning_z_to
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solution import Solution
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,7 +13,6 @@ from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import register_points, rpy_from_rotation, wrap
 from suta_calib.measurements import Artefact
 from suta_calib.pose_calibration.registration import Registration, register
-from suta_calib.records import dataclass
 
 QUARTER: Final = np.pi / 2
 # What a rigid registration takes.

@@ -12,6 +12,7 @@ its uncertainty taken into account (ISO 14253-1's rule for proving nonconformity
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,7 +24,6 @@ from suta_calib.certification.limits import FALSE_ALARM, RISK, STANDS_OUT, devia
 from suta_calib.certification.measuring import DIAGONALS, SLOPES, UNEVEN, WIDTH, MeasuredArtefact
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
-from suta_calib.records import dataclass
 
 # Pillars from which on the others say what is usual.
 ENOUGH: Final = 5

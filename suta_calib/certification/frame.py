@@ -8,7 +8,7 @@ artefact on its left, so that y points from the side plane into the artefact.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, Final, Literal
@@ -32,7 +32,6 @@ from suta_calib.certification.points import CertificationOptions, RawPoints
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import right_singular, skew, wrap
 from suta_calib.measurements import Artefact
-from suta_calib.records import dataclass
 
 Source = Literal["side plane", "farthest landmark"]
 # Heights of the side's touches that differ less say nothing of how upright it is (m).

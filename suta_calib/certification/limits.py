@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-
-from suta_calib.distributions import norm, t
+from scipy.special import ndtri, stdtrit
 
 # Chance that anything is named of an artefact with nothing wrong.
 FALSE_ALARM: Final = 0.001
@@ -18,4 +17,4 @@ STANDS_OUT: Final = 6.0
 
 def deviates(chance: float, freedom: float) -> float:
     """Standard deviations exceeded on one side with this chance; known where ``freedom`` is inf."""
-    return float(norm.isf(chance) if np.isinf(freedom) else t.isf(chance, freedom))
+    return float((-ndtri(chance)) if np.isinf(freedom) else (-stdtrit(freedom, chance)))

@@ -8,6 +8,7 @@ rule, with exact derivatives from CasADi.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
@@ -19,7 +20,6 @@ from suta_calib.certification.plane import Plane, Top, fit_plane, judge_tops, on
 from suta_calib.certification.points import Pillar, RawPoints
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
-from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 # Rows of a pillar's answer.

@@ -9,18 +9,17 @@ drilled unevenly look the same; the data do not tell one from the other, and the
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Final, Literal
 
 import numpy as np
+from scipy.special import chdtri, fdtri
 
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.measuring import UNEVEN, MeasuredArtefact
 from suta_calib.certification.plane import FINEST
 from suta_calib.certification.points import RawPoints
-from suta_calib.distributions import chi2, f
 from suta_calib.errors import SamplesError
-from suta_calib.records import dataclass
 
 Kind = Literal["hole", "side"]
 # Freedom from which on the touches' own scatter says what a touch is worth.
@@ -78,8 +77,10 @@ class ProbingNoise:
         """The same, with what such a feature's touches scatter where that is more beyond chance."""
         if scatter.freedom < ENOUGH_FREEDOM:
             return self
-        chance, exact = (WORSE_FEATURE, scatter.freedom), np.isinf(self.freedom)
-        most = chi2.isf(*chance) / scatter.freedom if exact else f.isf(*chance, self.freedom)
+        if np.isinf(self.freedom):
+            most = chdtri(scatter.freedom, WORSE_FEATURE) / scatter.freedom
+        else:
+            most = fdtri(scatter.freedom, self.freedom, 1.0 - WORSE_FEATURE)
         if scatter.sigma**2 <= most * self.touch**2:
             return self
         return replace(self, own={**self.own, kind: scatter})
@@ -97,8 +98,8 @@ def scatter_of_holes(uneven: FloatArray) -> Scatter:
     if count < ENOUGH_PILLARS:
         return Scatter(0.0, 0)
     squared = np.sum(uneven**2, axis=1)
-    usual = float(np.median(squared)) / chi2.median(2)
-    inliers = squared <= 2.0 * max(usual, FINEST**2) * f.isf(KEPT_OUT / count, 2, count)
+    usual = float(np.median(squared)) / chdtri(2, 0.5)
+    inliers = squared <= 2.0 * max(usual, FINEST**2) * fdtri(2, count, 1.0 - KEPT_OUT / count)
     return Scatter(float(squared[inliers].sum()), 2 * int(inliers.sum()))
 
 
@@ -122,10 +123,10 @@ def _noise_of_planes(
     ground, ground_freedom = measured.ground, max(measured.ground.freedom, 0)
     if stated is not None:
         scatter = max(float(np.sqrt(squared / freedom)) if freedom else 0.0, FINEST)
-        doubted = freedom > 0 and squared > stated**2 * chi2.isf(DOUBT, freedom)
+        doubted = freedom > 0 and squared > stated**2 * chdtri(freedom, DOUBT)
         touch, touch_freedom = (scatter, float(freedom)) if doubted else (stated, np.inf)
-        rough = ground_freedom > 0 and ground_freedom * ground.rms**2 > touch**2 * chi2.isf(
-            DOUBT, ground_freedom
+        rough = ground_freedom > 0 and ground_freedom * ground.rms**2 > touch**2 * chdtri(
+            ground_freedom, DOUBT
         )
         return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, touch_freedom)
     if freedom + ground_freedom < ENOUGH_FREEDOM:
@@ -140,7 +141,7 @@ def _noise_of_planes(
     same_noise = (
         freedom == 0
         or ground_freedom == 0
-        or (ground.rms**2 * freedom <= squared * f.isf(DOUBT, ground_freedom, freedom))
+        or (ground.rms**2 * freedom <= squared * fdtri(ground_freedom, freedom, 1.0 - DOUBT))
     )
     if same_noise:
         squared, freedom = squared + ground_freedom * ground.rms**2, freedom + ground_freedom

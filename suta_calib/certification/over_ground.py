@@ -9,6 +9,7 @@ the instrument or the artefact was moved between them. No landmark stands out; n
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,6 @@ from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.limits import FALSE_ALARM, RISK, STANDS_OUT, deviates
 from suta_calib.certification.noise import ENOUGH_FREEDOM, Scatter
 from suta_calib.certification.plane import FINEST
-from suta_calib.records import dataclass
 from suta_calib.units import deg, mm
 
 # Rise, and tilt about x and y.

@@ -10,15 +10,14 @@ a slip of the probe is likelier than a pillar that leans by just as much.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri, fdtri, ndtri, stdtrit
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.distributions import chi2, f, norm, t
 from suta_calib.geometry.numbers import right_singular
-from suta_calib.records import dataclass
 
 # Chance that any touch of a feature without a wrong one is called wrong.
 FALSE_ALARM: Final = 0.001
@@ -27,7 +26,7 @@ MOST_WRONG: Final = 0.3
 # Finer than any instrument: what exact, made-up points scatter (m).
 FINEST: Final = 1e-8
 # From MAD to standard deviation of a normal distribution.
-MAD: Final = float(1.0 / norm.ppf(0.75))
+MAD: Final = float(1.0 / ndtri(0.75))
 # Chance that any top of an artefact with nothing wrong is called uneven.
 UNEVEN_FALSE_ALARM: Final = 0.01
 
@@ -110,7 +109,7 @@ def agreeing(
         worst = int(np.argmax(ratio))
         freedom = int(used.sum()) - parameters - 1
         chance = FALSE_ALARM / int(used.sum()) / 2
-        limit = norm.isf(chance) if scale_known else t.isf(chance, freedom)
+        limit = (-ndtri(chance)) if scale_known else (-stdtrit(freedom, chance))
         used[np.flatnonzero(used)[worst]] = False
         if ratio[worst] > limit:
             inliers = used.copy()
@@ -171,7 +170,7 @@ def judge_tops(tops: Sequence[FloatArray], noise: float | None, fallback: float)
     free = [fit for fit in fits if fit.freedom > 0]
     if len(free) >= 3:
         # The median top, which no few bad ones can move; it is worth about half of the tops.
-        level = float(np.sqrt(np.median([fit.squared / chi2.median(fit.freedom) for fit in free])))
+        level = float(np.sqrt(np.median([fit.squared / chdtri(fit.freedom, 0.5) for fit in free])))
         freedom = sum(fit.freedom for fit in free) // 2
     scale = max(level, noise or 0.0, FINEST)
     given = noise is not None and scale == noise
@@ -187,8 +186,8 @@ def _judge(points: FloatArray, fit: Top, scale: float, freedom: int | None, coun
             return True
         statistic, chance = top.squared / scale**2, UNEVEN_FALSE_ALARM / count
         if freedom is None:
-            return bool(statistic <= chi2.isf(chance, top.freedom))
-        return bool(statistic / top.freedom <= f.isf(chance, top.freedom, freedom))
+            return bool(statistic <= chdtri(top.freedom, chance))
+        return bool(statistic / top.freedom <= fdtri(top.freedom, freedom, 1.0 - chance))
 
     if even(fit):
         return fit

@@ -7,7 +7,7 @@ Features are ``ground``, ``top``, ``hole``, ``flat``, ``side`` and ``spacer``.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +16,6 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
-from suta_calib.records import dataclass
 
 FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
 HOLES: Final = 4

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from scipy.special import ndtri, stdtrit
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
@@ -17,11 +18,9 @@ from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Source
 from suta_calib.certification.noise import ProbingNoise
 from suta_calib.certification.over_ground import OverGround
-from suta_calib.distributions import norm, t
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text
-from suta_calib.records import dataclass
 from suta_calib.units import deg, from_deg, mm, um
 
 # The tip points down when seated.
@@ -196,7 +195,7 @@ class Certification:
     def coverage_factor(self) -> float:
         """Standard deviations on either side that cover 95 %."""
         freedom = self.probing.freedom_of("hole", "side")
-        return float(norm.isf(0.025) if np.isinf(freedom) else t.isf(0.025, freedom))
+        return float((-ndtri(0.025)) if np.isinf(freedom) else (-stdtrit(freedom, 0.025)))
 
     @cached_property
     def wrong_touches(self) -> tuple[int, ...]:

@@ -7,7 +7,7 @@ landmarks given.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -15,7 +15,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, rpy_from_rotation
 from suta_calib.measurements import Artefact, Landmark
-from suta_calib.records import dataclass
 
 HEADER: Final = "feature,landmark,index,x,y,z"
 Row = tuple[str, str, int, FloatArray]

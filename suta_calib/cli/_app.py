@@ -21,7 +21,7 @@ from click.exceptions import Exit
 
 from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
-from suta_calib.cli import INTERRUPTED, PROGRAM, discard_stdout, say_interrupted
+from suta_calib.cli._process import INTERRUPTED, PROGRAM, discard_stdout, say_interrupted
 from suta_calib.errors import SutaCalibError, did_you_mean, shortened
 
 # What --help says of each; the module of its name holds the click command.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable, Iterator
 from contextlib import suppress
@@ -14,16 +15,13 @@ import numpy as np
 
 from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError
-from suta_calib.lazy import UNUSED_OF_NUMPY, spare
 from suta_calib.measurements.scale import INSTRUMENT_PPM
+from suta_calib.model.arm import ArmModel
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
     from suta_calib.arrays import FloatArray
     from suta_calib.model.arm import ArmModel
-
-# Before SciPy is imported by anything: every command comes here first.
-spare("numpy", UNUSED_OF_NUMPY)
 
 # Answers that a folder of results holds at most, one of each command; and what `run`, the last key
 # of one, takes.
@@ -114,8 +112,6 @@ def _results(context: click.Context, parameter: click.Parameter, out: Path | Non
 
 def _jobs_of(folder: Path) -> Iterator[str]:
     """Names of the jobs whose answers a folder holds."""
-    import json
-
     records = (path for path in folder.glob("*.json") if path.is_file())
     for path in islice(records, _MOST_RECORDS):
         with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
@@ -200,6 +196,5 @@ def optional_arm(
         return None
     if tip is None:
         raise click.UsageError(f"--urdf needs --tip: the link or frame that {what}")
-    from suta_calib.model.arm import ArmModel
 
     return ArmModel.from_urdf(urdf, tip, base)

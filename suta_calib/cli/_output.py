@@ -8,15 +8,21 @@ import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import wraps
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 import click
+from rich.console import Console
+from rich.progress import Progress
 
 from suta_calib.atomic import note_input
-from suta_calib.cli import discard_stdout
 from suta_calib.cli._options import PATH, json_option
+from suta_calib.cli._process import discard_stdout
 from suta_calib.errors import OutputError
+from suta_calib.report.console import rendered
+from suta_calib.report.files import write_document
+from suta_calib.report.listing import json_text
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,7 +33,6 @@ if TYPE_CHECKING:
 
 def console(*, stderr: bool = False) -> Console:
     """A console that keeps names and numbers as they are."""
-    from rich.console import Console
 
     class Plain(Console):
         def on_broken_pipe(self) -> None:
@@ -54,8 +59,6 @@ def printing() -> Iterator[None]:
 
 def print_json(data: Mapping[str, Any]) -> None:
     """One JSON object on stdout; what is not a finite number becomes null."""
-    from suta_calib.report.listing import json_text
-
     unicode = (sys.stdout.encoding or "").lower().startswith("utf")
     click.echo(json_text(data, indent=2, ascii_only=not unicode), nl=False)
 
@@ -77,8 +80,6 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
         inputs = {} if out is None else _inputs(context)
         answer, written = command(**options), None
         if out is not None:
-            from suta_calib.report.files import write_document
-
             written = write_document(answer, out, inputs)
         with printing():
             if as_json:
@@ -91,8 +92,6 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
 
 
 def _print_answer(answer: Document, out: Path | None, written: dict[str, Any] | None) -> None:
-    from suta_calib.report.console import rendered
-
     to = console()
     to.print(rendered(answer), crop=False)
     if written is not None:
@@ -104,8 +103,6 @@ def _print_answer(answer: Document, out: Path | None, written: dict[str, Any] | 
 
 def _inputs(context: click.Context) -> dict[str, str]:
     """SHA-256 of the files that the command line names, in its order."""
-    from hashlib import sha256
-
     hashes = {}
     for option in (o for o in context.command.params if o.type is PATH):
         given = context.params[str(option.name)]
@@ -167,8 +164,6 @@ class LateProgress:
                 self._bar.update(self._bar.task_ids[0], **told)
 
     def _show(self) -> None:
-        from rich.progress import Progress
-
         with self._lock:
             if not self._over:
                 self._bar = Progress(console=self._console, transient=True)

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from suta_calib.analysis.error_budget import error_budget_of_job
 from suta_calib.cli._options import anyway_option, job_argument, out_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
+from suta_calib.report.error_budget import budget_document
 
 
 @answer_command
@@ -20,10 +23,6 @@ def budget(job: Path, anyway: bool) -> Document:
     scatter), the artefact (its sigma_mm), gross errors, and the model: what none of these explains.
     What the data cannot tell apart stands together, without numbers of its own.
     """
-    from suta_calib.analysis.error_budget import error_budget_of_job
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.error_budget import budget_document
-
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
         found = error_budget_of_job(loaded, progress, anyway=anyway)

@@ -9,6 +9,8 @@ import click
 
 from suta_calib.cli._options import job_argument, out_option, verbose_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.report.calibration import calibration_document
 from suta_calib.report.document import Document
 
 
@@ -24,9 +26,6 @@ def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     answer must not be used: not converged, residuals that swamp the data, or worse than nominal on
     validation data. Then no calibrated.urdf is written.
     """
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.calibration import calibration_document
-
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
         result = loaded.run(progress)

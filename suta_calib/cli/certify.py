@@ -9,8 +9,13 @@ from typing import Final
 import click
 
 from suta_calib.atomic import check_outputs
+from suta_calib.certification import CertificationOptions, read_raw_points, write_certified
+from suta_calib.certification import certify as certified
 from suta_calib.cli._options import PATH, WRITTEN, FiniteRange, Folder
 from suta_calib.cli._output import answer_command
+from suta_calib.measurements import read_artefact
+from suta_calib.pose_calibration.inputs import error_context
+from suta_calib.report.certification import certification_document
 from suta_calib.report.document import Document
 from suta_calib.units import from_deg, from_mm, from_um
 
@@ -87,12 +92,6 @@ def certify(
     ground; top (five per landmark); hole (four, in order around the pillar); flat (0 front, 1
     back); side; spacer (ends in pairs). Exits with 1 where a landmark is damaged.
     """
-    from suta_calib.certification import CertificationOptions, read_raw_points, write_certified
-    from suta_calib.certification import certify as certified
-    from suta_calib.measurements import read_artefact
-    from suta_calib.pose_calibration.inputs import error_context
-    from suta_calib.report.certification import certification_document
-
     if file is not None:
         check_outputs([file], [points, nominal])
     raw = read_raw_points(points)

@@ -10,7 +10,11 @@ from suta_calib.atomic import check_outputs
 from suta_calib.cli._options import PATH, WRITTEN, Folder
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.errors import BoardError, InputError, OutputError
+from suta_calib.measurements import read_board, read_camera, write_camera, write_corners
+from suta_calib.report.detect import detect_document
 from suta_calib.report.document import Document
+from suta_calib.vision import detect as detected
+from suta_calib.vision import find_pictures
 
 
 @answer_command
@@ -47,11 +51,6 @@ def detect(
     files of corners and camera are those that `hand-eye --corners` and jobs of camera_view read.
     Exits with 1 where the camera's file does not fit, or the pictures determine no camera.
     """
-    from suta_calib.measurements import read_board, read_camera, write_camera, write_corners
-    from suta_calib.report.detect import detect_document
-    from suta_calib.vision import detect as detected
-    from suta_calib.vision import find_pictures
-
     if known is not None and camera_out is not None:
         raise click.UsageError(
             "--camera says which camera it is, and --camera-out asks for it: give one of them"

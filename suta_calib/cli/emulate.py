@@ -11,8 +11,11 @@ from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, FiniteRange
 from suta_calib.cli._output import noted_sigterm
 from suta_calib.device.description import UNITS
 from suta_calib.device.formats import FORMATS
-from suta_calib.emulation.faults import WORDS
+from suta_calib.emulation.emulated import EmulationOptions, PlayOptions, emulated_device
+from suta_calib.emulation.faults import WORDS, Faults
+from suta_calib.emulation.script import Timing, parse_pose
 from suta_calib.errors import InputError
+from suta_calib.units import from_deg, from_mm
 
 if TYPE_CHECKING:
     from suta_calib.simulation import PoseSpec
@@ -132,11 +135,6 @@ def emulate(**options: Any) -> None:
     --seconds, or on Ctrl-C. A bus of servos is not emulated: they speak only when they are asked,
     each by its number, and whoever listens would have to be answered in their maker's protocol.
     """
-    from suta_calib.emulation.emulated import EmulationOptions, PlayOptions, emulated_device
-    from suta_calib.emulation.faults import Faults
-    from suta_calib.emulation.script import Timing
-    from suta_calib.units import from_deg, from_mm
-
     playing = PlayOptions(
         link=options.pop("link"),
         seconds=options.pop("seconds") or math.inf,
@@ -181,6 +179,4 @@ def _signs(text: str) -> tuple[int, ...]:
 
 def _places(texts: tuple[str, ...], where: str) -> dict[str, PoseSpec | None]:
     """``P1=x,y,z…`` as label and pose, ``P1`` as a label alone."""
-    from suta_calib.emulation.script import parse_pose
-
     return dict(parse_pose(text, where) if "=" in text else (text, None) for text in texts)

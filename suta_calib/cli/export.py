@@ -11,8 +11,10 @@ from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
 from suta_calib.cli._options import PATH, WRITTEN, anyway_option
 from suta_calib.cli._output import answer_command
-from suta_calib.exchange.writer import export_formats
+from suta_calib.exchange.result import read_result
+from suta_calib.exchange.writer import export_formats, write_foreign
 from suta_calib.report.document import Document
+from suta_calib.report.exchange import exported_document, formats_document
 
 
 @answer_command
@@ -42,10 +44,6 @@ def export(
     eccentricity, compliance, gain) is said, and written beside the file. An answer that must not be
     used is refused.
     """
-    from suta_calib.exchange.result import read_result
-    from suta_calib.exchange.writer import write_foreign
-    from suta_calib.report.exchange import exported_document, formats_document
-
     if listed:
         return formats_document(export_formats(), "What can be written")
     if result is None or form is None:

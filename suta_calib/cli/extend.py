@@ -6,9 +6,12 @@ from pathlib import Path
 
 import click
 
+from suta_calib.analysis.model_selection import choose_model
 from suta_calib.cli._options import job_argument, out_option, seed_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
+from suta_calib.report.model_selection import model_selection_document
 
 
 @answer_command
@@ -23,10 +26,6 @@ def extend(job: Path, quick: bool, seed: int) -> Document:
     placement left out after the other. What predicts the left-out data better is worth having; that
     it fits better is not enough. Says which rows to add to the job, or that nothing is worth it.
     """
-    from suta_calib.analysis.model_selection import choose_model
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.model_selection import model_selection_document
-
     loaded = CalibrationJob.load(job)
     with LateProgress("trying models") as progress:
         choice = choose_model(

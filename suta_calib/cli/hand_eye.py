@@ -9,7 +9,14 @@ import click
 
 from suta_calib.cli._options import PATH, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.measurements import read_board, read_camera, read_corners
+from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
+from suta_calib.pose_calibration import hand_eye_from_pairs
+from suta_calib.pose_calibration.eye_scale import with_scale
+from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
 from suta_calib.report.document import Document
+from suta_calib.report.hand_eye import hand_eye_document
+from suta_calib.report.pictures import picture_document
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Camera
@@ -79,10 +86,6 @@ def hand_eye(
     """
     _check(corners, board, camera, intrinsics)
     if corners:
-        from suta_calib.measurements.pose_files import read_hand_poses
-        from suta_calib.pose_calibration.pictures import hand_eye_from_pictures
-        from suta_calib.report.pictures import picture_document
-
         hand, views = read_hand_poses(poses), _views(corners, board, camera)
         with LateProgress("calibrating"):
             pictured = hand_eye_from_pictures(
@@ -97,10 +100,6 @@ def hand_eye(
         return picture_document(pictured, hand).with_data(
             robust=not plain, seed=seed, intrinsics=intrinsics
         )
-    from suta_calib.measurements.pose_files import read_pose_pairs
-    from suta_calib.pose_calibration import hand_eye_from_pairs
-    from suta_calib.pose_calibration.eye_scale import with_scale
-    from suta_calib.report.hand_eye import hand_eye_document
 
     data = read_pose_pairs(poses)
     with LateProgress("calibrating"):
@@ -135,9 +134,6 @@ def _views(
     corners: tuple[Path, ...], board: tuple[Path, ...], camera: tuple[Path, ...]
 ) -> list[View]:
     """What every camera saw; cameras and boards are called as their files, or numbered."""
-    from suta_calib.measurements import read_board, read_camera, read_corners
-    from suta_calib.pose_calibration.pictures import View
-
     boards = [read_board(file) for file in board] * (len(corners) if len(board) == 1 else 1)
     of_board = [str(file.resolve()) for file in board] * (len(corners) if len(board) == 1 else 1)
     targets = {name: str(k + 1) for k, name in enumerate(dict.fromkeys(of_board))}

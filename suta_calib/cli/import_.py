@@ -11,8 +11,9 @@ from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
 from suta_calib.cli._options import PATH, WRITTEN
 from suta_calib.cli._output import answer_command
-from suta_calib.exchange.reader import import_formats
+from suta_calib.exchange.reader import import_formats, read_foreign
 from suta_calib.report.document import Document
+from suta_calib.report.exchange import formats_document, imported_document
 
 
 @answer_command
@@ -37,9 +38,6 @@ def import_(
     several ways is refused, with the options that settle it; --guess takes the likeliest and says
     so. Without --out nothing is written: what would be is shown.
     """
-    from suta_calib.exchange.reader import read_foreign
-    from suta_calib.report.exchange import formats_document, imported_document
-
     if listed:
         return formats_document(import_formats(), "What can be read")
     if source is None:

@@ -8,6 +8,9 @@ import click
 
 from suta_calib.atomic import check_folder
 from suta_calib.cli._options import PATH
+from suta_calib.job.new_job import DEFAULT_KINDS, new_job, write_job
+from suta_calib.model.chain import ends, read_chain
+from suta_calib.model.urdf_tree import read_tree
 
 
 @click.command()
@@ -24,10 +27,6 @@ from suta_calib.cli._options import PATH
 )
 def init(urdf: Path, tip: str | None, base: str | None, out: Path, kinds: tuple[str, ...]) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing."""
-    from suta_calib.job.new_job import DEFAULT_KINDS, new_job, write_job
-    from suta_calib.model.chain import ends, read_chain
-    from suta_calib.model.urdf_tree import read_tree
-
     if tip is None:
         tree = read_tree(urdf)
         raise click.UsageError(f"found no --tip; expected a link or joint of {urdf}; {ends(tree)}")

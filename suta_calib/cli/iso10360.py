@@ -6,9 +6,12 @@ from pathlib import Path
 
 import click
 
+from suta_calib.analysis.iso10360 import acceptance_test
 from suta_calib.cli._options import PATH, Folder
 from suta_calib.cli._output import answer_command
+from suta_calib.job.acceptance import AcceptanceJob
 from suta_calib.report.document import Document
+from suta_calib.report.iso10360 import acceptance_document
 
 
 @answer_command
@@ -24,10 +27,6 @@ def iso10360(job: Path, urdf: Path | None) -> Document:
     and there is no pass or fail. Exits with 1 where a limit is broken, or where the uncertainty
     leaves it open.
     """
-    from suta_calib.analysis.iso10360 import acceptance_test
-    from suta_calib.job.acceptance import AcceptanceJob
-    from suta_calib.report.iso10360 import acceptance_document
-
     loaded = AcceptanceJob.load(job, urdf)
     answer = acceptance_document(acceptance_test(loaded))
     return answer.with_data(urdf=str(loaded.arm.chain.path), job=str(job))

@@ -8,8 +8,14 @@ from typing import Any, Final
 
 import click
 
+from suta_calib.acquisition.measuring import MeasureOptions
+from suta_calib.acquisition.measuring import measure as run
+from suta_calib.acquisition.rest import RestSettings
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, job_argument, json_option
 from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
+from suta_calib.device.port_process import open_ahead
+from suta_calib.terms import KINDS
+from suta_calib.units import from_deg
 
 INCOMPLETE: Final = 1
 
@@ -26,8 +32,6 @@ class PlaceCommand(click.Command):
         known = {name for parameter in self.params for name in parameter.opts}
         given = {word.partition("=")[0] for word in args if word.startswith("--")}
         if given - known:
-            from suta_calib.terms import KINDS
-
             places = dict.fromkeys(kind.place for kind in KINDS.values() if kind.place)
             self.params += [
                 click.Option([f"--{place}"], help=f"Label of a {place}, in place of --point.")
@@ -108,17 +112,11 @@ def measure(context: click.Context, /, **options: Any) -> None:
     adds to it meanwhile stay. Exits with 1 where --patience ended it. Until it ends,
     the file of --raw is called FILE.part.
     """
-    from suta_calib.device.port_process import open_ahead
-
     # The arm may rest on the first landmark already, and loading the rest takes a second.
     port = open_ahead(options["device"])
     with ExitStack() as stack:
         if port is not None:
             stack.callback(port.close)
-        from suta_calib.acquisition.measuring import MeasureOptions
-        from suta_calib.acquisition.measuring import measure as run
-        from suta_calib.acquisition.rest import RestSettings
-        from suta_calib.units import from_deg
 
         as_json = options.pop("as_json")
         stated = {field.name for field in fields(MeasureOptions)} | {"sequence", "yes"}

@@ -17,8 +17,11 @@ from suta_calib.cli._output import console, ended_by_sigterm, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
 from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.model.arm import ArmModel
 from suta_calib.report.console import Fitted
 from suta_calib.report.listing import Column, Listing, Tone, shown_as
+from suta_calib.tracking.tracker import matched_joints
 from suta_calib.units import deg, mm
 
 # With --json somebody waits for the answer.
@@ -101,17 +104,12 @@ class _Tip:
     """The tip's pose of an arm, through its URDF as it stands."""
 
     def __init__(self, urdf: Path, tip: str, base: str | None, spec: DeviceSpec) -> None:
-        from suta_calib.model.arm import ArmModel
-        from suta_calib.tracking.tracker import matched_joints
-
         self._arm = ArmModel.from_urdf(urdf, tip, base)
         self._columns = matched_joints(self._arm, spec.names, spec.path)
         self.frames = f"{self._arm.tip} in {self._arm.chain.base}"
 
     def pose(self, reading: Reading | None) -> dict[str, list[float]] | None:
         """Position in mm and roll, pitch, yaw in degrees at a reading; None before the first."""
-        from suta_calib.geometry.numbers import rpy_from_rotation
-
         if reading is None:
             return None
         rotation, position = self._arm.forward(reading.angles[self._columns])

@@ -6,7 +6,10 @@ from pathlib import Path
 
 from suta_calib.cli._options import job_argument, verbose_option
 from suta_calib.cli._output import answer_command
+from suta_calib.diagnostics.observability import observe as look
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
+from suta_calib.report.observability import observability_document
 
 
 @answer_command
@@ -18,9 +21,5 @@ def observe(job: Path, verbose: bool) -> Document:
     Nothing is solved: the answer follows from the readings, the nominal arm and the assumed
     noise. For each parameter the data cannot tell it says why, and what to measure instead.
     """
-    from suta_calib.diagnostics.observability import observe as look
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.observability import observability_document
-
     found = look(CalibrationJob.load(job).problem())
     return observability_document(found, verbose=verbose)

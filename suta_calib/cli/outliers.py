@@ -6,9 +6,12 @@ from pathlib import Path
 
 import click
 
+from suta_calib.analysis.outliers import Thresholds, find_outliers
 from suta_calib.cli._options import POSITIVE, job_argument, out_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
+from suta_calib.report.outliers import outliers_document
 from suta_calib.units import from_mm
 
 
@@ -32,10 +35,6 @@ def outliers(job: Path, bias_mm: float) -> Document:
     how to write it into the job. Writes outliers.json, the heat map outliers.svg and a section of
     report.html.
     """
-    from suta_calib.analysis.outliers import Thresholds, find_outliers
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.outliers import outliers_document
-
     loaded = CalibrationJob.load(job)
     with LateProgress("looking for outliers") as progress:
         found = find_outliers(

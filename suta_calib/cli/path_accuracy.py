@@ -9,6 +9,9 @@ import click
 from suta_calib.cli._options import PATH, FiniteRange, Folder, optional_arm
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
+from suta_calib.report.path_accuracy import path_accuracy_document
+from suta_calib.tracking.path_accuracy import compare
+from suta_calib.tracking.trajectory import read_trajectory
 
 
 @answer_command
@@ -43,10 +46,6 @@ def path_accuracy(
     at, where they repeat themselves, or where nothing moves but noise; and where most of the error
     is the record's own doing: a clock that runs wrong, a stuck tracker, something that was knocked.
     """
-    from suta_calib.report.path_accuracy import path_accuracy_document
-    from suta_calib.tracking.path_accuracy import compare
-    from suta_calib.tracking.trajectory import read_trajectory
-
     arm = optional_arm(urdf, tip, base, "was recorded")
     motions = read_trajectory(recorded, arm), read_trajectory(reference)
     with LateProgress("comparing"):

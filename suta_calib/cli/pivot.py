@@ -8,7 +8,10 @@ import click
 
 from suta_calib.cli._options import PATH, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.measurements.pose_files import read_tool_poses
+from suta_calib.pose_calibration import pivot_from_poses
 from suta_calib.report.document import Document
+from suta_calib.report.pivot import pivot_document
 
 
 @answer_command
@@ -24,10 +27,6 @@ def pivot(poses: Path, scale_ppm: float, plain: bool, seed: int) -> Document:
     pivot.svg, report.html and tip.json. Exits with 1 where the tip must not be used; then tip.json
     is not written.
     """
-    from suta_calib.measurements.pose_files import read_tool_poses
-    from suta_calib.pose_calibration import pivot_from_poses
-    from suta_calib.report.pivot import pivot_document
-
     data = read_tool_poses(poses)
     with LateProgress("calibrating"):
         found = pivot_from_poses(data, robust=not plain, seed=seed, scale_ppm=scale_ppm)

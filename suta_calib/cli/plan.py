@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from suta_calib.analysis import planning
 from suta_calib.cli._options import (
     PATH,
     FiniteRange,
@@ -16,7 +17,9 @@ from suta_calib.cli._options import (
     seed_option,
 )
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
+from suta_calib.report.plan import plan_document
 from suta_calib.units import from_deg, from_mm, stored
 
 if TYPE_CHECKING:
@@ -68,10 +71,6 @@ def plan(
     many directions, and postures where an instrument or a camera is used. Writes plan.csv,
     plan.yaml and drawings. Exits with 1 where the calibration of the present data may not be used.
     """
-    from suta_calib.analysis import planning
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.plan import plan_document
-
     loaded = CalibrationJob.load(job)
     with LateProgress("calibrating") as progress:
         situation = planning.situation_of_job(loaded, progress)

@@ -8,7 +8,10 @@ import click
 
 from suta_calib.cli._options import PATH, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.measurements.pose_files import read_corresponding_points, read_points
+from suta_calib.pose_calibration import registration_from_points
 from suta_calib.report.document import Document
+from suta_calib.report.registration import register_document
 
 
 @answer_command
@@ -37,10 +40,6 @@ def register(
     writes result.json, residuals.csv, register.svg and report.html. Exits with 1 where T_b_a must
     not be used.
     """
-    from suta_calib.measurements.pose_files import read_corresponding_points, read_points
-    from suta_calib.pose_calibration import registration_from_points
-    from suta_calib.report.registration import register_document
-
     points = read_corresponding_points(a, b)
     targets = None if target is None else read_points(target)
     with LateProgress("registering"):

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from suta_calib.analysis import repeatability as repeated
 from suta_calib.cli._options import (
     PATH,
     FiniteRange,
@@ -14,7 +15,10 @@ from suta_calib.cli._options import (
     seed_option,
 )
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
 from suta_calib.report.document import Document
+from suta_calib.report.repeatability import repeatability_document
+from suta_calib.terms.poses import joint_ranges
 
 
 @answer_command
@@ -54,11 +58,6 @@ def repeatability(
     SAMPLES.csv, --stationary alone looks at the encoders. Exits with 1 where an arm that should
     have been at rest moved.
     """
-    from suta_calib.analysis import repeatability as repeated
-    from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
-    from suta_calib.report.repeatability import repeatability_document
-    from suta_calib.terms.poses import joint_ranges
-
     if not samples and at_rest is None:
         raise click.UsageError("give SAMPLES.csv (visits to one point), --stationary, or both")
     if urdf is None and samples:

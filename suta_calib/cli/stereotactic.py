@@ -9,6 +9,8 @@ import click
 from suta_calib.cli._options import PATH, Folder
 from suta_calib.cli._output import LateProgress, answer_command, results_folder
 from suta_calib.report.document import Document
+from suta_calib.report.stereotactic import check_given, stereotactic_document
+from suta_calib.stereotactic import StereotacticData, compare, read_given, solve_stereotactic
 
 
 @answer_command
@@ -29,9 +31,6 @@ def stereotactic(prefix: Path, dewarp: bool, robust: bool | None) -> Document:
     and navigation frames are there. NAME is the last part of PREFIX. Output files that stand beside
     the inputs are compared with. Exits with 1 where the answer must not be used.
     """
-    from suta_calib.report.stereotactic import check_given, stereotactic_document
-    from suta_calib.stereotactic import StereotacticData, compare, read_given, solve_stereotactic
-
     data = StereotacticData.read(prefix, navigation=dewarp)
     with LateProgress("solving"):
         result = solve_stereotactic(data, dewarp=dewarp, robust=robust)

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final, cast
 
 import click
+from joblib import cpu_count
 
+from suta_calib.analysis.study import DriftOptions, Request, drift_study, study_of_job
 from suta_calib.cli._options import (
     POSITIVE,
     FiniteRange,
@@ -17,7 +19,10 @@ from suta_calib.cli._options import (
     seed_option,
 )
 from suta_calib.cli._output import LateProgress, answer_command, results_folder
+from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
+from suta_calib.report.drift import drift_document
+from suta_calib.report.study import study_document
 from suta_calib.units import from_deg, from_mm, stored
 
 if TYPE_CHECKING:
@@ -129,11 +134,6 @@ def study(
         raise click.UsageError("--walk-deg and --walk-mm are for --kind drift")
     if sizes is not None and kind != "size":
         raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
-    from joblib import cpu_count
-
-    from suta_calib.analysis.study import Request, study_of_job
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.study import study_document
 
     request = Request(cast("Kind", kind), trials, sizes, unit, seed, stored(tolerance_pct, "%"))
     log = results_folder() / request.log_name
@@ -166,10 +166,6 @@ def _drift(
     seed: int,
     anyway: bool,
 ) -> Document:
-    from suta_calib.analysis.study import DriftOptions, drift_study
-    from suta_calib.job.calibration import CalibrationJob
-    from suta_calib.report.drift import drift_document
-
     if not walk_deg and not walk_mm:
         raise click.UsageError(
             "--kind drift needs --walk-deg or --walk-mm: how far parameters walk in a day"

@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from suta_calib.analysis.comparison import check_nominal
+from suta_calib.analysis.tip_map import TipMapOptions, tip_map_of_result, tip_map_of_solution
+from suta_calib.analysis.tip_sections import Knowledge
 from suta_calib.cli._options import (
     PATH,
     FiniteRange,
@@ -17,7 +20,11 @@ from suta_calib.cli._options import (
     seed_option,
 )
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.model.arm import ArmModel
 from suta_calib.report.document import Document
+from suta_calib.report.tip_map import tip_map_document
+from suta_calib.tracking.uncertainty import read_uncertainty
 from suta_calib.units import from_mm
 
 if TYPE_CHECKING:
@@ -56,9 +63,6 @@ def tip_map(
     From the full covariance of JOB's calibration (a calibration.yaml), or of a result.json with
     its arm: figures over a region and a map over the arm, absolute and after registration.
     """
-    from suta_calib.analysis.tip_map import TipMapOptions
-    from suta_calib.report.tip_map import tip_map_document
-
     tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
     options = TipMapOptions(region, register_at, tolerance, grid, seed)
     if urdf is not None:
@@ -71,9 +75,6 @@ def tip_map(
 
 
 def _of_job(job: Path, options: TipMapOptions, *, anyway: bool) -> TipMap:
-    from suta_calib.analysis.tip_map import tip_map_of_solution
-    from suta_calib.job.calibration import CalibrationJob
-
     with LateProgress("calibrating") as progress:
         solution = CalibrationJob.load(job).usable_solution(progress, anyway=anyway)
     with LateProgress("mapping"):
@@ -89,12 +90,6 @@ def _of_result(
     *,
     anyway: bool,
 ) -> TipMap:
-    from suta_calib.analysis.comparison import check_nominal
-    from suta_calib.analysis.tip_map import tip_map_of_result
-    from suta_calib.analysis.tip_sections import Knowledge
-    from suta_calib.model.arm import ArmModel
-    from suta_calib.tracking.uncertainty import read_uncertainty
-
     if tip is None or options.box is None:
         raise click.UsageError("a result.json needs --tip and --region: it knows no samples")
     arm = ArmModel.from_urdf(urdf, tip, base)

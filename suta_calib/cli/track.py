@@ -9,10 +9,20 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
+from rich.console import Group
+from rich.live import Live
+from rich.text import Text
 
 from suta_calib.cli._options import PATH, POSITIVE, anyway_option, json_option
 from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
+from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.report.console import Fitted, Wrapped
+from suta_calib.report.listing import Table
+from suta_calib.tracking.live import Tracking, TrackOptions
+from suta_calib.tracking.session import Pace
+from suta_calib.tracking.uncertainty import SOURCE_WORDS
 from suta_calib.units import deg, mm
+from suta_calib.words import listed
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -107,8 +117,6 @@ def track(context: click.Context, /, **options: Any) -> None:
     With --json one object with counts, latency and the last pose is printed at the end, and
     nothing else. Exits with 1 where there was no valid pose.
     """
-    from suta_calib.tracking.live import Tracking, TrackOptions
-
     stats, as_json = options.pop("stats"), options.pop("as_json")
     tracking = Tracking(TrackOptions(**options))
     view = TrackView(tracking, stats=stats, quiet=as_json)
@@ -128,9 +136,6 @@ def track(context: click.Context, /, **options: Any) -> None:
 
 
 def _print_end(tracking: Tracking, *, stats: bool) -> None:
-    from suta_calib.tracking.uncertainty import SOURCE_WORDS
-    from suta_calib.words import listed
-
     to, session, known = console(), tracking.session, tracking.uncertainty
     to.print(_table(tracking, session.summary()["rate_hz"], stats=stats))
     if known is not None:
@@ -179,8 +184,6 @@ class TrackView:
 
     def __enter__(self) -> Self:
         if not self._quiet and self._to.is_terminal:
-            from rich.live import Live
-
             self._live = Live(console=self._to, auto_refresh=False, transient=True)
             self._live.start()
         if not self._quiet:
@@ -196,8 +199,6 @@ class TrackView:
             self._live = None
 
     def _show(self) -> None:
-        from suta_calib.tracking.session import Pace
-
         session = self._tracking.session
         pace = Pace(lambda: session.latency.count)
         while not self._over.wait(_LINE_S if self._live is None else _LIVE_S):
@@ -235,10 +236,6 @@ def _line(session: TrackingSession, rate: float, *, stats: bool) -> str:
 
 def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
     """The pose, what the device lost, what publishers did, percentiles of latency."""
-    from rich.console import Group
-
-    from suta_calib.report.console import Wrapped
-
     session, device = tracking.session, tracking.statistics
     lost = f"{device.lost_frames} lost, {device.frame_crc_errors} damaged frames"
     lost += f", {device.word_crc_errors} damaged words"
@@ -260,9 +257,6 @@ def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
 
 
 def _pose_table(session: TrackingSession) -> RenderableType:
-    from rich.text import Text
-
-    from suta_calib.geometry.numbers import rpy_from_rotation
 
     pose = session.last
     if pose is None:
@@ -287,9 +281,6 @@ def _stale(session: TrackingSession) -> str:
 
 def _numbers(title: str, heads: Sequence[str], rows: list[tuple[str, ...]]) -> RenderableType:
     """A table of numbers, each row with a name."""
-    from suta_calib.report.console import Fitted
-    from suta_calib.report.listing import Table
-
     columns = ["", *heads]
     untoned = [[None] * len(columns)] * len(rows)
     return Fitted(Table(title, "", columns, frozenset(range(1, len(columns))), rows, untoned, list))

@@ -7,10 +7,15 @@ from typing import TYPE_CHECKING
 
 import click
 
+from suta_calib.analysis.comparison import check_calibrated, compare_arms
 from suta_calib.cli._options import PATH, anyway_option
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import JobError
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.report.comparison import comparison_document
 from suta_calib.report.document import Document
+from suta_calib.tracking.read_back import load_job
+from suta_calib.tracking.uncertainty import read_json_object, read_uncertainty
 
 if TYPE_CHECKING:
     from suta_calib.job.calibration import CalibrationJob
@@ -33,9 +38,6 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     made with. The arm is held as the URDF has it. "before" is the job's own URDF, "after" the given
     one.
     """
-    from suta_calib.analysis.comparison import check_calibrated, compare_arms
-    from suta_calib.report.comparison import comparison_document
-
     loaded = _job(job)
     if not loaded.validation:
         raise JobError(
@@ -48,8 +50,6 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     other = arm.model_of(urdf)
     beside, uncertainty = dict[str, float](), None
     if result is not None:
-        from suta_calib.tracking.uncertainty import read_uncertainty
-
         found = read_uncertainty(result, other, anyway=anyway)
         check_calibrated(loaded.arm, other, found.values)
         names, factor = found.folded(other)
@@ -64,12 +64,8 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
 def _job(path: Path) -> CalibrationJob:
     """A job, or that of a result."""
     if _is_result(path):
-        from suta_calib.tracking.read_back import load_job
-        from suta_calib.tracking.uncertainty import read_json_object
-
         file = path / "result.json" if path.is_dir() else path
         return load_job(read_json_object(file), file)
-    from suta_calib.job.calibration import CalibrationJob
 
     return CalibrationJob.load(path)
 

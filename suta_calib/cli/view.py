@@ -11,8 +11,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from suta_calib.atomic import write_bytes_atomically
 from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, anyway_option, json_option
 from suta_calib.cli._output import LateProgress, console, ended_by_sigterm, print_json, printing
+from suta_calib.device.device_file import read_device
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.tracking.read_back import read_calibrated
+from suta_calib.tracking.viewing import LiveArm
+from suta_calib.view.calibration import calibration_page, view_calibration
 
 if TYPE_CHECKING:
     from suta_calib.device import DeviceSpec
@@ -58,7 +64,6 @@ def view(
     """
     if html is not None and device is not None:
         raise click.UsageError("found --html with --device; expected one: a file shows no live arm")
-    from suta_calib.device.device_file import read_device
 
     spec = None if device is None else read_device(device)
     calibrated = _calibrated(job, anyway=anyway)
@@ -68,13 +73,9 @@ def view(
         "verdict": calibrated.assessment.as_dict(),
     }
     if html is not None:
-        from suta_calib.atomic import write_bytes_atomically
-        from suta_calib.view.calibration import calibration_page
-
         write_bytes_atomically(html, calibration_page(calibrated))
         _say(calibrated, {**told, "html": str(html)}, f"Written: {html}", as_json=as_json)
         context.exit(calibrated.assessment.exit_code)
-    from suta_calib.view.calibration import view_calibration
 
     serving = view_calibration(calibrated, port, host)
     with suppress(KeyboardInterrupt), ended_by_sigterm(), serving as viewer:
@@ -87,10 +88,7 @@ def view(
 def _calibrated(job: Path, *, anyway: bool) -> Calibrated:
     """A job's calibration, made now; or a result's, read back."""
     if job.is_dir() or job.suffix.lower() == ".json":
-        from suta_calib.tracking.read_back import read_calibrated
-
         return read_calibrated(job, anyway=anyway)
-    from suta_calib.job.calibration import CalibrationJob
 
     with LateProgress("calibrating") as progress:
         return CalibrationJob.load(job).run(progress).calibrated
@@ -116,7 +114,6 @@ def _serve(
         wait = None if seconds is None else min(seconds, threading.TIMEOUT_MAX)
         threading.Event().wait(wait)
         return
-    from suta_calib.tracking.viewing import LiveArm
 
     end = time.monotonic() + (math.inf if seconds is None else seconds)
     live = LiveArm(viewer, calibrated, device)

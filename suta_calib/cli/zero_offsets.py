@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING, Final
 import click
 import numpy as np
 
+from suta_calib.acquisition.zero_offsets import ZeroOffsetOptions, find_zero_offsets
 from suta_calib.atomic import check_outputs
 from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import InputError
+from suta_calib.geometry.numbers import rotation_from_rpy
+from suta_calib.measurements import SampleColumns, Samples, read_samples
+from suta_calib.model.arm import ArmModel
 from suta_calib.report.document import Document
+from suta_calib.report.zero_offsets import zero_offsets_document
+from suta_calib.terms.poses import joint_ranges
 from suta_calib.units import from_deg, from_mm
 
 if TYPE_CHECKING:
@@ -70,10 +76,6 @@ def zero_offsets(
     with 1, and writes nothing, where no offsets fit, where the poses leave a choice between many,
     or where nothing bears out large ones.
     """
-    from suta_calib.acquisition.zero_offsets import ZeroOffsetOptions, find_zero_offsets
-    from suta_calib.model.arm import ArmModel
-    from suta_calib.report.zero_offsets import zero_offsets_document
-
     if file is not None:
         check_outputs([file], [urdf, readings])
     arm = ArmModel.from_urdf(urdf, tip, base)
@@ -86,10 +88,6 @@ def zero_offsets(
 
 
 def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
-    from suta_calib.geometry.numbers import rotation_from_rpy
-    from suta_calib.measurements import SampleColumns, Samples, read_samples
-    from suta_calib.terms.poses import joint_ranges
-
     if not poses:
         columns = SampleColumns(position=True, orientation="optional")
         return read_samples([readings], joint_ranges(arm), columns)

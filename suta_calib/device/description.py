@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import InputError, did_you_mean
-from suta_calib.records import dataclass
 
 # Of an encoder's word, and of a device that does not say.
 FRAME_COUNTS_PER_TURN: Final = 1 << 22

@@ -6,6 +6,8 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+import yaml
+
 from suta_calib.device.description import (
     FRAME_COUNTS_PER_TURN,
     UNASKED,
@@ -13,9 +15,12 @@ from suta_calib.device.description import (
     DeviceSpec,
     JointSpec,
 )
+from suta_calib.device.formats import FORMATS
 from suta_calib.device.port_name import expected_name
 from suta_calib.errors import DeviceFileError
+from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.keys import Key, Keys
+from suta_calib.measurements.yaml_file import shown
 
 if TYPE_CHECKING:
     from suta_calib.device.formats import Format
@@ -84,9 +89,6 @@ def read_device(path: Path) -> DeviceSpec:
             joint twice, or counts that do not fit the format.
     """
     # Whoever only reads a port, or streams, need not wait for what the files need.
-    from suta_calib.device.formats import FORMATS
-    from suta_calib.measurements import YamlSection, read_yaml
-    from suta_calib.measurements.yaml_file import shown
 
     top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
     DEVICE_KEYS.check(top)
@@ -129,8 +131,6 @@ def glance(path: Path) -> DeviceSpec | None:
         A device without joints; None where there is anything to complain of, which is the business
         of `read_device`.
     """
-    import yaml
-
     try:
         # Its nodes only: what aliases make of a file is nobody's business here.
         root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)

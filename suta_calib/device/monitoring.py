@@ -6,6 +6,7 @@ import math
 import time
 from collections import deque
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,7 +17,6 @@ from suta_calib.device.diagnosis import remarks
 from suta_calib.device.formats import format_of
 from suta_calib.device.reading import Reading, Statistics
 from suta_calib.geometry.numbers import wrap
-from suta_calib.records import dataclass
 from suta_calib.units import deg
 
 if TYPE_CHECKING:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final
 
 import serial
+from serial.tools import list_ports
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.port_name import expected_name, other_device
@@ -176,8 +177,6 @@ def opening_error(spec: DeviceSpec, error: Exception) -> SutaCalibError:
 
 def existing_ports() -> list[str]:
     """Names of this computer's serial ports, with what the system says about them."""
-    from serial.tools import list_ports
-
     return [
         p.device
         if p.description in (None, "", "n/a", p.device)

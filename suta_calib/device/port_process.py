@@ -26,6 +26,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from suta_calib import errors
+from suta_calib.device.description import UNASKED
+from suta_calib.device.device_file import glance
+from suta_calib.device.formats import format_of
+from suta_calib.device.port import Port
 from suta_calib.errors import DeviceError, DisconnectedError, PortBusyError, SutaCalibError
 from suta_calib.processes import started
 
@@ -176,8 +180,6 @@ def open_ahead(device: Path) -> PortProcess | None:
     Returns:
         For `Bus`; None where there is anything to complain of, which `read_device` will do.
     """
-    from suta_calib.device.device_file import glance
-
     spec = glance(device)
     return None if spec is None else PortProcess(spec)
 
@@ -258,14 +260,10 @@ class _Child:
             raise DisconnectedError(f"{self._spec.port}: its readings were not asked for any more")
 
     def _opened(self) -> Port:
-        from suta_calib.device.description import UNASKED
-        from suta_calib.device.port import Port
-
         def opened() -> Port:
             if self._spec.format in UNASKED:
                 return Port(self._spec)
             # Whose port is opened ahead does not wait for what this loads.
-            from suta_calib.device.formats import format_of
 
             return format_of(self._spec).port(self._spec)
 

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.special import chdtri, fdtri, stdtrit
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import attempt
-from suta_calib.distributions import chi2, f, t
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.ipopt import RobustNlp
@@ -170,7 +169,7 @@ class Gain:
         freedom = self.witnesses - 1
         if freedom < 1:
             return False
-        return larger**2 > float(f.isf(CHANCE, freedom, freedom)) * smaller**2
+        return larger**2 > float(fdtri(freedom, freedom, 1.0 - CHANCE)) * smaller**2
 
     @property
     def _unsure_at_most(self) -> float:
@@ -178,13 +177,13 @@ class Gain:
         if not self.unsure_std > 0:
             return 0.0
         freedom = 2.0 * (self.unsure / self.unsure_std) ** 2
-        return self.unsure * (float(chi2.isf(CHANCE, freedom)) / freedom - 1.0)
+        return self.unsure * (float(chdtri(freedom, CHANCE)) / freedom - 1.0)
 
     @property
     def _limit(self) -> float:
         """Standard errors that chance exceeds with probability `CHANCE`, on one side."""
         freedom = self.witnesses - 1
-        return float(t.ppf(1.0 - CHANCE, freedom)) if freedom > 0 else math.inf
+        return float(stdtrit(freedom, 1.0 - CHANCE)) if freedom > 0 else math.inf
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from typing import Final
 from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.beliefs import contradicted_beliefs
+from suta_calib.diagnostics.causes import find_cause
 from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.contradictions import (
     contradictions,
@@ -132,7 +133,6 @@ def _not_converged(
 def _cause(solution: Solution) -> list[str]:
     """The data read in another way, where that explains them far better."""
     # Data that fit have no cause to look for.
-    from suta_calib.diagnostics.causes import find_cause
 
     terms = solution.problem.terms
     if odd := [*odd_columns(terms), *read_again(terms)]:

@@ -29,13 +29,14 @@ pictures by hides them.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from suta_calib.diagnostics.few_witnesses import chance_of, freedom_of
 from suta_calib.errors import SutaCalibError
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -96,7 +97,6 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
     }
     if not believed:
         return
-    from suta_calib.diagnostics.few_witnesses import chance_of, freedom_of
 
     terms = [more or term for more, term in zip(freed, problem.terms, strict=True)]
     try:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from itertools import chain
 from typing import Final
 
@@ -33,7 +33,6 @@ from suta_calib.diagnostics.other_steps import other_steps
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.parameters import Parameter, ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem

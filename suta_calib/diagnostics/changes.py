@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -24,6 +24,7 @@ from suta_calib.diagnostics.following import (
     gained,
     whitened,
 )
+from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 from suta_calib.diagnostics.suspects import (
     Telling,
     most_telling,
@@ -31,7 +32,6 @@ from suta_calib.diagnostics.suspects import (
     suspects,
     waves,
 )
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, text
@@ -236,7 +236,6 @@ def _where(fit: Following, where: Telling, options: ChangeOptions) -> tuple[Tell
 def _chance(fit: Following, where: Telling) -> float:
     """Chance of so much beside what a model may lack and what neighbours have in common."""
     # Data in which nothing stands out have no use for it.
-    from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 
     suspect = where.suspect
     # What an encoder reads too much of its travel looks like its own other errors.

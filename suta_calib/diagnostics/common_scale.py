@@ -10,18 +10,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import ndtri, stdtr
 
-from suta_calib import distributions
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.parameters import POSITION
-from suta_calib.records import dataclass
 from suta_calib.solver.held_geometry import TOLERANCES
 from suta_calib.solver.information import robust_jacobian, scaled_inverse, whitened_rows
 from suta_calib.solver.problem import Problem
@@ -287,8 +286,8 @@ def grown_together(length: FloatArray, change: FloatArray, covariance: FloatArra
     freedom = len(length) - 1
     ratio = abs(value) / math.sqrt(variance * max(left / freedom, 1.0))
     # As many standard deviations of normal noise have the same chance.
-    chance = max(distributions.t.cdf(-ratio, freedom), 1e-300)
-    off = max(float(distributions.norm.isf(chance)), 1e-9)
+    chance = max(stdtr(freedom, -ratio), 1e-300)
+    off = max(float(-ndtri(chance)), 1e-9)
     unexplained = float(np.sum((change - value * length) ** 2))
     unexplained /= max(float(change @ change), 1e-300)
     return CommonScale("arm", value, abs(value) / off, 1.0 - unexplained)

@@ -10,12 +10,14 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from suta_calib.diagnostics.accuracy import Accuracy, fitted_too
 from suta_calib.diagnostics.common_scale import CommonScale, beyond_drawing, common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
+from suta_calib.diagnostics.noise_of_rows import noise_of_rows
 from suta_calib.diagnostics.odd_readings import (
     may_read_alike,
     odd_columns,
@@ -24,7 +26,6 @@ from suta_calib.diagnostics.odd_readings import (
 )
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import hashed
-from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -177,7 +178,6 @@ def _unstated(
 ) -> Iterator[Contradiction]:
     """Large residuals of block ``k``, of which no noise is stated, against what rows scatter."""
     # Residuals as small as is assumed need no such look.
-    from suta_calib.diagnostics.noise_of_rows import noise_of_rows
 
     rows = noise_of_rows(solution)[k]
     level = text(rows.level, rows.unit, with_unit=True)

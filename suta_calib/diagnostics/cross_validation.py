@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -19,7 +20,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.terms import Term
 
 MOST_FOLDS: Final = 10

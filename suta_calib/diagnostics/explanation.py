@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Final, Literal
 
@@ -20,7 +21,6 @@ from suta_calib.assessment import attempt
 from suta_calib.diagnostics.rich_data import LEVER, RichData
 from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
-from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem

@@ -9,6 +9,7 @@ linearised at its solution, and judged on the validation rows as well where ther
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -22,7 +23,6 @@ from suta_calib.diagnostics.accuracy import (
 from suta_calib.diagnostics.cross_validation import CrossValidation, folds_of, limited_rms
 from suta_calib.diagnostics.linearised import LinearModels, ModelFit
 from suta_calib.errors import SamplesError
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 
 # Share of the squared held-out errors that an error must explain: less changes the RMS by less than

@@ -8,6 +8,7 @@ differences: δpose = J δunknowns, and J C Jᵀ is the covariance.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -19,7 +20,6 @@ from suta_calib.geometry.numbers import (
     quaternion_from_rotation,
     vector_from_rotation,
 )
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.outside import OutsideFrame
 

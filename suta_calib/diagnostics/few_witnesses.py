@@ -11,9 +11,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.distributions import f
 from suta_calib.solver.covariance import MANY_TOUCHES
 from suta_calib.solver.information import robust_jacobian, whitened_rows
 from suta_calib.solver.solution import Solution
@@ -33,7 +33,7 @@ def chance_of(squared: float, count: int, freedom: float) -> float:
         freedom: of C: `freedom_of`.
     """
     left = freedom - count + 1.0
-    return float(f.sf(squared * left / (freedom * count), count, left)) if left > 0.0 else 1.0
+    return float(fdtrc(count, left, squared * left / (freedom * count))) if left > 0.0 else 1.0
 
 
 def freedom_of(solution: Solution, at: IntArray) -> float:

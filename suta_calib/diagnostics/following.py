@@ -8,7 +8,7 @@ that is off across them changes no distance at first, and all of the touches bes
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -17,7 +17,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.model.parameters import COUPLING, Family
-from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_threshold, huber_weight
 from suta_calib.solver.problem import Problem

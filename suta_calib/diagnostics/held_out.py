@@ -15,15 +15,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import Accuracy, fit_own
-from suta_calib.distributions import chi2
-from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -54,7 +54,7 @@ def robust_level(residual: FloatArray, share: float = 0.5) -> float:
 
 def normal_squared(size: int, probability: float = 0.5) -> float:
     """Quantile of the squared norm of ``size`` standard normal components."""
-    return float(chi2.ppf(probability, size))
+    return float(chdtri(size, 1.0 - probability))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ Computations, section 6.5.4).
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -20,7 +20,6 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.diagnostics.cross_validation import CrossValidation, Fold, FoldErrors
 from suta_calib.diagnostics.score_tests import Residuals, noise_ratio
-from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_weight

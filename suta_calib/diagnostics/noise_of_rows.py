@@ -10,14 +10,15 @@ error, so their estimate is too large rather than too small.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final, Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.diagnostics.repeats import lack_of_fit
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.terms.block import Block
@@ -91,7 +92,6 @@ def _noise_by_neighbours(term: Term, block: Block, residual: FloatArray) -> floa
     once = np.unique(term.poses.rests[block.samples[:, 0]], return_index=True)[1]
     if len(once) < FEWEST:
         return math.nan
-    from scipy.spatial import cKDTree  # Only residuals that are too large ask for it.
 
     postures = term.poses.samples.q[block.samples[once, 0]]
     spread = np.std(postures, axis=0)

@@ -6,7 +6,7 @@ needed, measured values are not believed yet.
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,7 +20,6 @@ from suta_calib.diagnostics.explanation import (
     redundant_names,
 )
 from suta_calib.diagnostics.scale_effects import held_scale
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import predicted_covariance, predicted_scale_covariance
 from suta_calib.solver.held_geometry import held_geometry

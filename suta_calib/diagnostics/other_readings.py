@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations
 from typing import Any, Final
@@ -27,7 +27,6 @@ from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.lengths import other_lengths
-from suta_calib.records import dataclass
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.terms.seen import SeenTerm
 from suta_calib.units import from_deg, from_mm, mm

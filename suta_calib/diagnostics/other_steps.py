@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
 from typing import Final
@@ -21,7 +21,6 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements.sample_files import JointRange, check_readings
-from suta_calib.records import dataclass
 from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term

@@ -9,13 +9,12 @@ sees them.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -10,13 +10,12 @@ only within that model.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.block import Block
 from suta_calib.terms.term import Term

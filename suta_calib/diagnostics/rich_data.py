@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -20,7 +20,6 @@ from suta_calib.diagnostics.tip_uncertainty import STILL, Sensitivity, sensitivi
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, skew
 from suta_calib.measurements import Artefact, Landmark, Samples
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.identifiability import WEAK, schur_complement
 from suta_calib.solver.information import whitened_rows

@@ -6,6 +6,7 @@ stated number alone, so an answer names it, with what one standard deviation of 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -15,7 +16,6 @@ from suta_calib.diagnostics.common_scale import FOLLOWS, SHORTEST, relied_on
 from suta_calib.diagnostics.tip_motion import tip_motion
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements.scale import LengthScale
-from suta_calib.records import dataclass
 from suta_calib.solver.held_geometry import HeldGeometry
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Final
 
@@ -23,7 +24,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.scores import Scores, curvature_of, scores_of
 from suta_calib.model.parameters import COUPLING, Family
-from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem

@@ -6,13 +6,13 @@ See `score_tests`, whose equation these are the parts of.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import f
-from suta_calib.records import dataclass
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import Rows, robust_curvature
 from suta_calib.solver.problem import Problem
@@ -51,7 +51,7 @@ class Scores:
             return 1.0
         part = self.score[kept]
         pushed = np.linalg.pinv(self.variance[np.ix_(kept, kept)], hermitian=True) @ part
-        return float(f.sf(part @ pushed / len(kept), len(kept), freedom))
+        return float(fdtrc(len(kept), freedom, part @ pushed / len(kept)))
 
     def step(self, chosen: IntArray) -> FloatArray:
         """What one step of Gauss and Newton makes of some columns together."""
@@ -78,7 +78,7 @@ class Scores:
             return 1.0
         ratio = lowered / (self.squares - lowered) * freedom / len(chosen)
         ratio /= self.shared(equations)
-        return float(f.sf(ratio, len(chosen), freedom))
+        return float(fdtrc(len(chosen), freedom, ratio))
 
 
 def scores_of(

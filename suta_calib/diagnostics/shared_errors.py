@@ -16,17 +16,17 @@ chance.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import product
 from typing import Final
 
 import numpy as np
+from scipy.linalg import solve_triangular
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.following import Following, whitened, widened
-from suta_calib.distributions import f
-from suta_calib.records import dataclass
 from suta_calib.solver.information import scaled_inverse
 
 # Variance that neighbours have in common over what each has for itself, and chords of turns (or
@@ -69,7 +69,7 @@ def chance_beside_shared_errors(
         return 1.0
     count = max(round(told), 1)
     ratio = (without.squares - change.squares) / count / (change.squares / freedom)
-    return float(f.sf(max(ratio, 0.0), count, freedom))
+    return float(fdtrc(count, freedom, max(ratio, 0.0)))
 
 
 @dataclass(frozen=True)
@@ -183,8 +183,6 @@ class _Rows:
 
     def fitted(self, correlation: _Correlation, without: int = 0) -> _Fitted:
         """Everything follows where rows are so correlated, but for so many of the last columns."""
-        from scipy.linalg import solve_triangular
-
         kept = len(self.prior) - without
         prior, away = self.prior[:kept], self.away[:kept]
         told, gradient = np.zeros((kept, kept)), prior * away

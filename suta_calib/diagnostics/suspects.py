@@ -8,18 +8,18 @@ looked at for the price of one (Andrews 1993, doi:10.2307/2951764).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.following import Following, columns_of, whitened
 from suta_calib.diagnostics.scores import TELLING
-from suta_calib.distributions import f
 from suta_calib.geometry.numbers import skew
-from suta_calib.records import dataclass
 
 # What is plausible: a turn, rad; a share of a travel; a shift, m.
 TURN: Final = 0.01
@@ -282,7 +282,7 @@ class _Sums:
                 continue
             # A step of a robust fit may promise more than there is.
             left = max(self._squares - float(lowered[at]), 1e-3 * self._squares)
-            p = float(f.sf(max(float(lowered[at]), 0.0) / k / (left / freedom), k, freedom))
+            p = float(fdtrc(k, freedom, max(float(lowered[at]), 0.0) / k / (left / freedom)))
             if best is None or p < best[1]:
                 best = at, p
         return best

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.rich_data import LEVER
 from suta_calib.geometry.numbers import rms_length, skew
-from suta_calib.records import dataclass
 from suta_calib.solver.problem import Problem
 
 # A part or a misfit this small beside the whole is put there by noise.

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -19,7 +20,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 
 # Relative singular value below which registration points leave a rotation open.
 _OPEN: Final = 1e-6

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
 
@@ -37,7 +37,6 @@ from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec, SimulationSpec
 from suta_calib.simulation.schema import PostureRow
 from suta_calib.units import from_deg

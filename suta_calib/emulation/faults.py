@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, TypeVar
 
 import numpy as np
 
 from suta_calib.errors import InputError, did_you_mean
-from suta_calib.records import dataclass
 
 WORDS: Final = {
     "corrupt=SHARE": "that share of all bytes is replaced by other ones",

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
-from suta_calib.records import dataclass
 
 _TURN: Final = 2 * np.pi
 
@@ -154,7 +154,6 @@ class Curve(Motion):
             raise InputError("times that do not increase", "two or more times, each the later")
         # Imported where a curve is: most arms that are emulated follow none, and start three times
         # faster without.
-        from scipy.interpolate import CubicSpline
 
         object.__setattr__(self, "_spline", CubicSpline(self.time, self.posture))
 

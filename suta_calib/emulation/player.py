@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
 from heapq import merge
 from operator import itemgetter
@@ -15,7 +16,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.stream import Emulation, packets
 from suta_calib.emulation.terminal import PseudoTerminal
-from suta_calib.records import dataclass
 
 # How often somebody who opens the port, or asks to stop, is looked for, s.
 _LOOK: Final = 2e-3

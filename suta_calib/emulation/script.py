@@ -7,7 +7,7 @@ only the encoders' noise is left to the stream.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +22,6 @@ from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import Artefact, YamlSection, read_artefact, read_yaml
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation import (
     InverseKinematics,
     NoiseLevels,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from itertools import count
 from typing import Any, Final
 
@@ -17,7 +17,6 @@ from suta_calib.device.formats import Sample, format_of
 from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
-from suta_calib.records import dataclass
 
 # Readings are computed this many frames ahead: 40 ms at 768 Hz.
 _BLOCK: Final = 32

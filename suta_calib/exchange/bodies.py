@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final
@@ -15,7 +15,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
 from suta_calib.exchange.imported import ImportedRows, distance_note, pose_columns
 from suta_calib.exchange.option import Given, Option
-from suta_calib.records import dataclass
 from suta_calib.words import listed
 
 BODY: Final = Option(

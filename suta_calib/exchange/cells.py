@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +17,6 @@ from suta_calib.errors import ForeignFileError
 from suta_calib.inputs import read_input
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
-from suta_calib.records import dataclass
 
 # Half a million rows of two bodies; what is larger does not fit a table that people look at, and a
 # device or a pipe never ends.

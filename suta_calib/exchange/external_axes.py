@@ -6,6 +6,7 @@ A controller writes them behind the arm's own axes, in mm or in degrees, and doe
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.option import Given, Option
-from suta_calib.records import dataclass
 from suta_calib.units import from_deg, from_mm
 
 EXTERNAL_UNIT: Final = Option(

@@ -7,7 +7,7 @@ import io
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -25,7 +25,6 @@ from suta_calib.measurements.camera import Camera, camera_text
 from suta_calib.measurements.csv_table import number_in, rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
 from suta_calib.words import listed

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.option import Given, Option
-from suta_calib.records import dataclass
 from suta_calib.units import from_deg
 
 COUNTS: Final = Option("counts_per_turn", "Ticks of one turn of an encoder.", "N")

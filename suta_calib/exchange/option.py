@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.errors import InputError, did_you_mean
+from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
-from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True)
@@ -121,8 +122,6 @@ class Given:
         Raises:
             InputError: as `pairs`, or a value that is no finite number.
         """
-        from suta_calib.measurements.csv_table import number_in
-
         found = {name: number_in(value) for name, value in self.pairs(option).items()}
         for name, number in found.items():
             if not abs(number) < _LARGEST:

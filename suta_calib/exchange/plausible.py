@@ -13,6 +13,7 @@ from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.rotations import EULER
@@ -119,8 +120,6 @@ def _fitting_neighbours(numbers: FloatArray, forms: Sequence[str], unit: str) ->
 
 def _largest_step(form: str, angles: FloatArray) -> float:
     """Angle, rad, of the largest turn between neighbouring rows of angles (n, 3), rad."""
-    from scipy.spatial.transform import Rotation
-
     if form == VECTOR:
         rotation = Rotation.from_rotvec(angles)
     else:

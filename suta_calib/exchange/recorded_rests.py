@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +18,6 @@ from suta_calib.exchange.bodies import Body
 from suta_calib.exchange.imported import ImportedRows, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.measurements.csv_table import number_in
-from suta_calib.records import dataclass
 
 SECONDS: Final = Option("seconds", "How long a rest is at least, s; it is averaged.", "N")
 _USUAL: Final = "1"

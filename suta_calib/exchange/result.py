@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Final
@@ -25,7 +25,6 @@ from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.pose_calibration.eye_poses import FRAMES
-from suta_calib.records import dataclass
 from suta_calib.tracking.made_from import made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError
@@ -72,7 +73,6 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
         if form == "vector":
             found[known] = rotation_from_vector(values)
             return found
-        from scipy.spatial.transform import Rotation
 
         found[known] = Rotation.from_euler(form, values).as_matrix()
     return found

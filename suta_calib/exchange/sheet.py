@@ -5,7 +5,7 @@ from __future__ import annotations
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
 from typing import Final
@@ -15,7 +15,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.cells import is_missing, no_number
 from suta_calib.measurements.csv_table import number_in
-from suta_calib.records import dataclass
 
 # A row's line and its cells, with blanks around them.
 RawRow = tuple[int, Sequence[str]]

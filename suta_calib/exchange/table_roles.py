@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -21,7 +22,6 @@ from suta_calib.exchange.plausible import (
 from suta_calib.exchange.rotations import NUMBERS
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.measurements.csv_table import SIGMAS
-from suta_calib.records import dataclass
 
 ROTATION: Final = Option(
     "rotation",

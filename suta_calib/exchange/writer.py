@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -13,7 +14,6 @@ from suta_calib.atomic import exchange_files
 from suta_calib.exchange.description import Described, formats_of, named
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
-from suta_calib.records import dataclass
 from suta_calib.words import listed
 
 # Behind the name of an exported file: what its format cannot hold.

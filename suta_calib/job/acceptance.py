@@ -19,7 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -42,7 +42,6 @@ from suta_calib.job.schema import ObservationSpec, read_arm
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.terms import KINDS, ArmPoses, Term
 from suta_calib.terms.poses import joint_ranges, resolutions, together
 from suta_calib.units import from_mm

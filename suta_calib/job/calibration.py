@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
@@ -20,8 +20,13 @@ from suta_calib.diagnostics.accuracy import (
     fitted_too,
     read_where_fitted,
 )
+from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.diagnostics.explanation import explain_solution
+from suta_calib.diagnostics.odd_readings import may_read_alike
+from suta_calib.diagnostics.repeats import touch_repeatability
 from suta_calib.diagnostics.widening import widened
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
+from suta_calib.job.scene import calibration_scene
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
 from suta_calib.measurements import (
     Artefact,
@@ -31,13 +36,15 @@ from suta_calib.measurements import (
 )
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 from suta_calib.terms.poses import joint_ranges
 from suta_calib.units import shown, unit_name
+from suta_calib.view.calibrated import Calibrated
+from suta_calib.view.calibration import view_calibration
 
 if TYPE_CHECKING:
     from suta_calib.diagnostics.explanation import Explanation
@@ -128,7 +135,6 @@ class CalibrationJob(Shown):
     def run(self, progress: Progress | None = None) -> CalibrationResult:
         """Solve and validate."""
         # Who only looks at a job solves nothing.
-        from suta_calib.solver.solve import solve
 
         began = perf_counter()
         problem = self.problem()
@@ -186,8 +192,6 @@ class CalibrationResult(Shown):
     @judged
     def assessment(self) -> Assessment:
         """Whether the calibrated arm may be used, and what must be known to use it."""
-        from suta_calib.diagnostics.assessment import assess_calibration
-
         found, failed = assess_calibration(self.solution, self.accuracy), list[str]()
         if not self.solution.converged:
             return found
@@ -227,8 +231,6 @@ class CalibrationResult(Shown):
             data: ``validation`` or ``calibration``; what is held out, where anything is, by
                 default.
         """
-        from suta_calib.job.scene import calibration_scene
-
         accuracy, job = self.accuracy, self.job
         held_out = accuracy.validation and job.validation
         chosen = data or ("validation" if held_out else "calibration")
@@ -257,8 +259,6 @@ class CalibrationResult(Shown):
     @property
     def explanations(self) -> tuple[Explanation, ...]:
         """Why parameters are held; empty where the solution may not be used."""
-        from suta_calib.diagnostics.explanation import explain_solution
-
         return explain_solution(self.solution)
 
     @property
@@ -280,8 +280,6 @@ class CalibrationResult(Shown):
 
         Terms without enough repeats are left out.
         """
-        from suta_calib.diagnostics.repeats import touch_repeatability
-
         every = {
             name: [touch_repeatability(each.term, self.solution.values) for _, each in terms]
             for name, terms in self.labelled_terms.items()
@@ -291,8 +289,6 @@ class CalibrationResult(Shown):
     @property
     def calibrated(self) -> Calibrated:
         """What there is to see of it."""
-        from suta_calib.view.calibrated import Calibrated
-
         return Calibrated.of(self.solution, self.accuracy, str(self.job.spec.path), self.assessment)
 
     def view(self, port: int = 0, host: str = "127.0.0.1") -> Viewer:
@@ -307,8 +303,6 @@ class CalibrationResult(Shown):
             MissingExtraError: the extra ``view`` is not installed.
             OutputError: the port cannot be had.
         """
-        from suta_calib.view.calibration import view_calibration
-
         return view_calibration(self.calibrated, port, host)
 
     def _on_the_job(self) -> list[str]:
@@ -416,7 +410,6 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
     """Refuse rows of a job that are one another's samples: they would count twice."""
     if len(terms) < 2:
         return
-    from suta_calib.diagnostics.odd_readings import may_read_alike
 
     known: dict[str, list[tuple[int, set[bytes]]]] = {}
     for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):

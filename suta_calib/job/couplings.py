@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 
 from suta_calib.measurements import YamlSection
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection, coupling_key
-from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True)

@@ -13,13 +13,13 @@ import json
 import os
 import zipfile
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import yaml
 
 from suta_calib.errors import InputError
-from suta_calib.records import dataclass
 
 NAME: Final = "inputs.zip"
 _CONTENTS: Final = "inputs.json"

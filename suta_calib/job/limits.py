@@ -6,6 +6,7 @@ First what they are, then how they stand in a job file: µm, mm, checked.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, Literal, cast
 
 import numpy as np
@@ -13,7 +14,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection
-from suta_calib.records import dataclass
 from suta_calib.units import from_um
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import JobError
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.records import dataclass
 
 _GROUPS: Final = ("observations", "validation")
 

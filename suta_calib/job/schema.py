@@ -7,7 +7,7 @@ it is known. Here every key is known, every value usable and every file there.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, cast
 
@@ -31,7 +31,6 @@ from suta_calib.measurements.scale import GRADES, LengthScale, read_scale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
-from suta_calib.records import dataclass
 from suta_calib.terms import KINDS, GivenPose, Term, every_grouping
 from suta_calib.terms.given import POSE_KEYS
 

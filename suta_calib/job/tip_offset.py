@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -10,7 +11,6 @@ from suta_calib.measurements import YamlSection
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION, Selection
-from suta_calib.records import dataclass
 from suta_calib.units import from_mm
 
 TIP_OFFSET_KEYS: Final = Keys(

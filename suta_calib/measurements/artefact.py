@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +18,6 @@ from suta_calib.measurements.keys import SCALE_KEYS, STRETCH, Key, Keys
 from suta_calib.measurements.scale import LengthScale, read_scale, read_stretch, stretch_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.records import dataclass
 from suta_calib.units import deg, mm
 
 LANDMARK_KEYS: Final = Keys(

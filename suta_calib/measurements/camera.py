@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +21,6 @@ from suta_calib.measurements.camera_files import (
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, shown
-from suta_calib.records import dataclass
 
 _CORNERS: Final = "corners_sha256"
 # Others are ignored: whoever wrote the file has some of their own.

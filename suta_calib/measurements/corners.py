@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
 from typing import Final
@@ -17,7 +18,6 @@ from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.files import write_text
-from suta_calib.records import dataclass
 
 _COLUMNS: Final = ("image", "point", "u", "v")
 # Pixels; a corner farther off than any sensor is wide is none.

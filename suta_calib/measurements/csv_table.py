@@ -12,6 +12,7 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import compress
 from pathlib import Path
 
@@ -23,7 +24,6 @@ from suta_calib.errors import SamplesError, SutaCalibWarning, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
-from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST, from_mm
 
 _QUATERNION = ("qx", "qy", "qz", "qw")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import PurePath
 
 import numpy as np
@@ -12,7 +13,6 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.samples import Samples, joined
 from suta_calib.measurements.yaml_file import YamlSection
-from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True)

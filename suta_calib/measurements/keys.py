@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain
 from typing import TYPE_CHECKING, Final
-
-from suta_calib.records import dataclass
 
 if TYPE_CHECKING:
     from suta_calib.measurements.yaml_file import YamlSection

@@ -6,6 +6,7 @@ Lengths are in m unless the columns are named ``…_mm``; unknown columns are ig
 from __future__ import annotations
 
 import warnings
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +23,6 @@ from suta_calib.measurements.csv_table import (
     read_csv_table,
     rotations,
 )
-from suta_calib.records import dataclass
 from suta_calib.units import from_mm, mm
 
 # Different rows that any of these problems needs.

@@ -7,7 +7,7 @@ import io
 import math
 import warnings
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal
@@ -34,7 +34,6 @@ from suta_calib.measurements.csv_table import (
 )
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import TEMPERATURES, Samples
-from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 
 # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in

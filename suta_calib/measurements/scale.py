@@ -6,9 +6,8 @@ So the factor is stated, not estimated: its relative standard deviation, by hand
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
-
-from suta_calib.records import dataclass
 
 if TYPE_CHECKING:
     from suta_calib.measurements.yaml_file import YamlSection

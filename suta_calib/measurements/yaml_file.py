@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal, cast
 
@@ -18,7 +19,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements.files import expand, read_text
-from suta_calib.records import dataclass
+from suta_calib.measurements.yaml_nodes import plain_data
 from suta_calib.units import FARTHEST, Unit, from_deg, from_mm, mm, stored
 
 KeyPath = tuple[str | int, ...]
@@ -64,7 +65,6 @@ def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
             where there is one.
     """
     # What reads YAML is imported where there is some.
-    from suta_calib.measurements.yaml_nodes import plain_data
 
     data, lines = plain_data(path, read_text(path, error), error)
     return YamlDocument(path, data, lines)

@@ -7,6 +7,7 @@ key such as ``01`` or ``null`` keeps its text, and every scalar has a line to po
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from functools import cache
 from itertools import accumulate
 from pathlib import Path
@@ -15,7 +16,6 @@ from typing import Any, Final
 import yaml
 
 from suta_calib.errors import InputError
-from suta_calib.records import dataclass
 
 KeyPath = tuple[str | int, ...]
 Node = Any

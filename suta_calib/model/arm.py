@@ -35,6 +35,7 @@ from suta_calib.model.parameters import (
     select_parameters,
 )
 from suta_calib.model.segments import geometric_parameters, nongeometric_parameters, segment_of
+from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.showing import Shown
@@ -338,8 +339,6 @@ class ArmModel(Shown):
 
     def skeleton(self, q: ArrayLike) -> Skeleton:
         """Joints and tip for readings (joints,), rad or m, in the base: the nominal geometry."""
-        from suta_calib.model.skeleton import Skeleton
-
         moving = tuple(joint.name for joint in self.chain.joints if joint.moving)
         tip = self.forward(q)[1]
         return Skeleton.of(self.model, self.chain.base, moving, self.configuration(q), tip)

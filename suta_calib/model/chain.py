@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -34,7 +35,6 @@ from suta_calib.model.urdf_tree import (
     suggestion,
     unexpanded,
 )
-from suta_calib.records import dataclass
 from suta_calib.units import FARTHEST
 from suta_calib.words import listed
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final, Literal
 from xml.sax.saxutils import quoteattr
 
@@ -35,7 +36,6 @@ from suta_calib.geometry.numbers import (
     wrap,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 
 Convention = Literal["classic", "modified"]
 DhMotion = Literal["revolute", "prismatic", "fixed"]

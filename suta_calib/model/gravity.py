@@ -14,12 +14,12 @@ left out: a per cent of a deflection is nothing.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import casadi as ca
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

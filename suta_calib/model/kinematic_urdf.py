@@ -11,6 +11,8 @@ from collections.abc import Collection, Iterator
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
+import pinocchio as pin
+
 from suta_calib.errors import UrdfError
 from suta_calib.model.urdf_tree import (
     Element,
@@ -40,7 +42,6 @@ def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
         UrdfError: Pinocchio refuses even that.
     """
     # Whoever only asks for the file's links needs no Pinocchio.
-    import pinocchio as pin
 
     try:
         return pin.buildModelFromXML("\n".join(_lines(tree, moving)))

@@ -36,7 +36,7 @@ from __future__ import annotations
 import math
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
 
@@ -58,7 +58,6 @@ from suta_calib.model.parameters import (
     ROTATION,
     coupling_key,
 )
-from suta_calib.records import dataclass
 
 Motion = Literal["revolute", "prismatic", "fixed"]
 # From which side joints came, and how warm the arm was.

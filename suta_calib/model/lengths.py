@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final
 
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION
-from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 # Of cm for m, of mm for cm, of mm for m; and the other way.

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import ItemsView, Iterable, Iterator, Mapping, Sequence, ValuesView
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from functools import cached_property
 from typing import Any, Final, Literal
@@ -17,7 +18,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.units import Unit, from_deg
 from suta_calib.words import listed
@@ -354,8 +354,6 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
 
 
 def _did_you_mean(name: str, known: Iterable[str]) -> str:
-    from difflib import get_close_matches
-
     names = [each for each in known if each != name]
     close = get_close_matches(name, names, n=3, cutoff=0.5) or names[:6]
     return "did you mean " + ", ".join(close) + "?" if close else ""

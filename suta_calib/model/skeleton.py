@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -9,7 +10,6 @@ import pinocchio as pin
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.scene import Line, Points, Scene
-from suta_calib.records import dataclass
 
 # Of the arm's size, what is drawn of a joint's axis to either side.
 _AXIS: Final = 0.04

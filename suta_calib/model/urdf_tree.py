@@ -7,9 +7,11 @@ their own. Format: http://wiki.ros.org/urdf/XML.
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,7 +20,7 @@ from lxml import etree
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
 from suta_calib.inputs import read_input
-from suta_calib.records import dataclass
+from suta_calib.model.xacro_file import expanded
 
 # lxml ships without type information.
 Element = Any
@@ -245,7 +247,6 @@ def read_urdf_bytes(path: str | Path) -> bytes:
     path = Path(path)
     if path.suffix.lower() == _XACRO:
         # Few URDFs are generated.
-        from suta_calib.model.xacro_file import expanded
 
         return expanded(path)
     try:
@@ -312,8 +313,6 @@ def quoted(text: str) -> str:
 
 def suggestion(name: str, known: Iterable[str], kind: str) -> str:
     """A hint for a name that is not there: what looks like it, and some of what there is."""
-    import difflib
-
     names = [each for each in known if each != name]
     close = " or ".join(map(quoted, difflib.get_close_matches(name, names, n=3)))
     shown = ", ".join(map(quoted, names[:8])) + (", …" if len(names) > 8 else "")

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.atomic import note_input
+from suta_calib.confined import ConfinedError, run_confined
 from suta_calib.errors import UrdfError
 from suta_calib.extras import require
-from suta_calib.records import dataclass
 
 _CHILD: Final = "suta_calib.model.xacro_child"
 _LONGEST: Final = 200
@@ -68,7 +69,6 @@ def expanded(path: Path) -> bytes:
 
 def _expand(path: Path) -> _Expansion:
     # Few URDFs are generated.
-    from suta_calib.confined import ConfinedError, run_confined
 
     require("xacro", "formats")
     try:

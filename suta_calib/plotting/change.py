@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from suta_calib.records import dataclass
+from dataclasses import dataclass
+
 from suta_calib.units import Unit
 
 

@@ -8,14 +8,13 @@ Matplotlib.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.look import BLACK
-from suta_calib.records import dataclass
 
 Dash = Literal["", "dashed", "dotted"]
 Shape = Literal["circle", "square", "triangle", "cross"]

@@ -6,6 +6,7 @@ report as something to turn about. Places are in the arm's base frame, m.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final, Literal, Protocol
 
 import numpy as np
@@ -14,7 +15,6 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.factor import round_down
 from suta_calib.plotting.limits import MOST_DRAWN
-from suta_calib.records import dataclass
 
 # What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
 # seen, a frame or a point that stands outside, an error before and after a calibration; the floor,

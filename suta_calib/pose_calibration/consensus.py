@@ -9,14 +9,14 @@ their own spread. Nearly half of the rows may be anything.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final, Self
 
 import numpy as np
+from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import chi2
-from suta_calib.records import dataclass
 
 TRIES: Final = 300
 REFINED: Final = 8
@@ -94,7 +94,7 @@ def find_consensus(
     # The scatter that the better half shows; a minimal fit to few rows is too close to them
     # (Rousseeuw and Leroy 1987, p. 202).
     sigmas = _scale(norms[[winner]], half)[0]
-    sigmas /= np.sqrt(chi2.ppf(half / (len(rows) + 1), DIMENSION))
+    sigmas /= np.sqrt(chdtri(DIMENSION, 1.0 - half / (len(rows) + 1)))
     sigmas *= 1.0 + 5.0 / max(len(rows) - half, 1)
     found = norms[winner]
     if len(rows) < count:
@@ -141,7 +141,7 @@ def outlier_limit(count: int, kinds: int) -> float:
 
     Such that a set of ``count`` rows without outliers loses none with probability 1 - FALSE_ALARM.
     """
-    return float(chi2.isf(FALSE_ALARM / count, DIMENSION * kinds))
+    return float(chdtri(DIMENSION * kinds, FALSE_ALARM / count))
 
 
 def _scale(norms: FloatArray, half: int) -> FloatArray:

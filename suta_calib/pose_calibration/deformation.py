@@ -8,15 +8,15 @@ middle; they do not look like outliers, and the turn and the shift follow them.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray
-from suta_calib.distributions import f
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION
-from suta_calib.records import dataclass
 from suta_calib.units import text
 
 # Unknowns of a rigid transform with a scale, and of one with a stretch along every axis as well.
@@ -114,7 +114,7 @@ def strain(
         stretch=stretch[order],
         first=turn.T @ vt.T[:, order],
         second=u[:, order],
-        chance=float(f.sf(ratio, more, freedom)),
+        chance=float(fdtrc(more, freedom, ratio)),
         displaced=beyond,
         rms=float(rms_length(left)),
     )

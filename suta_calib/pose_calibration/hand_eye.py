@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final, get_args
 
@@ -34,7 +34,6 @@ from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
 from suta_calib.pose_calibration.trends import Trend, distance_trend
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,

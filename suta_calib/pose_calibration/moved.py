@@ -12,15 +12,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import f
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.serial_correlation import correlation_length
-from suta_calib.records import dataclass
 from suta_calib.solver.information import whitened_rows
 from suta_calib.units import deg, text
 
@@ -153,7 +153,7 @@ def _moved_among_fitted(
     # Data that fit to the last digit leave nothing: then any gain at all is one.
     noise = max(float(np.sum(white**2)) / freedom, float(np.finfo(float).tiny))
     tests = len(parts) * len(ways)
-    if f.sf(best.gain / best.rank / noise, best.rank, freedom) * tests > FALSE_ALARM:
+    if fdtrc(best.rank, freedom, best.gain / best.rank / noise) * tests > FALSE_ALARM:
         return None
     at = np.ix_(best.at, best.at)
     step, spread = si[at] @ best.step, noise * si[at] @ best.spread @ si[at].T

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri, stdtrit
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level, judged
-from suta_calib.distributions import chi2, t
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements import Camera
@@ -20,7 +21,6 @@ from suta_calib.pose_calibration.picture_likelihood import WAYS
 from suta_calib.pose_calibration.picture_models import ErrorModel, ReprojectionError
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.board_pictures import MIRRORED, QUOTED, TURNED
@@ -143,7 +143,7 @@ class SeenCamera(EyePoses):
         freedom = WAYS * int(self.inliers.sum()) - UNKNOWNS
         if freedom < 1 or abs(size.value - 1.0) < MISPRINTED:
             return 1.0
-        limit = float(t.isf(FALSE_ALARM / 2.0, freedom))
+        limit = float(-stdtrit(freedom, FALSE_ALARM / 2.0))
         return size.value if abs(np.log(size.value)) > limit * size.log_std else 1.0
 
     @property
@@ -306,7 +306,7 @@ def _held_against(seen: SeenCamera, given: Camera) -> str:
 def _significant(change: FloatArray, covariance: FloatArray) -> bool:
     """Whether chance does not explain a change."""
     squared = float(change @ np.linalg.solve(covariance, change))
-    return squared > float(chi2.isf(FALSE_ALARM, len(change)))
+    return squared > float(chdtri(len(change), FALSE_ALARM))
 
 
 def _contradiction(seen: SeenCamera, given: Camera) -> str:

@@ -3,21 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import chi2
 from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS, WAYS
 from suta_calib.pose_calibration.picture_rows import FINEST
-from suta_calib.records import dataclass
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
 
 # Norm of two unit normal components that half of them exceed.
-_MIDDLE: Final = float(np.sqrt(chi2.median(2)))
+_MIDDLE: Final = float(np.sqrt(chdtri(2, 0.5)))
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,13 +6,13 @@ picture, value and gradient take no more than a product of six by six matrices f
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 from scipy.optimize import minimize
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.records import dataclass
 
 # A hand's pose is wrong in three directions and three turns.
 DIRECTIONS: Final = 3

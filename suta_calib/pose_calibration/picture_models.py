@@ -18,6 +18,7 @@ fold costs a solve of the normal equations: corners and levels stay, and its sum
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,7 +26,6 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS, Likelihood, Point, Sums
 from suta_calib.pose_calibration.picture_rows import PictureRows
-from suta_calib.records import dataclass
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND

@@ -25,7 +25,7 @@ doi:10.1214/06-BA117A): that of a hand which is exactly where it says may be not
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -42,7 +42,6 @@ from suta_calib.pose_calibration.picture_likelihood import (
 )
 from suta_calib.pose_calibration.picture_models import Chosen, choose_model
 from suta_calib.pose_calibration.picture_rows import PictureRows
-from suta_calib.records import dataclass
 from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem

@@ -7,6 +7,7 @@ know of it only by their hand's pose, so that its sums follow from those of the 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final, Self
 
 import numpy as np
@@ -15,7 +16,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.picture_likelihood import WAYS, Point, Sums
-from suta_calib.records import dataclass
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem

@@ -7,13 +7,13 @@ where to start; what is minimised then are reprojection errors, of all cameras a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 import numpy as np
+from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     homogeneous,
@@ -48,7 +48,6 @@ from suta_calib.pose_calibration.picture_noise import (
 from suta_calib.pose_calibration.picture_rows import FINEST
 from suta_calib.pose_calibration.shared_errors import NOWHERE, shared_errors
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
-from suta_calib.records import dataclass
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -278,8 +277,8 @@ def _like_the_others(errors: PictureErrors, good: BoolArray) -> BoolArray:
         return good
 
     def far(sizes: FloatArray, ways: int, finest: float) -> BoolArray:
-        expected = float(np.median(sizes[good])) ** 2 / float(chi2.median(ways))
-        limit = float(chi2.isf(FALSE_ALARM / len(rms), ways))
+        expected = float(np.median(sizes[good])) ** 2 / float(chdtri(ways, 0.5))
+        limit = float(chdtri(ways, FALSE_ALARM / len(rms)))
         return np.asarray(sizes**2 > max(expected * limit, finest**2))
 
     off = [far(size, DIRECTIONS, 0.0) for size in errors.by_hand.T]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,7 +28,6 @@ from suta_calib.pose_calibration.robust_answer import (
 from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
 from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, rows_of_each, stacked_pivot

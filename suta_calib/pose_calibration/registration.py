@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -20,6 +20,7 @@ from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.deformation import Strain, common_scale, strain
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
 from suta_calib.pose_calibration.moved import Moved, moved
+from suta_calib.pose_calibration.repeated_points import repeats
 from suta_calib.pose_calibration.rigid_fit import (
     LEAST_POINTS,
     RigidFit,
@@ -29,7 +30,7 @@ from suta_calib.pose_calibration.rigid_fit import (
 )
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit
-from suta_calib.records import dataclass
+from suta_calib.pose_calibration.stated import StatedSpread
 from suta_calib.showing import Shown
 from suta_calib.terms.poses import together
 from suta_calib.trust.evidence import weigh_effects
@@ -377,7 +378,6 @@ def _stated(source: FloatArray | None, target: FloatArray | None) -> StatedSprea
     if source is None and target is None:
         return None
     # Few instruments state anything.
-    from suta_calib.pose_calibration.stated import StatedSpread
 
     return StatedSpread.of(source, target)
 
@@ -388,7 +388,6 @@ def _repeats(a: FloatArray, b: FloatArray, found: RigidFit) -> Repeats | None:
     alike = [together(points, near) for points in (a, b)]
     if alike := [point for point in alike if point.max() < len(a) - 1]:
         # Most points are touched once.
-        from suta_calib.pose_calibration.repeated_points import repeats
 
         return repeats(alike, found.off(a, b) / found.relative[:, None], found.fit.inliers)
     return None

@@ -9,14 +9,14 @@ they have in common is asked of the residuals, by an analysis of variance betwee
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import f
 from suta_calib.pose_calibration.consensus import DIMENSION
-from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 # Unknowns of a rigid transform.
@@ -113,6 +113,6 @@ def _judged(
     squares = float(np.sum((inlying - means[index]) ** 2))
     pooled = float(np.sum(counts[:, None] * means**2)) / freedom
     within = squares / inside
-    chance = f.sf(pooled / max(within, 1e-300), freedom, inside)
+    chance = fdtrc(freedom, inside, pooled / max(within, 1e-300))
     between = float(np.sum(means**2)) / freedom
     return float(chance), Repeats(point, float(np.sqrt(within)), float(np.sqrt(between)))

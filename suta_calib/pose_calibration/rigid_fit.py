@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -18,7 +19,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
-from suta_calib.records import dataclass
+from suta_calib.pose_calibration.weighed_point import WeighedPoint
 from suta_calib.terms.block import Noise
 from suta_calib.terms.outside import pose_named
 from suta_calib.terms.poses import MeasuredPoses
@@ -102,7 +103,6 @@ def rigid_fit(
         if spread is None:
             return TrackedPoint(poses, noises[0])
         # Few instruments state anything.
-        from suta_calib.pose_calibration.weighed_point import WeighedPoint
 
         return WeighedPoint(poses, noises[0], whitening=spread.take(rows).whitening(turned))
 

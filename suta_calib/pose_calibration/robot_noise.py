@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
@@ -15,7 +15,6 @@ from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.pose_calibration.consensus import Consensus, some_rows
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
-from suta_calib.records import dataclass
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye import HandEye

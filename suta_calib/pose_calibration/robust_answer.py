@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, wraps
 from typing import Any, Final, ParamSpec, TypeVar
 
@@ -13,7 +13,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level, attempt
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.units import text
 from suta_calib.words import listed

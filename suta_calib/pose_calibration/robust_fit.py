@@ -8,18 +8,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.special import chdtr, chdtrc, fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import chi2, f
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.serial_correlation import blocks
-from suta_calib.records import dataclass
+from suta_calib.pose_calibration.stated import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import (
     Information,
@@ -161,7 +161,7 @@ def robust_fit(
         rest = max(float(_misfit(found, fit.sigmas)[found.inliers].sum()), ROUNDING**2)
         gain = (total / rest - 1.0) * freedom / dropped
         # Any choice of as many rows might have been the suspicious one.
-        alone = f.sf(gain, dropped, freedom) if freedom > 0 else 1.0
+        alone = fdtrc(dropped, freedom, gain) if freedom > 0 else 1.0
         chance = min(alone * _choices(count, dropped), 1.0)
         # Where many are wrong so many choices are possible that no chance is small. A hand, whose
         # turns are fitted too, may err alike in many like poses.
@@ -256,8 +256,6 @@ def _settled(
     uncertain = freedom / (freedom - 2.0) if witnesses < MANY_ROWS and freedom > 2.0 else 1.0
     agreement = None
     if stated is not None:
-        from suta_calib.pose_calibration.stated import Agreement
-
         misfit = float(np.sum(residuals[0][inliers] ** 2)) / stated**2
         agreement = Agreement.of(misfit, float(left[0]))
         # What rows have in common leaves no residual: no less than what is stated is believed.
@@ -376,7 +374,7 @@ def _scatter(residual: FloatArray, robust: bool) -> float:
     level = float(np.sqrt(squared.mean() / DIMENSION))
     if not robust:
         return level
-    inside, tail = chi2.cdf(THRESHOLD**2, DIMENSION + 2), chi2.sf(THRESHOLD**2, DIMENSION)
+    inside, tail = chdtr(DIMENSION + 2, THRESHOLD**2), chdtrc(DIMENSION, THRESHOLD**2)
     expected = inside * DIMENSION + THRESHOLD**2 * tail
     for _ in range(20):
         clipped = np.minimum(squared, (THRESHOLD * level) ** 2)

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.special import chdtrc
 
 from suta_calib.arrays import FloatArray
-from suta_calib.distributions import chi2
-from suta_calib.records import dataclass
 
 # Chance of residuals as large, or as small, below which what was stated is contradicted.
 SURPRISING: Final = 0.01
@@ -84,7 +84,7 @@ class Agreement:
     @classmethod
     def of(cls, squared: float, freedom: float) -> Agreement:
         """From squared residuals in units of what is stated, summed, and their freedom (χ²)."""
-        larger = float(chi2.sf(squared, freedom))
+        larger = float(chdtrc(freedom, squared))
         chance = min(1.0, 2.0 * min(larger, 1.0 - larger))
         return cls(float(np.sqrt(squared / freedom)), chance)
 

@@ -8,14 +8,14 @@ follows.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import stdtrit
 
 from suta_calib.arrays import FloatArray
-from suta_calib.distributions import t
 from suta_calib.pose_calibration.robust_fit import RobustFit
-from suta_calib.records import dataclass
 from suta_calib.solver.information import whitened_rows
 
 # Chance that a trend is seen where there is none.
@@ -81,7 +81,7 @@ def _trend(fit: RobustFit, shape: FloatArray) -> Trend:
     share = float(seen @ residual) / max(power, 1e-300)
     left = residual - share * seen
     std = float(np.sqrt(left @ left / max(freedom, 1) / max(power, 1e-300)))
-    significant = freedom > 0 and abs(share) > t.isf(FALSE_ALARM / 2, freedom) * std
+    significant = freedom > 0 and abs(share) > (-stdtrit(freedom, FALSE_ALARM / 2)) * std
     covariance = np.zeros_like(fit.covariance)
     explained: tuple[FloatArray, ...] = ()
     if significant:

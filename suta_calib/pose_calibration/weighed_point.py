@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.records import dataclass
 from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.tracked_point import TrackedPoint
 

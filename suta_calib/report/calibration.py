@@ -10,7 +10,7 @@ import platform
 from collections.abc import Iterator, Mapping, Sequence
 from functools import cache, partial
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -22,8 +22,8 @@ from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.diagnostics.scale_effects import ScaleEffect, scale_effects
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.lazy import later
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
+from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import (
     Document,
     Figure,
@@ -64,12 +64,6 @@ from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.words import combination
-
-if TYPE_CHECKING:
-    from suta_calib.report import calibration_plots as plots
-else:
-    # Without a report there is nothing to draw.
-    plots = later("suta_calib.report.calibration_plots")
 
 NAME: Final = "result"
 CALIBRATED: Final = "calibrated.urdf"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -25,7 +26,6 @@ from suta_calib.certification.result import (
 )
 from suta_calib.plotting.factor import round_down
 from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
-from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
 from suta_calib.report.svg import picture, svg_text

@@ -7,6 +7,7 @@ nobody here knows, and to measure text in one takes longer than all else.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Final
 from xml.etree.ElementTree import Element, tostring
 
@@ -15,7 +16,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.chart import Axis, Boxes, Chart, Labelled, Lines, Mark, Points, Steps
 from suta_calib.plotting.look import BLACK, LINE, WHITE, WIDTH
-from suta_calib.records import dataclass
 
 # Pixels on a page per point of the figure, at most and at least. One as wide as `WIDTH` fills the
 # text and fits a page of 500, where what is written in it is enlarged; one of several panels that

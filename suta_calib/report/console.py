@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import product
 from textwrap import wrap
 from typing import Final
@@ -16,7 +17,6 @@ from rich.table import Table
 from rich.text import Text
 
 from suta_calib.assessment import Level
-from suta_calib.records import dataclass
 from suta_calib.report import document, listing
 from suta_calib.report.listing import Tone
 

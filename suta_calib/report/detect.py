@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -10,11 +11,11 @@ import numpy as np
 
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.plotting.style import BLUE, GREY, WIDTH
-from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, File, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import Unit, text
+from suta_calib.vision import drawn
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Camera
@@ -110,8 +111,6 @@ def detect_document(found: Detection, *, pictures: bool = False) -> Document:
             Figure(partial(_plot, found), "Where corners were seen, and what is left"),
         ]
     if pictures:
-        from suta_calib.vision import drawn
-
         parts += [File(_file_name(v.picture.name), partial(drawn, v, found)) for v in found.views]
     data: Json = {
         "images": len(found.views),

@@ -7,13 +7,12 @@ A document knows nothing of rich, jinja2, csv or files. Four sinks do: `report.c
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.assessment import Assessment, attempt
-from suta_calib.records import dataclass
 from suta_calib.report.listing import Json, Table, plain
 
 if TYPE_CHECKING:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from operator import methodcaller
 from pathlib import PurePath
 from typing import Final
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 from suta_calib import units
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
-from suta_calib.records import dataclass
 from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.terms import every_grouping
 from suta_calib.terms.block import grouped

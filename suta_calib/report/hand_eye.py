@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.report import pose_plots as plots
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.report.poses import (
@@ -22,12 +22,6 @@ from suta_calib.report.poses import (
     residuals_file,
 )
 from suta_calib.units import text
-
-if TYPE_CHECKING:
-    from suta_calib.report import pose_plots as plots
-else:
-    # Who asks for no files sees no picture.
-    plots = later("suta_calib.report.pose_plots")
 
 NAME: Final = "hand_eye"
 CALIBRATION: Final = Listing[HandEyeCalibration](

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors, held_out_errors
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.records import dataclass
 from suta_calib.report.listing import Column, Listing
 from suta_calib.units import Unit, unit_name
 

@@ -13,13 +13,12 @@ from suta_calib.analysis.iso10360 import (
     Articulation,
     Characteristic,
     LengthErrors,
-    LengthLimit,
-    Limits,
     Repeats,
     SphereProbing,
 )
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
+from suta_calib.job.limits import LengthLimit, Limits
 from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import csv
 import io
+import json
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence, Sized
-from dataclasses import KW_ONLY, replace
+from dataclasses import KW_ONLY, dataclass, replace
 from itertools import repeat
 from typing import Any, Generic, Literal, TypeVar, cast
 
 import numpy as np
 
 from suta_calib import units
-from suta_calib.records import dataclass
 from suta_calib.units import NOTHING, Unit
 
 Row = TypeVar("Row")
@@ -308,7 +308,5 @@ def plain(value: Any, unit: Unit | None = None) -> Any:
 
 def json_text(data: Mapping[str, Any], indent: int = 1, *, ascii_only: bool = False) -> str:
     """A JSON document as it is written; what is not a finite number becomes null."""
-    import json
-
     finite = json.loads(json.dumps(data), parse_constant=lambda _: None)
     return json.dumps(finite, indent=indent, ensure_ascii=ascii_only, allow_nan=False) + "\n"

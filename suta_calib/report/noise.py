@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.records import dataclass
 from suta_calib.report.listing import Column, Listing
 from suta_calib.terms.block import Block
 from suta_calib.units import Unit, text, unit_name

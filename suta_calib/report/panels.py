@@ -14,6 +14,8 @@ from html import escape
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
+from lxml import etree
+
 from suta_calib.plotting.look import WIDTH
 
 if TYPE_CHECKING:
@@ -82,7 +84,6 @@ def apart(svg: str) -> str:
     """
     if f" {_PARTS}=" not in svg:
         return svg
-    from lxml import etree
 
     root = etree.fromstring(svg)
     name, description = root.get("id"), root.get("aria-label")
@@ -100,8 +101,6 @@ def apart(svg: str) -> str:
 
 def _piece(root: Any, number: int, left: float, right: float, top: float, bottom: float) -> str:
     """One part of a figure as an SVG of its own."""
-    from lxml import etree
-
     piece = deepcopy(root)
     strange = [each for each in piece.iter() if each.get(_PART, str(number)) != str(number)]
     # What all refer to stands in the first: ids are the page's.

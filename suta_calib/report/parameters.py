@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 from suta_calib.diagnostics.explanation import as_drawn_names, explain_solution, redundant_names
 from suta_calib.diagnostics.observability import Prospect
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.report.document import Text
 from suta_calib.report.listing import Column, Listing, Tone
 from suta_calib.solver.solution import Estimate, Solution, State

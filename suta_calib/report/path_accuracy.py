@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Final
 
@@ -13,7 +13,6 @@ from matplotlib.axes import Axes
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
-from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as
 from suta_calib.report.poses import pose_record

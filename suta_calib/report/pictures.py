@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, Final
 
@@ -19,7 +20,6 @@ from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.pose_calibration.picture_models import MODELS, ErrorModel
 from suta_calib.pose_calibration.picture_noise import PictureNoise
-from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.hand_eye import NAME
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from suta_calib.arrays import FloatArray
-from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.pose_calibration.pivot import PivotCalibration
+from suta_calib.report import pose_plots as plots
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, Table, json_text, plain, written
 from suta_calib.report.poses import (
@@ -18,12 +18,6 @@ from suta_calib.report.poses import (
     residuals_file,
 )
 from suta_calib.units import deg, text
-
-if TYPE_CHECKING:
-    from suta_calib.report import pose_plots as plots
-else:
-    # Who asks for no files sees no picture.
-    plots = later("suta_calib.report.pose_plots")
 
 NAME: Final = "pivot"
 MOST_POSTS: Final = 12

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.lazy import later
 from suta_calib.measurements.pose_files import Points
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.registration import Registration
-from suta_calib.records import dataclass
+from suta_calib.report import pose_plots as plots
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, Table, components, written
 from suta_calib.report.poses import (
@@ -24,12 +24,6 @@ from suta_calib.report.poses import (
     residuals_file,
 )
 from suta_calib.units import text
-
-if TYPE_CHECKING:
-    from suta_calib.report import pose_plots as plots
-else:
-    # Who asks for no files sees no picture.
-    plots = later("suta_calib.report.pose_plots")
 
 NAME: Final = "register"
 MOST_TARGETS: Final = 20

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -14,7 +15,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH, plain_log
 from suta_calib.pose_calibration.pivot import PivotCalibration
-from suta_calib.records import dataclass
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import (
     Column,

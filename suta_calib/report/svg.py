@@ -6,6 +6,7 @@ import gc
 import io
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import numpy as np
@@ -15,7 +16,6 @@ from matplotlib.figure import Figure
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.style import WIDTH, style
-from suta_calib.records import dataclass
 from suta_calib.report.chart_svg import sized
 from suta_calib.report.panels import mark, numbered
 from suta_calib.units import Unit, shown

@@ -8,6 +8,7 @@ Targets that one start does not reach are tried again from the next, ever farthe
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any, Final, Literal
 
@@ -18,7 +19,6 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import vector_from_rotation, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.

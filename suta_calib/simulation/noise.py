@@ -6,6 +6,7 @@ one more placement) leaves all others as they were.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from zlib import crc32
 
 import numpy as np
@@ -15,7 +16,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, wrap
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import GAIN
-from suta_calib.records import dataclass
 from suta_calib.terms.synthetic import random_directions
 
 

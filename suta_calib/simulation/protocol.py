@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -11,7 +11,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.measurements import Artefact
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Matching, Targets
 from suta_calib.simulation.noise import stream
 from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
@@ -19,7 +19,6 @@ from suta_calib.measurements.keys import POSE
 from suta_calib.measurements.samples import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation.keys import (
     ARM_KEYS,
     ARM_UNITS,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
 from typing import Any, Final
@@ -25,7 +25,6 @@ from suta_calib.measurements import (
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.simulation.backlash import last_motions, readings_beside
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation.schema import PoseSpec, SetSpec
 from suta_calib.terms import ArmPoses, Setup, Term
 from suta_calib.terms.given import GivenPose

@@ -16,13 +16,12 @@ read from residuals without the artefact's part, or what they show of it would c
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows, robust_jacobian, scaled_inverse
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers

@@ -12,13 +12,13 @@ four times.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.records import dataclass
 from suta_calib.solver.artefact_covariance import (
     artefact_covariance,
     artefact_rows,

@@ -9,12 +9,12 @@ doi:10.1090/qam/10666; Marquardt 1963, doi:10.1137/0111030).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.records import dataclass
 
 # Evaluations, beyond which creeping along is left to others.
 MAX_EVALUATIONS: Final = 40

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -14,7 +14,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.records import dataclass
 from suta_calib.solver.kernel import Kernel, RowPattern, dense
 from suta_calib.solver.losses import huber_weight, kept_curvature, radial
 from suta_calib.terms.block import Block

@@ -9,13 +9,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
+from scipy.special import chdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.distributions import chi2
-from suta_calib.records import dataclass
 from suta_calib.solver.information import Rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.terms.block import Block
@@ -185,7 +185,7 @@ class MarginalLikelihood:
         for k, (rows, size, threshold) in enumerate(self.beyond):
             if rows:
                 limit = threshold * np.exp(-eta[k] - np.array([-width, 0.0, width]))
-                chance = BLUNDERS + (1.0 - BLUNDERS) * chi2.sf(limit**2, size)
+                chance = BLUNDERS + (1.0 - BLUNDERS) * chdtrc(size, limit**2)
                 low, here, high = -rows * np.log(chance)
                 found[k] = here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
         return found

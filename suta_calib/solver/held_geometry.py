@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -23,7 +24,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import skew
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.parameters import OFFSET, POSITION, ROTATION, ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.information import curvature_at, noise_levels, scaled_inverse
 from suta_calib.solver.problem import Problem
 from suta_calib.units import from_deg, from_mm

@@ -9,6 +9,7 @@ that tells what moves with it. Rank is never asked for: with noise no direction 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -18,7 +19,6 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import OFFSET, ROTATION, ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.information import Information
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value

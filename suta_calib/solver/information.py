@@ -14,13 +14,12 @@ but noise (errors in variables): its estimate would be precise and wrong.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import AT_ONCE, Linearised
 from suta_calib.solver.losses import radial
 from suta_calib.solver.problem import Part, Problem

@@ -6,7 +6,7 @@ Both work on x divided by the parameters' scales, within their bounds.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from threading import get_ident
 from typing import Any, Final
 
@@ -14,10 +14,11 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.records import dataclass
+from suta_calib.solver.callbacks import ipopt_options, kept_ipopt, run_ipopt
 from suta_calib.solver.descent import NEGLIGIBLE, Basin, Descent, descend
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.symbolic import symbolic_cost
 
 # Whitened costs that differ by less are the same minimum.
 SAME_COST: Final = 1e-3
@@ -154,7 +155,6 @@ class RobustNlp:
     def minimise_by_ipopt(self, start: FloatArray) -> Minimum:
         """IPOPT alone from one start (n,), clipped into the bounds; with its last digits."""
         # Most refits do without.
-        from suta_calib.solver.callbacks import kept_ipopt, run_ipopt
 
         z = np.clip(start[self._free] / self._scale, self._lower, self._upper)
         where = {"x0": z, "lbx": self._lower, "ubx": self._upper}
@@ -238,8 +238,6 @@ class RobustNlp:
 
     def _exact(self, start: FloatArray) -> Any:
         """The solver of the symbolic cost, made again where other fixed values are given."""
-        from suta_calib.solver.callbacks import ipopt_options
-
         fixed = np.delete(np.arange(len(start)), self._free)
         if self._symbolic is None or not np.array_equal(self._base[fixed], start[fixed]):
             self._base = start.copy()
@@ -249,8 +247,6 @@ class RobustNlp:
         return self._symbolic
 
     def _exact_cost(self, z: Any) -> Any:
-        from suta_calib.solver.symbolic import symbolic_cost
-
         select = ca.DM(len(self._base), len(self._free))
         for column, row in enumerate(self._free):
             select[int(row), column] = self._scale[column]

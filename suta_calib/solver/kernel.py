@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import casadi as ca
 import numpy as np
+from scipy import sparse
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import MANY, Batched
@@ -107,7 +108,6 @@ class RowPattern:
             return moved.reshape(len(columns) * by_pose.shape[1], width)
         if rows is None or len(some) == len(by_pose):
             return np.asarray(self.by_velocity(by_pose) @ velocity)
-        from scipy import sparse
 
         first = rows.start * by_pose[0].size
         flat = slice(first, first + some.size)
@@ -428,8 +428,6 @@ def _residual(
 
 def _sparse(columns: IntArray, size: int, width: int) -> Any:
     """Rows that repeat (n, c) column indices for each of ``size`` residual components."""
-    from scipy import sparse
-
     n, count = columns.shape
     indices = np.repeat(columns, size, axis=0).reshape(-1)
     pointer = np.arange(0, n * size * count + 1, count)

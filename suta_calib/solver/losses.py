@@ -13,9 +13,9 @@ from typing import Final
 
 import casadi as ca
 import numpy as np
+from scipy.special import chdtrc, chdtri
 
 from suta_calib.arrays import FloatArray
-from suta_calib.distributions import chi2
 from suta_calib.geometry.symbols import Symbol
 
 # 95 % efficiency for Gaussian noise in one dimension (Huber); the same quantile in more.
@@ -24,7 +24,7 @@ HUBER_1D: Final = 1.345
 
 def huber_threshold(size: int) -> float:
     """Threshold on the norm of ``size`` unit normal components at the quantile of `HUBER_1D`."""
-    return float(np.sqrt(chi2.ppf(chi2.cdf(HUBER_1D**2, 1), size)))
+    return float(np.sqrt(chdtri(size, chdtrc(1, HUBER_1D**2))))
 
 
 def symbolic_huber(squared: Symbol, threshold: Symbol) -> Symbol:

@@ -12,14 +12,15 @@ that joint's offset, and the placements of the fixed joints behind it,
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
+from scipy.optimize import least_squares
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION, ROTATION
-from suta_calib.records import dataclass
 from suta_calib.solver.problem import Problem
 
 if TYPE_CHECKING:
@@ -107,8 +108,6 @@ class FreeMount:
 
     def _reached(self, given: Mapping[str, float], mount: Mount) -> dict[str, float]:
         """Values of the mount's parameters with which the tip is as near as may be to a body."""
-        from scipy.optimize import least_squares
-
         R, p = _pose(self.segments, given)
         wanted = R if mount.rotation is None else R @ mount.rotation
         place = R @ mount.position + p

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import field
-
-from suta_calib.records import dataclass
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import copy
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -17,7 +18,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter, ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
 from suta_calib.terms.block import Block, grouped_rows
 from suta_calib.terms.poses import ArmPoses

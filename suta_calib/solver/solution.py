@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -12,7 +13,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification

@@ -21,6 +21,7 @@ from suta_calib.solver.mount_start import FreeMount
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
+from suta_calib.solver.weights import learn_weights
 from suta_calib.threads import single_threaded
 
 if TYPE_CHECKING:
@@ -76,8 +77,6 @@ def solve(
     # One block without priors is weighed against nothing.
     weighed = len(problem.blocks) > 1 or problem.prior_precision()[estimated].any()
     if options.weights is not None and minimum.converged and weighed:
-        from suta_calib.solver.weights import learn_weights
-
         inside = _inside(problem, minimum.x, estimated)
         weights = learn_weights(problem, minimum.x, sigmas, inside, options.weights)
         problem = weights.applied_to(problem)

@@ -24,13 +24,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
-from suta_calib.records import dataclass
 from suta_calib.solver.evidence import (
     SETTLED,
     MarginalLikelihood,

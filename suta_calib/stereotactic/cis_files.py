@@ -12,7 +12,7 @@ import os
 import re
 import warnings
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Self
 
@@ -23,7 +23,6 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.measurements.files import read_text
 from suta_calib.measurements.pose_files import OTHER_UNIT
-from suta_calib.records import dataclass
 from suta_calib.units import from_mm, mm
 
 # mm; beyond this it is no position of a marker, and its square must stay a number.

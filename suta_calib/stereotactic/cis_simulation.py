@@ -6,6 +6,7 @@ a correction by polynomials is tested on what it cannot represent exactly.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -14,7 +15,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.records import dataclass
 from suta_calib.stereotactic.cis_files import (
     CalibrationMarkers,
     NavigationData,

@@ -17,19 +17,17 @@ it goes on no farther than that.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 from scipy.spatial import ConvexHull, QhullError
-from scipy.special import comb
+from scipy.special import chdtri, comb
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
-from suta_calib.records import dataclass
 from suta_calib.stereotactic.left_out import robust_predicts_better
 from suta_calib.threads import single_threaded
 
@@ -484,6 +482,6 @@ def _robustly(
 def far_off(errors: FloatArray) -> BoolArray:
     """Which errors (N_frames, n, 3), m, are far too large for a scatter of the median's size."""
     sizes = np.linalg.norm(errors, axis=-1)
-    sigma = float(np.median(sizes)) / np.sqrt(chi2.ppf(0.5, DIMENSION))
+    sigma = float(np.median(sizes)) / np.sqrt(chdtri(DIMENSION, 0.5))
     limit = GROSS * np.sqrt(outlier_limit(sizes.size, 1))
     return np.asarray(sizes > limit * sigma + HARMLESS)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
+from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import chi2
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
@@ -19,7 +19,6 @@ from suta_calib.pose_calibration.rigid_fit import (
     ON_A_LINE,
     agreeing_points,
 )
-from suta_calib.records import dataclass
 
 # Numbers that a pose takes of its markers'.
 OF_A_POSE: Final = 6
@@ -190,7 +189,7 @@ def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
     limit = np.sqrt(outlier_limit(used.size, 1))
     for _ in range(MAX_ROUNDS):
         norms = _norms(markers, frames, used)
-        sigma = np.median(norms[used]) / np.sqrt(chi2.ppf(0.5, DIMENSION))
+        sigma = np.median(norms[used]) / np.sqrt(chdtri(DIMENSION, 0.5))
         agreeing = norms <= limit * sigma + floor
         # A frame that shows nothing certain keeps what it began with.
         agreeing = np.where(agreeing.sum(axis=1, keepdims=True) >= LEAST_POINTS, agreeing, used)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtrc
 
 from suta_calib.arrays import FloatArray
-from suta_calib.distributions import chi2
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION
 from suta_calib.pose_calibration.registration import Registration
-from suta_calib.records import dataclass
 from suta_calib.stereotactic.marker_cloud import OF_A_POSE
 from suta_calib.units import mm
 
@@ -59,7 +59,7 @@ class Navigation:
         # A registration takes as much of the errors as it has unknowns.
         explained = rms_length(self.fiducial_error[fitted][:, None])
         explained *= np.sqrt(freedom / (DIMENSION * int(fitted.sum())))
-        if freedom < 1 or chi2.sf((found.rms / explained) ** 2 * freedom, freedom) > UNEXPLAINED:
+        if freedom < 1 or chdtrc(freedom, (found.rms / explained) ** 2 * freedom) > UNEXPLAINED:
             return ""
         apart = np.where(fitted, np.linalg.norm(found.residuals, axis=1), 0.0)
         return (

@@ -7,17 +7,17 @@ memory. Nor is what a few of them miss it by, far beyond what the others scatter
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri, fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.distributions import chi2, f
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.rigid_fit import ENOUGH_TO_JUDGE
-from suta_calib.records import dataclass
 from suta_calib.stereotactic.distortion import smooth_distortion
 from suta_calib.stereotactic.marker_cloud import OF_A_POSE, BodyPoses, MarkerCloud, SeenBody
 from suta_calib.units import mm
@@ -161,7 +161,7 @@ def _deviation(seen: GivenShape) -> _Deviation:
         frames >= ENOUGH_TO_SCATTER
         and fixed > 0
         and rms_length(common[counts > 0]) > WORTH_A_WORD
-        and float(f.sf(told, fixed, freedom)) < CHANCE
+        and float(fdtrc(fixed, freedom, told)) < CHANCE
     )
     if not known:
         return _Deviation(common, scatter, False, None, None, 0.0)
@@ -259,7 +259,7 @@ def _standing_out(seen: GivenShape, deviation: _Deviation, robust: bool) -> list
     used = seen.body.used
     apart = np.nan_to_num(seen.body.residuals - deviation.common)
     sizes = np.linalg.norm(apart, axis=-1)
-    sigma = float(np.median(sizes[used])) / np.sqrt(chi2.ppf(0.5, DIMENSION))
+    sigma = float(np.median(sizes[used])) / np.sqrt(chdtri(DIMENSION, 0.5))
     limit = LONG_TAILS * np.sqrt(outlier_limit(sizes.size, 1)) * max(sigma, ROUNDED)
     far = sizes > limit + WORTH_A_WORD
     if not far.any():
@@ -311,7 +311,7 @@ def on_probe(probe: SeenProbe) -> tuple[list[str], list[str]]:
     lever = shape.amplified(probe.tip) / np.sqrt(max(n - 2, 1))
     freedom = max(DIMENSION * n - OF_A_POSE, 1)
     frames = sum(map(len, misfit.values()))
-    unlike = np.sqrt(chi2.isf(CHANCE / frames, freedom) / chi2.ppf(0.5, freedom))
+    unlike = np.sqrt(chdtri(freedom, CHANCE / frames) / (chdtri(freedom, 0.5)))
     unlike = max(unlike, UNLIKE_BENT if probe.bent else UNLIKE)
     for kind, rms in misfit.items():
         limit = unlike * np.hypot(usual, probe.outside.get(kind, 0.0)) + WORTH_A_WORD

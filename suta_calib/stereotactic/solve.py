@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Final, TypeVar
 
@@ -21,7 +21,6 @@ from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
-from suta_calib.records import dataclass
 from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
     Output1,

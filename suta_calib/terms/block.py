@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from itertools import compress
 from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csc_array
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
-from suta_calib.records import dataclass
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
@@ -267,8 +267,6 @@ def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
     if len(rows) == count and np.array_equal(group, np.arange(count)):
         return rows.copy()  # each a group of its own
     if rows.size > SUMMED:
-        from scipy.sparse import csc_array
-
         ones, pointer = np.ones(len(rows)), np.arange(len(rows) + 1)
         return np.asarray(csc_array((ones, group, pointer), (count, len(rows))) @ rows)
     # A column at a time: `np.add.at` takes ten times as long.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Final
@@ -16,8 +17,8 @@ from suta_calib.errors import SutaCalibWarning
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera
-from suta_calib.records import dataclass
 from suta_calib.terms.camera_start import board_poses
+from suta_calib.terms.half_turns import from_other_end, half_turned
 from suta_calib.terms.hand_eye_start import (
     HALF_TURN,
     Poses,
@@ -177,7 +178,6 @@ class BoardPictures:
         """
         if not self.board.symmetric:
             return self.pixels
-        from suta_calib.terms.half_turns import half_turned
 
         seen = self.poses[0][self.told]
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
@@ -199,8 +199,6 @@ class BoardPictures:
         Warns:
             SutaCalibWarning: in some pictures it was numbered from the other end.
         """
-        from suta_calib.terms.half_turns import from_other_end
-
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
         mine, theirs = (
             (some_poses(hand, pictures.told), some_poses(pictures.poses, pictures.told))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, Final, Self
 
@@ -12,7 +12,6 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.pinhole import DISTORTION, projected
 from suta_calib.measurements import Board, Camera
-from suta_calib.records import dataclass
 from suta_calib.terms.reprojection import NEAREST
 
 # Cosine of the steepest angle at which a board is still found.

@@ -7,7 +7,7 @@ minimised, each with a pose of the board of its own (Zhang 2000, doi:10.1109/34.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, skew
 from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera, Corners
-from suta_calib.records import dataclass
 from suta_calib.terms.camera_start import board_poses, closed_form_camera
 from suta_calib.terms.intrinsics import UNCALIBRATED
 

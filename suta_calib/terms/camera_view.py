@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Literal, Self
@@ -27,11 +27,12 @@ from suta_calib.measurements import (
     read_corners,
 )
 from suta_calib.measurements.keys import Key
+from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.model.parameters import PLACEMENT, Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint
+from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.camera_row import CAMERA_FILES, CAMERA_KEYS, read_camera_row
 from suta_calib.terms.camera_start import PLANAR
 from suta_calib.terms.hand_eye_start import (
@@ -217,16 +218,12 @@ class CameraView(FramedTerm):
         Raises:
             SamplesError: corners that cannot be used, or that belong to no sample.
         """
-        from suta_calib.measurements.marker_axes import markers_as_seen
-
         corners.check(board, camera)
         board, turned = markers_as_seen(board, corners)
         if turned:
             warnings.warn(f"{corners.path or 'corners'}: {turned}", SutaCalibWarning, stacklevel=2)
         poses, prior = with_corners(poses, corners, board), None
         if camera is None:
-            from suta_calib.terms.camera_alone import camera_alone
-
             camera = camera_alone(corners, board)
             prior = UNCALIBRATED.stds(camera)
         elif camera.corners:

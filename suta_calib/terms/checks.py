@@ -8,6 +8,7 @@ from typing import Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
+from suta_calib.model.lengths import other_lengths
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 from suta_calib.units import mm
@@ -68,7 +69,6 @@ def _or_a_length(term: Term, size: float, extent: Callable[[FloatArray], float])
     One that is too short leaves the arm's extent to all others, and lets nothing seem so large.
     """
     # What is right needs no other lengths.
-    from suta_calib.model.lengths import other_lengths
 
     if not isinstance(term.poses, ArmPoses):
         return ""

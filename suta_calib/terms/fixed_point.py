@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
@@ -14,11 +15,18 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import point_named, point_parameters
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.synthetic import (
+    EXACT,
+    NO_OUTLIERS,
+    Simulated,
+    contaminated,
+    named,
+    random_turns,
+)
 from suta_calib.terms.term import Gap, Term
 
 if TYPE_CHECKING:
@@ -127,14 +135,6 @@ class FixedPoint(Term):
             gross: poses that are grossly wrong; the swapped ones swap places, not orientations.
         """
         # Only who simulates needs it.
-        from suta_calib.terms.synthetic import (
-            EXACT,
-            NO_OUTLIERS,
-            Simulated,
-            contaminated,
-            named,
-            random_turns,
-        )
 
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         t, c = np.asarray(tip, dtype=float), np.atleast_2d(np.asarray(posts, dtype=float))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -21,7 +21,6 @@ from suta_calib.measurements import YamlSection
 from suta_calib.measurements.keys import POSITION as WHERE
 from suta_calib.measurements.keys import Key, Keys
 from suta_calib.model.parameters import POSITION, ROTATION, Parameter
-from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 POSE_KEYS: Final = Keys(

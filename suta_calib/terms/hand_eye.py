@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -17,7 +17,6 @@ from suta_calib.geometry.numbers import extent, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.records import dataclass
 from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
@@ -25,6 +24,14 @@ from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.outside import pose_named, pose_values
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
+from suta_calib.terms.synthetic import (
+    EXACT,
+    NO_OUTLIERS,
+    Simulated,
+    contaminated,
+    named,
+    random_turns,
+)
 from suta_calib.terms.term import Gap, Medium
 
 if TYPE_CHECKING:
@@ -173,14 +180,6 @@ class HandEye(SeenTerm):
             robot_noise_fraction: of the term.
         """
         # Only who simulates needs it.
-        from suta_calib.terms.synthetic import (
-            EXACT,
-            NO_OUTLIERS,
-            Simulated,
-            contaminated,
-            named,
-            random_turns,
-        )
 
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         R = random_turns(random, count, turn, axes)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements import Camera, Corners
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 
 # What is known of a camera at least as badly as this, px or 1: a prior of zero width is none. A
 # decentring of 1e-4 shows as no corner's error, but bends a picture as a principal point a pixel

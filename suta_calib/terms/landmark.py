@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import ClassVar, Final, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError, did_you_mean
@@ -17,7 +18,6 @@ from suta_calib.geometry.numbers import nearest_rotation, rms_length, rotation_f
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log, symbolic_rotation
 from suta_calib.measurements import Artefact, SampleColumns
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import (
     LEARNT,
     Block,
@@ -203,8 +203,6 @@ class TouchedLandmark(Term):
             centred = certified[rows] - certified[rows].mean(axis=0)
             singular = np.linalg.svd(centred, compute_uv=False)
             if len(singular) < 2 or singular[1] <= 1e-3 * singular[0]:
-                from scipy.spatial.transform import Rotation
-
                 implied = rotation[seats] @ np.swapaxes(self._seats[seats], 1, 2)
                 R[k] = np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
                 p[k] = (position[rows] - certified[rows] @ R[k].T).mean(axis=0)

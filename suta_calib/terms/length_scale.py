@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM, LengthScale
-from suta_calib.records import dataclass
 from suta_calib.terms.poses import ArmPoses
 
 if TYPE_CHECKING:

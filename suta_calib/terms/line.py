@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Final
 
@@ -16,7 +17,6 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import check_turned
 from suta_calib.terms.given import GivenPose, Known

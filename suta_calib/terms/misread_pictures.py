@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
@@ -129,7 +130,6 @@ def _other_markers(pictures: BoardPictures) -> tuple[BoardPictures, SamplesError
     """The same corners of markers of the size that agrees best with the ways between them."""
     if pictures.board.with_markers(1.0) is None:
         return None
-    from scipy.optimize import minimize_scalar
 
     def resized(factor: float) -> BoardPictures:
         board = pictures.board.with_markers(factor)

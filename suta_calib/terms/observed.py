@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.records import dataclass
 from suta_calib.terms.poses import PoseSource
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ A term's own unknowns are numbers; most of them make up a pose or a point that s
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
 from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
-from suta_calib.records import dataclass
 
 # An external frame can be anywhere: these only say when a pose counts as not determined at all.
 PLAUSIBLE_POSITION: Final = 0.5

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property, lru_cache
 from typing import Any, ClassVar, Final, Literal, Self
 
 import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy.sparse import csr_array
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
@@ -17,7 +18,6 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import Artefact, SampleColumns, Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import (
     LEARNT,
     Block,
@@ -275,8 +275,6 @@ class PairwiseDistance(Term):
 
     def errors_of_touches(self, displacement: FloatArray, samples: IntArray) -> FloatArray:
         """What moves the ends of a distance along it, to first order."""
-        from scipy.sparse import csr_array
-
         ends = self.artefact.position_of(self.poses.samples.labels["landmark"])[samples]
         apart = ends[:, 0] - ends[:, 1]
         along = apart / np.linalg.norm(apart, axis=1)[:, None]

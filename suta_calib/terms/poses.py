@@ -8,18 +8,18 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.spatial import KDTree
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
-from suta_calib.records import dataclass
 from suta_calib.terms.block import numbered
 
 if TYPE_CHECKING:
@@ -368,7 +368,6 @@ def _searched(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
         for joint in steps.T:
             np.maximum(apart, np.abs(joint[:, None] - joint), out=apart)
         return np.sum(apart < 1.0, axis=1) > 1, lambda row: np.flatnonzero(apart[row] <= 1.0)
-    from scipy.spatial import KDTree
 
     tree = KDTree(steps)
     # The nearest row of each is itself.

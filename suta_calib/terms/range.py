@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, ClassVar, Final
 
@@ -15,7 +16,6 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, YamlSection
 from suta_calib.measurements.keys import Key
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import OTHER_UNIT
 from suta_calib.terms.observed import Observed

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -25,7 +26,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, ParameterError
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.outside import labelled
 from suta_calib.units import deg, mm
 

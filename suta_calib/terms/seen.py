@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Final, Self
 
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import LEARNT, Noise
 from suta_calib.terms.outside import labelled, pose_parameters
 from suta_calib.terms.poses import PoseSource

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from suta_calib.errors import ArtefactError
-from suta_calib.records import dataclass
 from suta_calib.terms.block import Noise
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ noise, or with outliers, is the same scene.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Generic, Literal, TypeVar
 
 import numpy as np
@@ -15,7 +16,6 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
-from suta_calib.records import dataclass
 from suta_calib.terms.outside import point_named, pose_named
 from suta_calib.terms.term import Term
 

@@ -27,6 +27,7 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_touches
 from suta_calib.terms.from_arrays import FromArrays
+from suta_calib.terms.given import check_in_mm, with_known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
@@ -145,7 +146,6 @@ class Term(ABC):
         """`own`, with what is given of them: fixed there, or with a prior about it."""
         if not self.given:
             return self.own
-        from suta_calib.terms.given import with_known
 
         known: dict[str, Known] = {}
         for label, pose in self.given.items():
@@ -175,7 +175,6 @@ class Term(ABC):
         """
         if not self.given:
             return
-        from suta_calib.terms.given import check_in_mm
 
         for label, pose in self.given.items():
             known = self.checked_known(label, pose)

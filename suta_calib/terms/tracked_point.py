@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, ClassVar, Final
 
@@ -17,7 +17,6 @@ from suta_calib.geometry.numbers import extent, register_points, rotation_from_v
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
-from suta_calib.records import dataclass
 from suta_calib.terms.block import Block, Pose, flat, grouped, pose_of
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.hand_eye_start import Poses, chordal_mean
@@ -31,6 +30,7 @@ from suta_calib.terms.outside import (
 )
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
+from suta_calib.terms.synthetic import EXACT, NO_OUTLIERS, Simulated, contaminated, named
 from suta_calib.terms.target_start import instrument_and_targets
 from suta_calib.terms.term import Gap, Medium, Mount
 
@@ -255,7 +255,6 @@ class TrackedPoint(SeenTerm):
             gross: points that were seen grossly wrong.
         """
         # Only who simulates needs it.
-        from suta_calib.terms.synthetic import EXACT, NO_OUTLIERS, Simulated, contaminated, named
 
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         points = (random.random((count, 3)) - 0.5) * np.asarray(size, dtype=float)

@@ -9,6 +9,7 @@ errors whose shape is known, such as those of a joint with play.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Any, Final
 
@@ -24,7 +25,6 @@ from suta_calib.geometry.numbers import (
     skew,
 )
 from suta_calib.pose_calibration.registration import register
-from suta_calib.records import dataclass
 from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
 
 _SHIFTS: Final = 201

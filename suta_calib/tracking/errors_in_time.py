@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.records import dataclass
 
 Kind = Literal["stuck", "wild", "jump", "step", "rate"]
 # Rows and bins without which nothing is told, and a size, m, that is next to nothing.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,7 +15,7 @@ from suta_calib.device.reading import Statistics
 from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import OutputError
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
+from suta_calib.tracking.igtl import IgtlPublisher
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency
@@ -151,8 +152,6 @@ class Tracking:
         options, publishers = self.options, list[Publisher]()
         with ExitStack() as stack:
             if options.igtl is not None:
-                from suta_calib.tracking.igtl import IgtlPublisher
-
                 host, port = options.igtl
                 server = IgtlPublisher(port, options.igtl_name, host or options.host)
                 publishers.append(stack.enter_context(server))

@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import tempfile
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.errors import InputError
 from suta_calib.job import inputs_copy
 from suta_calib.job.inputs_copy import InputsCopy
-from suta_calib.records import dataclass
 
 # Folders of copies that were unpacked: they are removed when the program ends, for an arm goes on
 # to read its URDF.

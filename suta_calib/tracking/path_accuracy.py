@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final, Literal
 
@@ -13,7 +13,6 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.tracking.alignment import Alignment, ReferencePath, align, rigid_motions
 from suta_calib.tracking.errors_in_time import ErrorsInTime, per_axis
 from suta_calib.tracking.record_faults import RecordFault, record_faults

@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.records import dataclass
 from suta_calib.tracking.errors_in_time import LEAST, NOTHING, ErrorsInTime, Found, Kind, fitted
 from suta_calib.tracking.shifts_in_time import ShiftsInTime
 from suta_calib.tracking.stray_rows import STUCK, Stray, robust_residual, stuck_rows, wild_rows

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -17,7 +18,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.tracking.trajectory import Trajectory
 from suta_calib.units import Unit, from_deg
 

@@ -13,10 +13,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.acquisition.averaging import NORMAL
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.distributions import f
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.tracking.errors_in_time import (
@@ -125,7 +125,7 @@ class ShiftsInTime:
         if freedom < LEAST_FREEDOM or small or little:
             return None
         variance = max(squares, 1e-18 * rest.size) / freedom
-        if float(f.sf((every - squares) / variance, 1.0, freedom)) * looks > FALSE_ALARM:
+        if float(fdtrc(1.0, freedom, (every - squares) / variance)) * looks > FALSE_ALARM:
             return None
         return squares, size, float(np.sqrt(variance / information))
 

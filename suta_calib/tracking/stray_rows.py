@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,6 @@ import numpy as np
 from suta_calib.acquisition.averaging import NORMAL
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.records import dataclass
 from suta_calib.tracking.errors_in_time import NOTHING, ErrorsInTime, fitted
 
 # Rounds in which rows that are off by so many medians are left out of the fit, and enough rows.

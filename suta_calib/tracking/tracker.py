@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -21,7 +22,6 @@ from suta_calib.device.description import columns_of
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
 from suta_calib.units import from_mm
 

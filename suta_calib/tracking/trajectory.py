@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -17,7 +18,6 @@ from suta_calib.measurements.csv_table import (
     rotations,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 
 LEAST_ROWS: Final = 20
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence, Set
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -32,7 +32,6 @@ from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.staging import recover
 from suta_calib.units import FARTHEST

@@ -26,14 +26,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.distributions import f
-from suta_calib.records import dataclass
 from suta_calib.solver.information import scaled_inverse
 from suta_calib.terms.block import grouped_rows, summed
 
@@ -375,7 +375,7 @@ class _Trial:
         noise = left / freedom
         # `left` sums over all rows, of which only some are independent.
         ratio = self.gain / self.rank / noise / design
-        p = float(f.sf(ratio, self.rank, freedom))
+        p = float(fdtrc(self.rank, freedom, ratio))
         p = max(p, self._p_by_cluster(fit)) if p * tried < SUPPORTED else p
         size = -self.axes @ self.score
         return Evidence(
@@ -405,7 +405,7 @@ class _Trial:
         variance = fit.score_variance(axes, fit.settled)
         ratio = float(self.score @ np.linalg.pinv(variance, hermitian=True) @ self.score)
         freedom = max(fit.cluster_count - self.rank, 1)
-        p = float(f.sf(max(ratio, 0.0) / self.rank, self.rank, freedom))
+        p = float(fdtrc(self.rank, freedom, max(ratio, 0.0) / self.rank))
         return p if p > SUPPORTED else 0.0
 
 

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.records import dataclass
 from suta_calib.solver.evaluation import PoseTable
 from suta_calib.solver.information import Rows, kept_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import LinearFit
+from suta_calib.trust.extended import known_beforehand, offered_names, problem_beside, rows_beside
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
@@ -108,7 +109,6 @@ class Examination:
         given = np.zeros(len(self.problem.names))
         if self.arm is not None:
             # Answers without an arm need nothing of arms.
-            from suta_calib.trust.extended import known_beforehand
 
             given = known_beforehand(self.problem)
         precision = np.array(
@@ -228,8 +228,6 @@ class Examination:
 # One: several ask of one answer.
 @lru_cache(maxsize=1)
 def _of_arm(solution: Solution) -> Examination:
-    from suta_calib.trust.extended import offered_names, problem_beside, rows_beside
-
     problem, x = problem_beside(solution)
     assert problem.arm is not None
     fitted = solution.problem.parameters

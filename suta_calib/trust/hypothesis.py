@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.records import dataclass
 from suta_calib.registry import all_classes
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term

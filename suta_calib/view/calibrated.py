@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.units import mm

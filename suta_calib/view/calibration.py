@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.displacements import tip_displacements
-from suta_calib.distributions import chi2
 from suta_calib.plotting.factor import round_down
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.units import mm
@@ -29,6 +29,7 @@ from suta_calib.view.scene import (
     Scene,
     Thing,
 )
+from suta_calib.view.server import Viewer
 from suta_calib.view.surroundings import surroundings
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ class TipErrors:
     def outlying(self) -> BoolArray:
         """(n,) which errors are larger than chance makes them, by the median of all."""
         size = self.term.blocks[0].size
-        limit = math.sqrt(chi2.isf(_CHANCE, size) / chi2.median(size))
+        limit = math.sqrt(chdtri(size, _CHANCE) / chdtri(size, 0.5))
         return np.asarray(self.norm > limit * np.median(self.norm))
 
     @property
@@ -127,8 +128,6 @@ def view_calibration(calibrated: Calibrated, port: int = 0, host: str = "127.0.0
         MissingExtraError: the extra ``view`` is not installed.
         OutputError: the port cannot be had.
     """
-    from suta_calib.view.server import Viewer
-
     viewer = Viewer(calibration_scene(calibrated, link_meshes(*calibrated.arm.urdf)), port, host)
     viewer.add_panel()
     return viewer

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -12,7 +13,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

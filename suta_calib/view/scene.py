@@ -6,14 +6,13 @@ of the calibrated arm and moves with it.
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
-from suta_calib.records import dataclass
 from suta_calib.view.drawn_arm import DrawnArm
 
 # Red, green and blue, 0 to 255.

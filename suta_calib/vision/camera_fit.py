@@ -6,6 +6,7 @@ Zhang (2000), doi:10.1109/34.888718, by OpenCV; the covariance is our own, over 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +18,6 @@ from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners
-from suta_calib.records import dataclass
 from suta_calib.vision.opencv import opencv
 
 # Corners of a picture from which a pose and more can be told.

@@ -14,6 +14,7 @@ it, and finds more of the small and blurred boards, but fewer that have little w
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Final
 
@@ -21,7 +22,6 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.board import Chessboard
-from suta_calib.records import dataclass
 from suta_calib.vision.finder import Finder, Found, NotSeenError, nothing_seen, refined, without
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey

@@ -17,7 +17,7 @@ pixel off, and saddles two to five times less surely than they are known.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 from scipy.special import erf
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.records import dataclass
 
 # Unknowns of a corner: u, v, the directions of both edges, their blur, grey between, contrast.
 _UNKNOWNS: Final = 7

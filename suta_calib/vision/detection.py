@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from hashlib import sha256
 from typing import Final
 
@@ -19,7 +19,6 @@ from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.processes import usable_cores
-from suta_calib.records import dataclass
 from suta_calib.vision.camera_fit import (
     CameraFit,
     CameraFitOptions,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import InputError
-from suta_calib.records import dataclass
 from suta_calib.vision.corner_model import FittedCorners, fit_corners
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey

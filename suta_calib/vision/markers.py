@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Final
 
@@ -11,7 +11,6 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import BoardError
 from suta_calib.measurements.board import Charuco, Markers
-from suta_calib.records import dataclass
 from suta_calib.vision.corner_model import FittedCorners, fit_corners
 from suta_calib.vision.finder import (
     RADII,

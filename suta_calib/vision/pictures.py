@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +14,6 @@ from numpy.typing import NDArray
 
 from suta_calib.errors import InputError
 from suta_calib.inputs import read_input
-from suta_calib.records import dataclass
 from suta_calib.vision.opencv import MOST_PIXELS, opencv
 
 Grey = NDArray[np.uint8]

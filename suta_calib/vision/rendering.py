@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -10,7 +11,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.pinhole import undistorted
 from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
-from suta_calib.records import dataclass
 from suta_calib.vision.markers import marker_bits, marker_cells
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey

@@ -13,11 +13,7 @@ from simulated import arm_named, artefact, artefact_scene, placements
 
 from suta_calib.analysis.iso10360 import (
     AcceptanceMeasurements,
-    DecisionRule,
     LengthErrors,
-    LengthLimit,
-    Limits,
-    StatedUncertainty,
     accept,
     articulations,
     best_sphere,
@@ -26,7 +22,7 @@ from suta_calib.analysis.iso10360 import (
     smallest_sphere,
 )
 from suta_calib.errors import SamplesError
-from suta_calib.job.limits import worst
+from suta_calib.job.limits import DecisionRule, LengthLimit, Limits, StatedUncertainty, worst
 from suta_calib.measurements import Artefact, Landmark
 from suta_calib.terms import ArmPoses, PairwiseDistance
 

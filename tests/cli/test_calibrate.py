@@ -302,7 +302,7 @@ def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_help_does_not_load_the_heavy_libraries(repository: Path) -> None:
     script = (
-        "import sys; from suta_calib.cli import run; code = run(['--help']);"
+        "import sys; from suta_calib.cli._app import run; code = run(['--help']);"
         "heavy = {'numpy', 'casadi', 'pinocchio', 'rich'} & set(sys.modules);"
         "sys.exit(code or (f'loaded {heavy}' if heavy else 0))"
     )

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from suta_calib.cli import run
+from suta_calib.cli._app import run
 from suta_calib.measurements import read_camera, read_corners
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from suta_calib.cli import run
+from suta_calib.cli._app import run
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
 

@@ -7,7 +7,7 @@ P_Form, the errors of size and form on a sphere of 25 touches.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -32,7 +32,6 @@ from suta_calib.job.limits import (
     StatedUncertainty,
     worst,
 )
-from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 # What the standard asks for: touches of a sphere, articulations of a point and touches in each,

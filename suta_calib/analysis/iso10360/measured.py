@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import fields
+from dataclasses import dataclass, fields
 from itertools import combinations
 from typing import Final
 
@@ -14,7 +14,6 @@ from scipy.optimize import least_squares
 from suta_calib.analysis.repeatability import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.records import dataclass
 from suta_calib.terms import Term
 from suta_calib.terms.block import grouped
 

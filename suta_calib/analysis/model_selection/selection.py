@@ -20,7 +20,7 @@ milliseconds. What it chooses is fitted anew, and cross-validated about its own 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 from suta_calib.assessment import Assessment, judged
@@ -37,7 +37,6 @@ from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
-from suta_calib.records import dataclass
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.solver.problem import DEFAULT_SIGMA
 from suta_calib.solver.solution import Solution

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Final
 
@@ -14,7 +15,6 @@ from scipy.linalg import orth
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements.samples import joined
-from suta_calib.records import dataclass
 from suta_calib.terms.block import grouped
 from suta_calib.terms.landmark import certified_positions
 from suta_calib.terms.term import Term

@@ -18,6 +18,7 @@ is blamed for another one's errors (swamping) or hidden by them (masking).
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Final
 
@@ -26,7 +27,6 @@ import numpy as np
 from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
 from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.records import dataclass
 from suta_calib.solver.information import predicted_information, scaled_inverse
 
 # Share of a combination's information that must come from the data.

@@ -12,11 +12,11 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.analysis.outliers.answer import Move, Thresholds
 from suta_calib.analysis.outliers.touches import RobustLinearFit
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.distributions import f as f_distribution
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.terms import Term
 
@@ -72,7 +72,7 @@ def find_moves(
             moved = weighed - basis @ (basis.T @ weighed)
             gain = float(left @ moved @ np.linalg.lstsq(moved, left, ROUNDING)[0])
             unexplained = max(float(left @ left) - gain, 1e-300) / (freedom - free)
-            chances[k] = float(f_distribution.sf(gain / free / unexplained, free, freedom - free))
+            chances[k] = float(fdtrc(free, freedom - free, gain / free / unexplained))
         k = min(chances, key=lambda k: chances[k])
         p = min(max(len(chances) * chances[k], EPSILON), 1.0)
         if p > thresholds.significance:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final
 
@@ -22,7 +22,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.information import (
     noise_levels,
     robust_jacobian,

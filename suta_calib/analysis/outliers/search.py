@@ -12,7 +12,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Collection, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Final
 
@@ -44,7 +44,6 @@ from suta_calib.arrays import BoolArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

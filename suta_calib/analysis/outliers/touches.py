@@ -9,19 +9,17 @@ given a displacement one at a time, the most significant first, so that none hid
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri, fdtrc
 
 from suta_calib.analysis.outliers.answer import Displacement
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.distributions import chi2
-from suta_calib.distributions import f as f_distribution
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
@@ -115,7 +113,7 @@ def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping
         )
         for k, mark in enumerate(chosen)
     }
-    limit = max(sigma, SMALLEST) * np.sqrt(chi2.ppf(1.0 - FALSE_ALARM / len(rest), rest.shape[1]))
+    limit = max(sigma, SMALLEST) * np.sqrt(chdtri(rest.shape[1], FALSE_ALARM / len(rest)))
     gross = (np.linalg.norm(rest, axis=1) > limit) & (not fit.saturated)
     return Touches(rest, sigma, _shared(rest, cells, sigma), gross, displaced)
 
@@ -129,7 +127,7 @@ def _most_displaced(
         mine = means[of == landmark]
         squared = float(np.sum(np.median(mine, axis=0) ** 2))
         variance = spread**2 * MEDIAN_COST / len(mine)
-        p[landmark] = f_distribution.sf(squared / variance / 3, 3, 1.5 * len(means))
+        p[landmark] = fdtrc(3, 1.5 * len(means), squared / variance / 3)
     worst = int(np.argmin(p))
     return worst, float(p[worst])
 
@@ -219,4 +217,4 @@ def _weighted_step(
 def scatter(vectors: FloatArray) -> float:
     """Standard deviation of one component, from the median length."""
     length = float(np.median(np.linalg.norm(vectors, axis=1)))
-    return length / float(np.sqrt(chi2.ppf(0.5, vectors.shape[1])))
+    return length / float(np.sqrt(chdtri(vectors.shape[1], 0.5)))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 from suta_calib.analysis.planning.candidates import Candidate, Unreachable
@@ -10,7 +10,6 @@ from suta_calib.analysis.planning.region import Pool, Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.records import dataclass
 from suta_calib.showing import Shown
 from suta_calib.units import Unit, mm, text
 

@@ -9,6 +9,7 @@ import itertools
 import math
 from collections import Counter
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final, Literal
 
@@ -20,7 +21,6 @@ from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.keys import POSE, POSITION, Key, Keys
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.units import Unit, deg, from_deg, from_mm, key, stored
 
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.

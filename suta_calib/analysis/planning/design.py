@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -27,7 +27,6 @@ from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem

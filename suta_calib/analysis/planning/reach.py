@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import combinations
 from typing import Any, Final
 
@@ -28,7 +29,6 @@ from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated

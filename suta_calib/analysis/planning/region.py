@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from itertools import count
 from typing import Final
 
 import numpy as np
 from scipy.spatial import KDTree
+from scipy.stats import qmc
 
 from suta_calib.analysis.planning.candidates import (
     DEFAULT_CONE,
@@ -23,8 +25,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.halton import halton
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.units import deg, from_deg, from_mm, mm
 
@@ -120,7 +120,7 @@ class Region:
             q = kinematics.random_readings(np.random.default_rng(seed), _DRAWN)
             _, position = kinematics.arm.forward(q, kinematics.values)
             return self._enough(q[self.inside(position)][:POSTURES])
-        u = halton(POSTURES, 5, seed)
+        u = qmc.Halton(5, seed=np.random.default_rng(seed)).random(POSTURES)
         position = self.lower + u[:, :3] * (self.upper - self.lower)
         rotation = directions(self.axis, self.cone, u[:, 3], u[:, 4])
         found = kinematics.solve(
@@ -220,7 +220,7 @@ def _placements(
     situation: Situation, region: Region, pool: Pool, names: Iterator[int], seed: int
 ) -> list[Place]:
     assert situation.artefact is not None
-    u = halton(pool.placements, 6, seed)
+    u = qmc.Halton(6, seed=np.random.default_rng(seed)).random(pool.placements)
     floor = min(float(p.position[2]) for p in situation.placements)
     landmarks = np.array([m.position for m in situation.artefact.landmarks.values()])
     foot = landmarks * [1.0, 1.0, 0.0]
@@ -252,7 +252,7 @@ def _points(
     names: Iterator[int],
     seed: int,
 ) -> list[Place]:
-    u = halton(pool.points, 3, seed + 1)
+    u = qmc.Halton(3, seed=np.random.default_rng(seed + 1)).random(pool.points)
     marks = 1 if situation.artefact is None else len(situation.artefact.landmarks)
     touches = max(2 if marks > 1 else 20, repeats * marks)
     within = region.lower + u * (region.upper - region.lower)

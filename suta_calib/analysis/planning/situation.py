@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -14,7 +14,6 @@ from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.solver.problem import DEFAULT_SIGMA, Problem
 from suta_calib.solver.solution import Solution

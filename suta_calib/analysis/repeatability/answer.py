@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.touches import RepeatedTouches
 from suta_calib.analysis.repeatability.visits import Repeatability
 from suta_calib.assessment import Assessment, judged
-from suta_calib.records import dataclass
 
 
 @dataclass(frozen=True, eq=False)

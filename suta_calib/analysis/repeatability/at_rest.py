@@ -10,20 +10,20 @@ noise falls with 1/√τ, a drift rises with τ; the minimum tells how long aver
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import numpy as np
+from scipy.special import chdtri, stdtrit
 
 from suta_calib.analysis.repeatability.scatter import deviations, median_angle
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import note_input
-from suta_calib.distributions import chi2, t
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.records import dataclass
 from suta_calib.units import Unit, from_deg
 
 _PER_DECADE: Final = 8
@@ -98,8 +98,8 @@ def allan_deviation(
     return AllanDeviation(
         period * sizes,
         deviation,
-        deviation * np.sqrt(freedom / chi2.isf(tail, freedom)),
-        deviation * np.sqrt(freedom / chi2.ppf(tail, freedom)),
+        deviation * np.sqrt(freedom / chdtri(freedom, tail)),
+        deviation * np.sqrt(freedom / (chdtri(freedom, 1.0 - tail))),
     )
 
 
@@ -297,7 +297,7 @@ def _drift(time: FloatArray, away: FloatArray) -> tuple[float, float, float]:
     slope = float(moment @ mean) / power
     left = mean - mean.mean() - slope * moment
     std = np.sqrt(float(left @ left) / (_BATCHES - 2) / power)
-    half = float(t.ppf(0.5 + _CONFIDENCE / 2, _BATCHES - 2) * std)
+    half = float(stdtrit(_BATCHES - 2, 0.5 + _CONFIDENCE / 2) * std)
     return slope, half, float(np.ptp(mean))
 
 

@@ -15,6 +15,7 @@ two joints do the same to the tip, the readings cannot tell which of them gives:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -22,7 +23,6 @@ from numpy.typing import NDArray
 
 from suta_calib.analysis.repeatability.scatter import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.records import dataclass
 from suta_calib.terms.block import grouped
 from suta_calib.units import Unit
 

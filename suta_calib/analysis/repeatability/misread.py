@@ -18,6 +18,7 @@ import numpy as np
 
 from suta_calib.analysis.repeatability.scatter import deviations, tip_levers
 from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.other_readings import readings_of_joints
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
@@ -78,7 +79,6 @@ def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None
 def _readings(arm: ArmModel) -> Iterator[tuple[str, Callable[[Samples], Samples]]]:
     """Other readings of the columns, each with what would have to be so."""
     # Where all is well nobody asks for it.
-    from suta_calib.diagnostics.other_readings import readings_of_joints
 
     yield from readings_of_joints(arm)
     for k, (name, unit) in enumerate(arm.units.items()):

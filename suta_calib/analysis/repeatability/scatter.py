@@ -10,16 +10,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
 from typing import Final, Protocol
 
 import numpy as np
 from scipy.spatial.transform import Rotation
+from scipy.special import stdtrit
 
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
-from suta_calib.distributions import t
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95
@@ -130,7 +130,7 @@ def difference(
 
 
 def _factor(confidence: float, freedom: float) -> float:
-    return float(t.ppf(0.5 + confidence / 2, freedom))
+    return float(stdtrit(freedom, 0.5 + confidence / 2))
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,16 +8,16 @@ by no little part of what the other joints move it by, each for itself, however 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.analysis.repeatability.scatter import deviations, tip_levers
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.distributions import f
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.units import mm
 
 # Visits of which that can be told.
@@ -143,4 +143,4 @@ def _far(along: FloatArray, left: FloatArray, group: IntArray) -> bool:
     freedom = len(along) - len(np.unique(group))
     one, other = float(along @ along) / freedom, float(np.sum(left**2)) / (2 * freedom)
     ratio = one / max(other, 1e-30)
-    return ratio > FAR**2 and float(f.sf(ratio, freedom, 2 * freedom)) < RARE
+    return ratio > FAR**2 and float(fdtrc(freedom, 2 * freedom, ratio)) < RARE

@@ -7,6 +7,7 @@ section 7.4). Points count as wholes in the intervals.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -26,7 +27,6 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
-from suta_calib.records import dataclass
 from suta_calib.terms import ArmPoses
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -36,7 +37,6 @@ from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.pose_calibration.serial_correlation import correlation_length
-from suta_calib.records import dataclass
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, from_deg, mm

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -20,7 +21,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.accuracy import block_residuals, fit_own
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import Term

@@ -10,7 +10,7 @@ deviations that are predicted are those that appear.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 from suta_calib.analysis.study.log import StudyLog
@@ -25,7 +25,6 @@ from suta_calib.analysis.study.trial import (
 )
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

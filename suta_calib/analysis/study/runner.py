@@ -12,6 +12,7 @@ import hashlib
 import logging
 import pickle
 import signal
+import tempfile
 import threading
 import time
 from collections import deque
@@ -21,6 +22,9 @@ from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
 from typing import Any, Final
+
+from joblib.externals.loky import get_reusable_executor
+from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from suta_calib.analysis.study.trial import StudyData, Trial, run_trial
 from suta_calib.errors import InputError
@@ -79,8 +83,6 @@ def _set_down(content: bytes) -> Iterator[Path | bytes]:
     this process would be at rest until the worker had imported what it needs, and the next one
     would not be started before.
     """
-    import tempfile
-
     place: Path | bytes = content
     with ExitStack() as kept:
         with suppress(OSError):
@@ -94,9 +96,6 @@ def _set_down(content: bytes) -> Iterator[Path | bytes]:
 def _beside_others(
     data: StudyData, tasks: Sequence[Task], workers: int, key: str, place: Path | bytes
 ) -> Iterator[Trial]:
-    from joblib.externals.loky import get_reusable_executor
-    from joblib.externals.loky.process_executor import BrokenProcessPool
-
     waiting, running = deque(tasks), set[Future[list[Trial]]]()
 
     def hand_out() -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,6 @@ import numpy as np
 from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements.samples import joined
-from suta_calib.records import dataclass
 from suta_calib.terms import KINDS
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term

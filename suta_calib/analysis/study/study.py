@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import nullcontext
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
 
@@ -22,7 +22,6 @@ from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nomi
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.records import dataclass
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import Progress
 from suta_calib.units import shown

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import field, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Final, Literal
 
@@ -25,7 +25,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.records import dataclass
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations, stream
 from suta_calib.solver.kernel import TermErrors

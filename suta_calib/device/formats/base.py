@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
+from suta_calib.device.port import Port
 from suta_calib.device.reading import Reading, Statistics
 from suta_calib.device.units import signs, values_from_angles
 
@@ -136,8 +137,6 @@ class Format(ABC):
         Raises:
             SutaCalibError: as `Port`.
         """
-        from suta_calib.device.port import Port
-
         return Port(spec)
 
     @abstractmethod

@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
+import pinocchio as pin
 from lxml import etree
 
 from suta_calib.arrays import FloatArray
@@ -263,8 +264,6 @@ class _Tree:
         Raises:
             ForeignFileError: they differ; nothing is imported then.
         """
-        import pinocchio as pin
-
         model = pin.buildModelFromXML(text)
         data = model.createData()
         names = (*self.body_names, *self.site_names)

@@ -54,6 +54,7 @@ from suta_calib.exchange.table_roles import (
     plain_name,
 )
 from suta_calib.measurements.csv_table import SIGMA, SIGMAS
+from suta_calib.terms import KINDS
 from suta_calib.units import from_deg, from_mm
 from suta_calib.words import listed
 
@@ -436,8 +437,6 @@ def _metres(unit: str) -> float:
 
 def _labels() -> set[str]:
     """Columns of samples that are no readings of joints, nor poses, whatever the kind."""
-    from suta_calib.terms import KINDS
-
     found = {"time", "image", SIGMA, *SIGMAS}
     for kind in KINDS.values():
         columns = kind.columns

@@ -1,0 +1,9 @@
+from .error_budget import EncoderNoise as EncoderNoise
+from .error_budget import ErrorBudget as ErrorBudget
+from .tip_map import TipMap as TipMap
+from .tip_map import TipMapOptions as TipMapOptions
+from .tip_map import tip_map_of_result as tip_map_of_result
+from .tip_map import tip_map_of_solution as tip_map_of_solution
+from .tip_map_plot import draw_tip_map as draw_tip_map
+from .tip_sections import Knowledge as Knowledge
+from .tip_sections import Walker as Walker

@@ -1,0 +1,15 @@
+from .acceptance import AcceptanceMeasurements as AcceptanceMeasurements
+from .acceptance import AcceptanceTest as AcceptanceTest
+from .acceptance import Characteristic as Characteristic
+from .acceptance import accept as accept
+from .acceptance import acceptance_test as acceptance_test
+from .measured import Articulation as Articulation
+from .measured import LengthErrors as LengthErrors
+from .measured import Repeats as Repeats
+from .measured import Sphere as Sphere
+from .measured import SphereProbing as SphereProbing
+from .measured import articulations as articulations
+from .measured import best_sphere as best_sphere
+from .measured import probings as probings
+from .measured import repeats as repeats
+from .measured import smallest_sphere as smallest_sphere

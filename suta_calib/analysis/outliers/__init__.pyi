@@ -1,0 +1,15 @@
+from .answer import AGREEMENT as AGREEMENT
+from .answer import GROUPING_NOUN as GROUPING_NOUN
+from .answer import METRICS as METRICS
+from .answer import Displacement as Displacement
+from .answer import GrossTouch as GrossTouch
+from .answer import Group as Group
+from .answer import HeldOut as HeldOut
+from .answer import Level as Level
+from .answer import Metric as Metric
+from .answer import Move as Move
+from .answer import Outliers as Outliers
+from .answer import TermOutliers as TermOutliers
+from .answer import Thresholds as Thresholds
+from .plots import draw_metrics as draw_metrics
+from .search import find_outliers as find_outliers

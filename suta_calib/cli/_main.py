@@ -1,0 +1,36 @@
+"""Entry point of the command line."""
+
+from __future__ import annotations
+
+import gc
+import os
+
+from suta_calib.cli._process import (
+    INTERRUPTED,
+    complete_streams,
+    end_undisturbed,
+    leave,
+    say_interrupted,
+)
+
+
+def main() -> None:
+    """Entry point of the command ``suta-calib``: an interrupt at any time is one line and 130."""
+    # Modules are a hundred thousand objects that all live on: to look through them for garbage, as
+    # often as Python does, takes a twelfth of the time of a short command.
+    gc.set_threshold(200_000, 20, 20)
+    complete_streams()
+    try:
+        # OpenBLAS reads this when NumPy is imported. Matrices here are small: more threads mostly
+        # wait for each other. Whoever sets another number keeps it.
+        os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # Here, for importing takes long enough to be interrupted.
+        from suta_calib.cli._app import run
+
+        code = run()
+        end_undisturbed()
+    except KeyboardInterrupt:
+        end_undisturbed()
+        say_interrupted()
+        code = INTERRUPTED
+    leave(code)

@@ -1,0 +1,17 @@
+from .accuracy import Accuracy as Accuracy
+from .accuracy import BlockErrors as BlockErrors
+from .accuracy import Metrics as Metrics
+from .accuracy import TermAccuracy as TermAccuracy
+from .accuracy import assess as assess
+from .explanation import Explanation as Explanation
+from .explanation import explain as explain
+from .observability import Indices as Indices
+from .observability import Observability as Observability
+from .observability import Prospect as Prospect
+from .observability import observe as observe
+from .repeats import LackOfFit as LackOfFit
+from .repeats import TouchRepeatability as TouchRepeatability
+from .repeats import touch_repeatability as touch_repeatability
+from .score_tests import ScoreTest as ScoreTest
+from .tip_uncertainty import Sensitivity as Sensitivity
+from .tip_uncertainty import sensitivity as sensitivity

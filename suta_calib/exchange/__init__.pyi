@@ -1,0 +1,13 @@
+from .imported import Imported as Imported
+from .imported import ImportedFile as ImportedFile
+from .imported import ImportedRows as ImportedRows
+from .reader import Reader as Reader
+from .reader import import_formats as import_formats
+from .reader import read_foreign as read_foreign
+from .result import Result as Result
+from .result import Transform as Transform
+from .result import read_result as read_result
+from .writer import Exported as Exported
+from .writer import Writer as Writer
+from .writer import export_formats as export_formats
+from .writer import write_foreign as write_foreign

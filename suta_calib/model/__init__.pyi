@@ -1,0 +1,11 @@
+from .arm import ArmModel as ArmModel
+from .chain import Chain as Chain
+from .chain import ChainJoint as ChainJoint
+from .chain import read_chain as read_chain
+from .dh import DhRow as DhRow
+from .dh import DhTable as DhTable
+from .dh import dh_table as dh_table
+from .parameters import Parameter as Parameter
+from .parameters import ParameterSet as ParameterSet
+from .parameters import Selection as Selection
+from .urdf import write_urdf as write_urdf

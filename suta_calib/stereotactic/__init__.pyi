@@ -1,0 +1,10 @@
+from .cis_files import StereotacticData as StereotacticData
+from .cis_simulation import SimulatedSet as SimulatedSet
+from .cis_simulation import simulate_stereotactic as simulate_stereotactic
+from .distortion import DistortionCorrection as DistortionCorrection
+from .distortion import fit_distortion as fit_distortion
+from .solve import StereotacticErrors as StereotacticErrors
+from .solve import StereotacticResult as StereotacticResult
+from .solve import compare as compare
+from .solve import read_given as read_given
+from .solve import solve_stereotactic as solve_stereotactic

@@ -1,0 +1,14 @@
+from .evidence import Effect as Effect
+from .evidence import Evidence as Evidence
+from .evidence import LinearFit as LinearFit
+from .evidence import Rule as Rule
+from .evidence import supported_effects as supported_effects
+from .evidence import weigh_effects as weigh_effects
+from .examination import Examination as Examination
+from .hypothesis import AddedVariable as AddedVariable
+from .hypothesis import Finding as Finding
+from .hypothesis import Hypothesis as Hypothesis
+from .hypothesis import Reinterpretation as Reinterpretation
+from .hypothesis import Spoilt as Spoilt
+from .hypothesis import examine as examine
+from .hypothesis import known_hypotheses as known_hypotheses

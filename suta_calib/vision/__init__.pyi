@@ -1,0 +1,13 @@
+from .camera_fit import CameraFit as CameraFit
+from .camera_fit import calibrate_camera as calibrate_camera
+from .camera_fit import view_poses as view_poses
+from .detection import Detection as Detection
+from .detection import DetectionOptions as DetectionOptions
+from .detection import View as View
+from .detection import detect as detect
+from .drawing import drawn as drawn
+from .pictures import PictureFile as PictureFile
+from .pictures import find_pictures as find_pictures
+from .pictures import read_picture as read_picture
+from .rendering import RenderOptions as RenderOptions
+from .rendering import rendered as rendered
