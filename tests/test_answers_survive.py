@@ -29,18 +29,21 @@ from suta_calib.report import calibration_document
 from suta_calib.report.document import Figure, File
 from suta_calib.report.files import write_document
 from suta_calib.terms import KINDS, ArmPoses, TrackedPoint
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 ASSESSMENT = "suta_calib.diagnostics.assessment"
+EXAMINATION = "suta_calib.trust.calibration_examination"
 EXPLANATION = "suta_calib.diagnostics.explanation"
 REPORT = "suta_calib.report.calibration"
 # Every judge, and what explains: where it fails, the answer is no longer called good.
 JUDGES = [
-    *(f"{ASSESSMENT}.{name}" for name in ("contradictions", "contradicted_beliefs", "changes")),
-    *(f"{ASSESSMENT}.{name}" for name in ("thinned", "lack_of_fit", "effective_unknowns")),
-    *(f"{ASSESSMENT}.{name}" for name in ("score_tests", "_on_scale", "explain_solution")),
-    *(f"{ASSESSMENT}.{name}" for name in ("_on_gain", "judge_priors")),
+    *(f"{EXAMINATION}.{name}" for name in ("contradictions", "contradicted_beliefs", "changes")),
+    *(f"{EXAMINATION}.{name}" for name in ("thinned", "lack_of_fit", "effective_unknowns")),
+    *(f"{EXAMINATION}.{name}" for name in ("explain", "judge_priors", "strongest_cause")),
+    *(f"{EXAMINATION}.{name}" for name in ("scale_effects", "Residuals.tests")),
+    *(f"{ASSESSMENT}.{name}" for name in ("_named_cause", "_on_gain", "_on_scale")),
+    f"{ASSESSMENT}._on_widening",
     "suta_calib.job.calibration.assess_calibration",
-    *(f"{ASSESSMENT}.{name}" for name in ("_named_cause", "judge_priors", "_on_widening")),
     *(f"{EXPLANATION}.{name}" for name in ("RichData", "_redundant", "tip_motion", "_spread")),
     "suta_calib.diagnostics.rich_data.RichData._information",
     "suta_calib.job.calibration.read_where_fitted",
@@ -49,9 +52,10 @@ JUDGES = [
 ]
 # What is only shown: the answer is as good without it.
 SHOWN = [
-    *(f"{REPORT}.{name}" for name in ("held_out_rows", "external_poses", "explained", "noise_of")),
+    *(f"{REPORT}.{name}" for name in ("held_out_rows", "explained", "noise_of")),
     *(f"{REPORT}.{name}" for name in ("priors_of", "groups", "_repeatability")),
     *(f"{REPORT}.plots.{name}" for name in ("histogram_svg", "changes_svg")),
+    f"{EXAMINATION}.external_poses",
     "suta_calib.job.calibration.calibration_scene",
 ]
 
@@ -85,10 +89,8 @@ def result(job: Path) -> CalibrationResult:
 
 def again(result: CalibrationResult) -> CalibrationResult:
     """The same, of which nothing is known yet but the solution."""
-    from suta_calib.diagnostics.accuracy import assess
-
-    solution = replace(result.solution)
-    return CalibrationResult(result.job, solution, assess(solution, result.job.validation))
+    examined = CalibrationExamination.of(replace(result.solution), result.job.validation)
+    return CalibrationResult(result.job, examined)
 
 
 @pytest.mark.parametrize("path", JUDGES)
@@ -127,8 +129,9 @@ def test_what_did_not_converge_stays_unusable(
     breaks(monkeypatch, f"{ASSESSMENT}._cause")
     minimum = replace(result.solution.minimum, status="Maximum_Iterations_Exceeded")
     stopped = replace(result.solution, minimum=minimum)
+    examined = CalibrationExamination.of(stopped, result.job.validation)
     with pytest.warns(NotExplainedWarning):
-        found = CalibrationResult(result.job, stopped, result.accuracy).assessment
+        found = CalibrationResult(result.job, examined).assessment
     assert found.level == "bad"
     assert any(note.startswith("Not judged: other readings") for note in found.notes)
 

@@ -28,8 +28,6 @@ def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
-        result = loaded.run(progress)
-        # To name what is wrong with data, they are read in many other ways.
-        progress.about("judging")
-        answer = calibration_document(result, verbose=verbose)
+        result = loaded.run(progress, progress.about)
+    answer = calibration_document(result, verbose=verbose)
     return replace(answer, written="record") if no_report else answer

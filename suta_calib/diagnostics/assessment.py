@@ -7,15 +7,8 @@ from typing import Final
 
 from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.diagnostics.accuracy import Accuracy
-from suta_calib.diagnostics.beliefs import contradicted_beliefs
-from suta_calib.diagnostics.causes import find_cause
-from suta_calib.diagnostics.changes import changes
-from suta_calib.diagnostics.contradictions import (
-    contradictions,
-    gross_rows,
-    seen_again,
-)
-from suta_calib.diagnostics.explanation import Explanation, Told, explain_solution
+from suta_calib.diagnostics.contradictions import gross_rows, seen_again
+from suta_calib.diagnostics.explanation import Explanation, Told
 from suta_calib.diagnostics.extension_gain import ExtensionGain, best_extension
 from suta_calib.diagnostics.odd_readings import (
     odd_columns,
@@ -23,15 +16,13 @@ from suta_calib.diagnostics.odd_readings import (
     read_again,
     rounded,
 )
-from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
-from suta_calib.diagnostics.repeats import LACKING, lack_of_fit
-from suta_calib.diagnostics.scale_effects import held_unseen, scale_effects
-from suta_calib.diagnostics.score_tests import geometry_is_held, score_tests
-from suta_calib.diagnostics.thinned import thinned
+from suta_calib.diagnostics.prior_size import PriorNotes
+from suta_calib.diagnostics.repeats import LACKING
+from suta_calib.diagnostics.scale_effects import held_unseen
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
-from suta_calib.trust.extended import LOOKS_LIKE, effective_unknowns
-from suta_calib.trust.hypothesis import strongest_cause
+from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.extended import LOOKS_LIKE
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 
@@ -41,34 +32,33 @@ MOST_SUSPECTS: Final = 3
 REDUNDANT: Final = 6
 
 
-def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
+def assess_calibration(examined: CalibrationExamination) -> Assessment:
     """Weigh convergence, held-out errors, bounds, fit, noise and what could not be told.
 
     Args:
-        solution: what came out.
-        accuracy: errors of the fitted and of the held-out terms, before and after.
+        examined: what came out.
 
     Returns:
         ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
         nominal one on held-out data; ``care`` where something must be known.
     """
-    failed = list[str]()
+    solution, accuracy, failed = examined.solution, examined.accuracy, list[str]()
     terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
     doubts = dict(judge("the samples", lambda: _doubts(terms), failed))
     if not solution.converged:
-        return _not_converged(solution, doubts, failed)
-    fit = attempt("judged: a part of the rows", lambda: thinned(solution), solution, failed)
-    found = judge("contradictions", lambda: contradictions(solution, accuracy), failed)
+        return _not_converged(examined, doubts, failed)
+    fewer = attempt("judged: a part of the rows", lambda: examined.fewer, examined, failed)
+    found = judge("contradictions", lambda: examined.contradictions, failed)
     # A fit that other readings explain far better has residuals that say nothing of joints.
-    cause = judge("other readings", lambda: _cause(solution), failed) if found else []
-    named = judge("the model", lambda: _named_cause(fit, accuracy, alone=not cause), failed)
+    cause = judge("other readings", lambda: _cause(examined), failed) if found else []
+    named = judge("the model", lambda: _named_cause(fewer, accuracy, alone=not cause), failed)
     # What explains residuals that are far too large is said before them.
     first = named if any(each.bad for each in found) else []
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     nothing = PriorNotes()
-    priors = attempt("judged: priors", lambda: judge_priors(solution), nothing, failed)
-    beliefs = judge("priors that rows state", lambda: contradicted_beliefs(fit), failed)
+    priors = attempt("judged: priors", lambda: examined.priors, nothing, failed)
+    beliefs = judge("priors that rows state", lambda: fewer.contradicted_beliefs, failed)
     is_worse = attempt("judged: validation data", lambda: accuracy.worse, False, failed)
     return Assessment.of(
         solution.sentence,
@@ -86,13 +76,13 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
             *judge("the gain", lambda: _on_gain(accuracy), failed),
             *(each.sentence for each in beliefs),
-            *judge("parameters", lambda: _on_parameters(solution), failed),
-            *judge("redundancy", lambda: _on_redundancy(solution), failed),
+            *judge("parameters", lambda: _on_parameters(examined), failed),
+            *judge("redundancy", lambda: _on_redundancy(examined), failed),
             *([] if first else named),
             *judge(
                 "residuals",
                 lambda: _beside_geometry(
-                    *(solution, fit, accuracy),
+                    *(examined, fewer),
                     named=bool(named),
                     suspect=not (cause or priors.bad),
                 ),
@@ -102,8 +92,8 @@ def assess_calibration(solution: Solution, accuracy: Accuracy) -> Assessment:
             *accuracy.unjudged,
         ],
         known=[
-            *judge("what is held at nominal", lambda: _as_drawn(solution), failed),
-            *judge("the scale", lambda: _on_scale(solution), failed),
+            *judge("what is held at nominal", lambda: _as_drawn(examined), failed),
+            *judge("the scale", lambda: _on_scale(examined), failed),
             *priors.known,
             *judge("widened ±", lambda: _on_widening(solution), failed),
         ],
@@ -115,11 +105,12 @@ def _doubts(terms: Sequence[Term]) -> Iterable[tuple[str, Level]]:
 
 
 def _not_converged(
-    solution: Solution, doubts: Mapping[str, Level], failed: list[str]
+    examined: CalibrationExamination, doubts: Mapping[str, Level], failed: list[str]
 ) -> Assessment:
     """Of a solution that did not converge: what may be the cause."""
+    solution = examined.solution
     notes = [said for said, level in doubts.items() if level == "bad"]
-    notes = notes or _causes(solution, failed)
+    notes = notes or _causes(examined, failed)
     notes = notes or judge(
         "single rows", lambda: [each.sentence for each in gross_rows(solution)], failed
     )
@@ -130,14 +121,13 @@ def _not_converged(
     return Assessment("bad", solution.sentence, (*again, *digits, *notes, *failed))
 
 
-def _cause(solution: Solution) -> list[str]:
+def _cause(examined: CalibrationExamination) -> list[str]:
     """The data read in another way, where that explains them far better."""
-    # Data that fit have no cause to look for.
-
+    solution = examined.solution
     terms = solution.problem.terms
     if odd := [*odd_columns(terms), *read_again(terms)]:
         return [] if solution.converged else odd
-    cause = find_cause(solution)
+    cause = examined.other_reading
     if cause is None:
         return [*odd_where_nothing_fits(terms)]
     unit = solution.problem.blocks[0].unit
@@ -157,10 +147,11 @@ def _on_gain(accuracy: Accuracy) -> list[str]:
     ]
 
 
-def _on_parameters(solution: Solution) -> list[str]:
+def _on_parameters(examined: CalibrationExamination) -> list[str]:
     """What other data would tell, by what to measure; and what ended at a bound."""
+    solution = examined.solution
     by_remedy: dict[tuple[Told, str], list[Explanation]] = {}
-    for each in explain_solution(solution):
+    for each in examined.explanations:
         if each.told != "redundant":
             by_remedy.setdefault((each.told, each.remedy), []).append(each)
     how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
@@ -177,22 +168,22 @@ def _on_parameters(solution: Solution) -> list[str]:
     return notes
 
 
-def _as_drawn(solution: Solution) -> list[str]:
+def _as_drawn(examined: CalibrationExamination) -> list[str]:
     """What no data of these kinds could tell is no convention where the tip hangs on it."""
-    held = [each for each in explain_solution(solution) if each.as_drawn]
+    held = [each for each in examined.explanations if each.as_drawn]
     if not held:
         return []
     return [
         "Held at nominal, because observations of these kinds cannot tell: "
         f"{listed([each.fixed for each in held])}. The tip is as good as its drawing there, and "
-        f"no ± of this answer includes that{_at_stake(solution, held)}."
+        f"no ± of this answer includes that{_at_stake(examined.solution, held)}."
     ]
 
 
-def _on_scale(solution: Solution) -> list[str]:
+def _on_scale(examined: CalibrationExamination) -> list[str]:
     """Whatever makes all that was measured longer makes the arm longer, and leaves no residual."""
-    unseen = held_unseen(solution)
-    carried = [effect.sentence for effect in scale_effects(solution) if effect.carries]
+    unseen = held_unseen(examined.solution)
+    carried = [effect.sentence for effect in examined.scale_effects if effect.carries]
     return [*carried, *([unseen] if unseen else [])]
 
 
@@ -222,11 +213,11 @@ def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
     return f" ({'; '.join(losses)})" if losses else ""
 
 
-def _on_redundancy(solution: Solution) -> list[str]:
+def _on_redundancy(examined: CalibrationExamination) -> list[str]:
     """Noise that is learnt from few residuals may be off by half, and every ± with it."""
+    solution = examined.solution
     equations = sum(term.equations() for term in solution.problem.terms)
-    spent = effective_unknowns(solution)
-    if equations - spent >= REDUNDANT:
+    if equations - examined.effective_unknowns >= REDUNDANT:
         return []
     return [
         f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
@@ -234,34 +225,34 @@ def _on_redundancy(solution: Solution) -> list[str]:
     ]
 
 
-def _causes(solution: Solution, failed: list[str]) -> list[str]:
+def _causes(examined: CalibrationExamination, failed: list[str]) -> list[str]:
     """What may have spoilt a fit that did not converge; of joints its residuals say nothing."""
     nothing: tuple[list[str], bool] = [], False
-    model, first = attempt("judged: the model", lambda: _cause_of_model(solution), nothing, failed)
-    readings = judge("other readings", lambda: _cause(solution), failed)
+    model, first = attempt("judged: the model", lambda: _cause_of_model(examined), nothing, failed)
+    readings = judge("other readings", lambda: _cause(examined), failed)
     return [*model, *readings] if first else readings or model
 
 
-def _cause_of_model(solution: Solution) -> tuple[list[str], bool]:
+def _cause_of_model(examined: CalibrationExamination) -> tuple[list[str], bool]:
     """What the model lacks beside parameters, and whether it is said before other readings."""
-    cause = strongest_cause(thinned(solution))
+    cause = examined.fewer.strongest_cause
     if cause is None or cause.evidence.effect.parameters:
         return [], False
     return [cause.sentence], cause.hypothesis.before_others
 
 
-def _named_cause(solution: Solution, accuracy: Accuracy, *, alone: bool) -> list[str]:
+def _named_cause(examined: CalibrationExamination, accuracy: Accuracy, *, alone: bool) -> list[str]:
     """What explains the residuals better than a change while the rows were measured, if anything.
 
     Where parameters describe it, it stands here only if estimating them predicts left-out rows
     better.
 
     Args:
-        solution: converged.
+        examined: converged.
         accuracy: its errors.
         alone: whether no other reading of the data explains them far better.
     """
-    cause = strongest_cause(solution)
+    cause = examined.strongest_cause
     if cause is None:
         return []
     if cause.hypothesis.before_others:
@@ -269,30 +260,37 @@ def _named_cause(solution: Solution, accuracy: Accuracy, *, alone: bool) -> list
     if not alone:
         return []
     share = cause.evidence.share_beyond_choice
-    if any(change.share >= share for change in changes(solution)):
+    if any(change.share >= share for change in examined.changes):
         return []
     names = cause.evidence.effect.parameters
     if not names:
         return [cause.sentence]
-    gain = best_extension(solution, accuracy.validation, [names])
+    gain = _best_extension(examined, accuracy, [names])
     return [] if gain is None else [f"{cause.sentence} {_with_it(gain)}."]
 
 
+def _best_extension(
+    examined: CalibrationExamination, accuracy: Accuracy, choices: Sequence[Sequence[str]]
+) -> ExtensionGain | None:
+    """The choice that predicts left-out rows best; None if none does, or rows are too few."""
+    linear = examined.linearised
+    return None if linear is None else best_extension(linear, accuracy.validation, choices)
+
+
 def _beside_geometry(
-    solution: Solution, fewer: Solution, accuracy: Accuracy, *, named: bool, suspect: bool
+    examined: CalibrationExamination, fewer: CalibrationExamination, *, named: bool, suspect: bool
 ) -> list[str]:
     """What a URDF cannot hold, and what the residuals look like, held geometry last.
 
     A note on what the model lacks stands here only if estimating it predicts left-out rows better.
 
     Args:
-        solution: converged.
+        examined: converged.
         fewer: the same over part of many rows.
-        accuracy: its errors.
         named: whether the cause of the residuals was said.
         suspect: whether the residuals tell of the arm, and of no other reading of the data.
     """
-    notes = []
+    notes, solution = list[str](), examined.solution
     arm = solution.problem.arm
     beside = () if arm is None else arm.nongeometric
     if held := [n for n, e in solution.arm_estimates.items() if e.value and n in beside]:
@@ -303,20 +301,20 @@ def _beside_geometry(
         )
     if named:
         return notes
-    if changed := changes(fewer):
+    if changed := fewer.changes:
         return [*notes, *(change.sentence for change in changed)]
     if arm is None or not suspect:
         return notes
-    return [*notes, *(_like_an_error(fewer, accuracy) or _like_geometry(solution, fewer, accuracy))]
+    return [*notes, *(_like_an_error(fewer, examined.accuracy) or _like_geometry(examined, fewer))]
 
 
-def _like_an_error(solution: Solution, accuracy: Accuracy) -> list[str]:
+def _like_an_error(fewer: CalibrationExamination, accuracy: Accuracy) -> list[str]:
     """An error beside geometry that the residuals look like, where estimating it helps."""
-    suspects = [test for test in score_tests(solution) if test.suspicious]
+    suspects = [test for test in fewer.score_tests if test.suspicious]
     suspects.sort(key=lambda test: -test.explains)
     together = [name for test in suspects for name in test.names]
     choices = [*(test.names for test in suspects[:MOST_SUSPECTS]), together]
-    gain = best_extension(solution, accuracy.validation, choices) if suspects else None
+    gain = _best_extension(fewer, accuracy, choices) if suspects else None
     if gain is None:
         return []
     in_it = [test for test in suspects if set(test.names) & set(gain.names)]
@@ -328,15 +326,15 @@ def _like_an_error(solution: Solution, accuracy: Accuracy) -> list[str]:
     ]
 
 
-def _like_geometry(solution: Solution, fewer: Solution, accuracy: Accuracy) -> list[str]:
+def _like_geometry(examined: CalibrationExamination, fewer: CalibrationExamination) -> list[str]:
     """Geometry that the job holds as drawn, where estimating it helps."""
-    lack = [fit for fit in lack_of_fit(solution) if fit.ratio > LACKING]
-    if not lack and not geometry_is_held(fewer):
+    lack = [fit for fit in examined.lack_of_fit if fit.ratio > LACKING]
+    if not lack and not fewer.geometry_is_held:
         return []
-    arm = solution.problem.arm
-    assert arm is not None
-    held = [n for n in arm.geometric if n not in solution.problem.arm_parameters]
-    gain = best_extension(fewer, accuracy.validation, [held]) if held else None
+    assert examined.arm is not None
+    fitted = examined.solution.problem.arm_parameters
+    held = [n for n in examined.arm.geometric if n not in fitted]
+    gain = _best_extension(fewer, examined.accuracy, [held]) if held else None
     if gain is None:
         return []
     repeats = [

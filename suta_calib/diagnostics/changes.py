@@ -12,7 +12,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
@@ -32,8 +31,8 @@ from suta_calib.diagnostics.suspects import (
     suspects,
     waves,
 )
-from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
+from suta_calib.trust.examination import Examination
 from suta_calib.units import Unit, text
 
 
@@ -144,20 +143,19 @@ class Disturbance:
         )
 
 
-@lru_cache(maxsize=4)
 @single_threaded
 def changes(
-    solution: Solution, options: ChangeOptions = ChangeOptions()
+    answer: Examination, options: ChangeOptions = ChangeOptions()
 ) -> tuple[Disturbance, ...]:
     """The most telling change, where there is one.
 
     Args:
-        solution: a converged one, of terms over an arm.
+        answer: a converged one, of terms over an arm.
         options: what is looked for.
     """
-    if solution.problem.arm is None:
+    if answer.arm is None:
         return ()
-    fit = everything_follows(solution)
+    fit = everything_follows(answer)
     found, tried = most_telling(fit, [*suspects(fit)], stretches(fit, options.fewest))
     telling = [each for each in found if tried * each.p < options.level]
     if not any(

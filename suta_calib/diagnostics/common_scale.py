@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -108,8 +107,6 @@ def relied_on(solution: Solution) -> list[tuple[object, ...]]:
     ]
 
 
-# What says which factors there are, and what says on which the answer rests.
-@lru_cache(maxsize=1)
 def _steps(solution: Solution) -> tuple[CommonScale, ...]:
     """The factor of every sort of lengths that there is, told or not."""
     carriers = [scale_carrier(term) for term in solution.problem.terms]

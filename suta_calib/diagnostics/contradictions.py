@@ -14,9 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from suta_calib.diagnostics.accuracy import Accuracy, fitted_too
+from suta_calib.diagnostics.accuracy import fitted_too
 from suta_calib.diagnostics.common_scale import CommonScale, beyond_drawing, common_scales
-from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, robust_level
+from suta_calib.diagnostics.held_out import HeldOutErrors, robust_level
 from suta_calib.diagnostics.noise_of_rows import noise_of_rows
 from suta_calib.diagnostics.odd_readings import (
     may_read_alike,
@@ -108,26 +108,28 @@ class Contradiction:
 
 
 def contradictions(
-    solution: Solution, accuracy: Accuracy, options: ContradictionOptions = ContradictionOptions()
+    solution: Solution,
+    held_out: Sequence[HeldOutErrors],
+    options: ContradictionOptions = ContradictionOptions(),
 ) -> tuple[Contradiction, ...]:
     """Everything that disagrees with a converged answer, the worst first.
 
     Args:
         solution: of terms over an arm.
-        accuracy: its errors, held-out ones among them.
+        held_out: its held-out errors.
         options: from where on it counts.
     """
     residuals = list(_residuals(solution, options))
     found = [
         *residuals,
-        *_held_out(held_out_errors(solution, accuracy), options),
+        *_held_out(held_out, options),
         # What does not fit at all has no scale.
         *([] if any(each.bad for each in residuals) else _scales(solution, options)),
         *_priors(solution, options),
         *(Contradiction(False, sentence) for sentence in odd_columns(solution.problem.terms)),
         *(Contradiction(False, sentence) for sentence in read_again(solution.problem.terms)),
         *(Contradiction(False, sentence) for sentence in rounded(solution)),
-        *_repeated(solution, [each.term for each in accuracy.validation]),
+        *_repeated(solution, list(dict.fromkeys(each.term for each in held_out))),
         *_twice(solution.problem.terms),
         *seen_again(solution.problem.terms, options),
     ]

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import Final, Literal
 
 import numpy as np
@@ -24,7 +24,6 @@ from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITIO
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.term import Gap
 from suta_calib.threads import single_threaded
@@ -166,14 +165,6 @@ def redundant_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
 def as_drawn_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
     """Names of those of them that the tip depends on."""
     return tuple(e.fixed for e in explanations if e.as_drawn)
-
-
-@lru_cache(maxsize=4)
-def explain_solution(solution: Solution) -> tuple[Explanation, ...]:
-    """Why parameters of a solution are held; nothing where it may not be used."""
-    if not solution.converged:
-        return ()
-    return explain(solution.problem, solution.x, solution.identification)
 
 
 @single_threaded

@@ -20,10 +20,8 @@ from suta_calib.diagnostics.accuracy import (
     fit_own,
     term_accuracies,
 )
-from suta_calib.diagnostics.cross_validation import CrossValidation, folds_of, limited_rms
+from suta_calib.diagnostics.cross_validation import CrossValidation, limited_rms
 from suta_calib.diagnostics.linearised import LinearModels, ModelFit
-from suta_calib.errors import SamplesError
-from suta_calib.solver.solution import Solution
 
 # Share of the squared held-out errors that an error must explain: less changes the RMS by less than
 # 5 %, which nobody notices.
@@ -45,25 +43,19 @@ class ExtensionGain:
 
 
 def best_extension(
-    solution: Solution, validation: Sequence[TermAccuracy], choices: Sequence[Sequence[str]]
+    linear: LinearModels, validation: Sequence[TermAccuracy], choices: Sequence[Sequence[str]]
 ) -> ExtensionGain | None:
     """The choice that predicts left-out rows best, if any of them is worth a note.
 
     Args:
-        solution: a converged one, of terms over an arm.
+        linear: a converged answer over an arm.
         validation: errors of the held-out terms, which must gain as much.
         choices: names of parameters that the job does not estimate, each set tried alone.
 
     Returns:
-        None where no choice lowers the held-out errors by more than chance and by
-        `WORTH_A_NOTE`, or where there are too few rows to leave any out.
+        None where no choice lowers the held-out errors by more than chance and by `WORTH_A_NOTE`.
     """
-    try:
-        folds = folds_of(solution.problem.terms)
-    except SamplesError:
-        return None
-    linear = LinearModels(solution, folds, solution.noise)
-    job = linear.cross_validation(linear.fit())
+    job = linear.as_fitted
     best: tuple[CrossValidation, ModelFit] | None = None
     for names in choices:
         fit = linear.fit(names)

@@ -20,9 +20,9 @@ from suta_calib.model.parameters import COUPLING, Family
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_threshold, huber_weight
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
-from suta_calib.trust.extended import known_beforehand, offered_names, problem_beside
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.extended import known_beforehand, offered_names
 
 # Of the cost, below which a round of re-weighing changes nothing, and rounds at most.
 SETTLED: Final = 1e-6
@@ -86,13 +86,14 @@ class Following:
         return replace(self, prior=prior, known=np.setdiff1d(self.known, lacking))
 
 
-def everything_follows(solution: Solution) -> Following:
-    """What is left of a solution's data once all of the geometry has followed, within reason.
+def everything_follows(answer: Examination) -> Following:
+    """What is left of an answer's data once all of the geometry has followed, within reason.
 
     Args:
-        solution: a converged one, of terms over an arm.
+        answer: a converged one, of terms over an arm.
     """
-    problem, x, sigmas = _touch_by_touch(solution)
+    solution = answer.solution
+    problem, x, sigmas = _touch_by_touch(answer)
     arm = problem.arm
     assert arm is not None
     place = {name: k for k, name in enumerate(problem.names)}
@@ -127,9 +128,9 @@ def _moved(rows: Sequence[Rows], by: Followed) -> list[Rows]:
     return found
 
 
-def _touch_by_touch(solution: Solution) -> tuple[Problem, FloatArray, Sequence[float]]:
+def _touch_by_touch(answer: Examination) -> tuple[Problem, FloatArray, Sequence[float]]:
     """The problem beside a solution, its point and noise levels, of single touches throughout."""
-    problem, x = problem_beside(solution)
+    solution, problem, x = answer.solution, answer.problem, answer.x
     singles = [_single_touches(term) for term in problem.terms]
     if all(a is b for a, b in zip(singles, problem.terms, strict=True)):
         return problem, x, solution.sigmas

@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -140,7 +139,6 @@ class HeldOutErrors:
         return Coverage(probability, share, std)
 
 
-@lru_cache(maxsize=4)
 def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErrors, ...]:
     """Every block of the held-out terms against its prediction.
 

@@ -21,10 +21,8 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.diagnostics.cross_validation import CrossValidation, Fold, FoldErrors
 from suta_calib.diagnostics.score_tests import Residuals, noise_ratio
 from suta_calib.solver.identifiability import WEAK
-from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_weight
-from suta_calib.solver.solution import Solution
-from suta_calib.trust.extended import extended_problem, offered_names
+from suta_calib.trust.examination import Examination
 
 # Times that rows are weighed anew by what is left of them, and a change of weight that is none.
 ROUNDS: Final = 8
@@ -81,18 +79,14 @@ class LinearModels:
     """A converged fit over an arm, its problem linear in all that the arm can be given.
 
     Args:
-        solution: that fit.
+        answer: that fit, examined.
         folds: what is left out each time.
         noise: what held-out errors of each block are counted in.
     """
 
-    def __init__(self, solution: Solution, folds: Sequence[Fold], noise: Sequence[float]) -> None:
-        self.solution, self.folds = solution, folds
-        arm = solution.problem.arm
-        assert arm is not None
-        candidates = dict.fromkeys(n for names in offered_names(arm).values() for n in names)
-        self.problem, self.x = extended_problem(solution, list(candidates))
-        self.rows = whitened_rows(self.problem, self.x, solution.sigmas)
+    def __init__(self, answer: Examination, folds: Sequence[Fold], noise: Sequence[float]) -> None:
+        self.solution, self.folds = answer.solution, folds
+        self.problem, self.x, self.rows = answer.problem, answer.x, answer.rows
         self._jacobian = np.vstack([r.jacobian for r in self.rows])
         self._residual = np.concatenate(
             [(r.line.residual / r.line.sigma[:, None]).reshape(-1) for r in self.rows]
@@ -189,6 +183,11 @@ class LinearModels:
             if np.abs(weight - before).max() < SAME_WEIGHT:
                 break
         return ModelFit(added, free, step, residual, weight)
+
+    @cached_property
+    def as_fitted(self) -> CrossValidation:
+        """Errors on each fold of the model as it was fitted."""
+        return self.cross_validation(self.fit())
 
     def residuals(self, fit: ModelFit) -> Residuals:
         """What is left by a model, to be tested."""

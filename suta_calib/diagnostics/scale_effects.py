@@ -7,7 +7,6 @@ stated number alone, so an answer names it, with what one standard deviation of 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -76,7 +75,6 @@ class ScaleEffect:
         )
 
 
-@lru_cache(maxsize=4)
 def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
     """Every carrier of a scale among the observations; none where they know no length.
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -29,12 +29,8 @@ from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
-from suta_calib.trust.extended import (
-    effective_unknowns,
-    offered_names,
-    problem_beside,
-    rows_beside,
-)
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.extended import offered_names
 
 # Chance that one of all tests calls clean residuals suspicious.
 LEVEL: Final = 0.01
@@ -89,42 +85,6 @@ class ScoreTest:
         return self.p_beside_geometry < LEVEL or (by_chance and self.beats_geometry)
 
 
-@lru_cache(maxsize=4)
-@single_threaded
-def score_tests(solution: Solution) -> tuple[ScoreTest, ...]:
-    """Every joint and family that the solution does not estimate, most suspicious first.
-
-    Args:
-        solution: a converged one.
-
-    Returns:
-        Nothing for a problem without an arm, or with too few touches to judge.
-    """
-    if solution.problem.arm is None:
-        return ()
-    return _residuals(solution).tests()
-
-
-# One: who judges a solution asks of its encoders, and then of the geometry.
-@lru_cache(maxsize=1)
-def _residuals(solution: Solution) -> Residuals:
-    return Residuals.of(solution)
-
-
-@lru_cache(maxsize=4)
-@single_threaded
-def geometry_is_held(solution: Solution) -> bool:
-    """Whether geometry that the job does not free explains the residuals, beyond any doubt.
-
-    What is estimated makes up for it, and no ± knows. `False` for a problem without an arm, or with
-    too few touches to judge.
-    """
-    if solution.problem.arm is None:
-        return False
-    residuals = _residuals(solution)
-    return residuals.enough and residuals.told_by_geometry(by_touch=True) > VERY_STRONG
-
-
 @dataclass(frozen=True, eq=False)
 class Residuals:
     """Residuals of a fit, to be tested for what the fit left out.
@@ -144,14 +104,15 @@ class Residuals:
     level: float
 
     @classmethod
-    def of(cls, solution: Solution) -> Residuals:
-        """Those of a solution over an arm."""
-        known = solution.problem.parameters
-        problem, _ = problem_beside(solution)
-        rows = rows_beside(solution)
-        fitted, free = frozenset(known), math.ceil(effective_unknowns(solution) - ROUNDING)
-        return cls(problem, rows, fitted, free, noise_ratio(solution))
+    def of(cls, answer: Examination, effective: float) -> Residuals:
+        """Those of an answer over an arm, of which the data have told ``effective`` unknowns."""
+        fitted, free = (
+            frozenset(answer.solution.problem.parameters),
+            math.ceil(effective - ROUNDING),
+        )
+        return cls(answer.problem, answer.rows, fitted, free, noise_ratio(answer.solution))
 
+    @single_threaded
     def tests(self) -> tuple[ScoreTest, ...]:
         """Of every joint and family, most suspicious first; nothing with too few touches."""
         if not self.enough:
@@ -236,6 +197,14 @@ class Residuals:
     @cached_property
     def _curvature(self) -> FloatArray:
         return curvature_of(self.problem, self.rows)
+
+    @single_threaded
+    def geometry_is_held(self) -> bool:
+        """Whether geometry that the job does not free explains the residuals, beyond any doubt.
+
+        What is estimated makes up for it, and no ± knows.
+        """
+        return self.enough and self.told_by_geometry(by_touch=True) > VERY_STRONG
 
     @property
     def enough(self) -> bool:

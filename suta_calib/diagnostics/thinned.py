@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -22,7 +21,6 @@ MOST_SAMPLES: Final = 5_000
 ENOUGH_CORNERS: Final = 12
 
 
-@lru_cache(maxsize=4)
 def thinned(solution: Solution) -> Solution:
     """The same solution over at most some `MOST_SAMPLES` of each term's samples, in their order.
 

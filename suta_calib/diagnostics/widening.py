@@ -10,14 +10,12 @@ Generalized Linear Models, section 4.5).
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
-from suta_calib.diagnostics.accuracy import Accuracy
-from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors, normal_squared
-from suta_calib.solver.solution import Solution
+from suta_calib.diagnostics.held_out import HeldOutErrors, normal_squared
 
 # Standard errors that held-out errors must be above what is predicted: as for a contradiction.
 SIGNIFICANT: Final = 4.0
@@ -28,19 +26,18 @@ UNEXPLAINED: Final = 3.0
 MOST: Final = 5.0
 
 
-def widened(solution: Solution, accuracy: Accuracy) -> Solution:
-    """The same solution with a covariance that predicts the held-out errors.
+def widening(held_out: Sequence[HeldOutErrors]) -> float:
+    """Factor on the standard deviations of an answer that makes them predict held-out errors.
 
     Args:
-        solution: a converged one.
-        accuracy: its errors, held-out ones among them.
+        held_out: of a converged answer, with its own standard deviations.
 
     Returns:
-        The solution itself where nothing was held out, where the errors are as predicted, or where
-        a wider covariance does not explain them.
+        1 where nothing was held out, where the errors are as predicted, or where wider standard
+        deviations do not explain them.
     """
-    factor = max((_factor(each) for each in held_out_errors(solution, accuracy)), default=1.0)
-    return replace(solution, widening=factor) if 1.0 < factor <= MOST else solution
+    factor = max((_factor(each) for each in held_out), default=1.0)
+    return factor if factor <= MOST else 1.0
 
 
 def _factor(errors: HeldOutErrors) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
@@ -16,15 +16,11 @@ from suta_calib.atomic import inputs_listed
 from suta_calib.diagnostics.accuracy import (
     Accuracy,
     TermAccuracy,
-    assess,
     fitted_too,
     read_where_fitted,
 )
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.explanation import explain_solution
 from suta_calib.diagnostics.odd_readings import may_read_alike
-from suta_calib.diagnostics.repeats import touch_repeatability
-from suta_calib.diagnostics.widening import widened
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
 from suta_calib.job.scene import calibration_scene
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
@@ -42,6 +38,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
 from suta_calib.terms.poses import joint_ranges
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import shown, unit_name
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import view_calibration
@@ -132,20 +129,31 @@ class CalibrationJob(Shown):
         s = self.spec.solver
         return SolverOptions(s.starts, s.seed, s.hessian, s.max_iterations)
 
-    def run(self, progress: Progress | None = None) -> CalibrationResult:
-        """Solve and validate."""
-        # Who only looks at a job solves nothing.
+    def run(
+        self, progress: Progress | None = None, about: Callable[[str], None] | None = None
+    ) -> CalibrationResult:
+        """Solve, validate and judge.
 
+        Args:
+            progress: called with (starts done, starts).
+            about: called with what is being done, once that is no longer solving.
+
+        Returns:
+            The calibration with its `assessment`: whoever shows it computes nothing more.
+        """
         began = perf_counter()
         problem = self.problem()
         build = perf_counter() - began
         solution = solve(problem, self.options(), progress)
         solution = replace(solution, timing={"build": build} | solution.timing)
-        accuracy = assess(solution, self.validation)
-        wide = attempt("judged: ±", lambda: widened(solution, accuracy), solution)
-        if wide is not solution:
-            solution, accuracy = wide, assess(wide, self.validation)
-        return CalibrationResult(self, solution, accuracy)
+        examined = CalibrationExamination.of(solution, self.validation)
+        if about is not None:
+            # To name what is wrong with data, they are read in many other ways.
+            about("judging")
+        examined = attempt("judged: ±", lambda: examined.widened, examined)
+        result = CalibrationResult(self, examined)
+        _ = result.assessment
+        return result
 
     def usable_solution(
         self, progress: Progress | None = None, *, anyway: bool = False
@@ -180,19 +188,27 @@ class CalibrationResult(Shown):
 
     Attributes:
         job: what was asked.
-        solution: what came out.
-        accuracy: errors of the fitted and of the held-out terms.
+        examined: what came out, with all that is computed about it.
     """
 
     job: CalibrationJob
-    solution: Solution
-    accuracy: Accuracy
+    examined: CalibrationExamination
+
+    @property
+    def solution(self) -> Solution:
+        """What came out."""
+        return self.examined.solution
+
+    @property
+    def accuracy(self) -> Accuracy:
+        """Errors of the fitted and of the held-out terms."""
+        return self.examined.accuracy
 
     @cached_property
     @judged
     def assessment(self) -> Assessment:
         """Whether the calibrated arm may be used, and what must be known to use it."""
-        found, failed = assess_calibration(self.solution, self.accuracy), list[str]()
+        found, failed = assess_calibration(self.examined), list[str]()
         if not self.solution.converged:
             return found
         on_the_job = judge("the job's rows", self._on_the_job, failed)
@@ -259,7 +275,7 @@ class CalibrationResult(Shown):
     @property
     def explanations(self) -> tuple[Explanation, ...]:
         """Why parameters are held; empty where the solution may not be used."""
-        return explain_solution(self.solution)
+        return self.examined.explanations
 
     @property
     def labelled_terms(self) -> dict[str, list[tuple[str, TermAccuracy]]]:
@@ -275,21 +291,17 @@ class CalibrationResult(Shown):
         }
 
     @property
-    def repeatability(self) -> dict[str, list[TouchRepeatability]]:
+    def repeatability(self) -> Mapping[str, tuple[TouchRepeatability, ...]]:
         """How the tip scatters among repeats of the same touch, as ``labelled_terms`` has terms.
 
         Terms without enough repeats are left out.
         """
-        every = {
-            name: [touch_repeatability(each.term, self.solution.values) for _, each in terms]
-            for name, terms in self.labelled_terms.items()
-        }
-        return {name: [each for each in terms if each] for name, terms in every.items()}
+        return self.examined.repeatability
 
     @property
     def calibrated(self) -> Calibrated:
         """What there is to see of it."""
-        return Calibrated.of(self.solution, self.accuracy, str(self.job.spec.path), self.assessment)
+        return Calibrated.of(self.examined, self.assessment, str(self.job.spec.path))
 
     def view(self, port: int = 0, host: str = "127.0.0.1") -> Viewer:
         """Show it in 3-D, in the browser; in a notebook below the cell.

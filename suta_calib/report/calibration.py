@@ -17,9 +17,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
-from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.diagnostics.repeats import TouchRepeatability
-from suta_calib.diagnostics.scale_effects import ScaleEffect, scale_effects
+from suta_calib.diagnostics.scale_effects import ScaleEffect
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
@@ -181,13 +180,13 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     solution = result.solution
     if not solution.converged:
         return
-    every = outcomes(solution)
+    every = outcomes(result.examined)
     arm, own = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
     worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
     yield ShownOnly(PARAMETERS.of(worth_showing), "console")
     if not verbose:
         # What is no pose, such as a camera's intrinsics or a radius, is told nowhere else.
-        posed = {name for each in external_poses(solution) for name in each.frame.names}
+        posed = {name for each in result.examined.external_poses for name in each.frame.names}
         alone = [row for row in own if row.estimate.name not in posed]
         shown = alone if len(alone) <= MANY else []
         if shown:
@@ -221,7 +220,7 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
 
 def _external_poses(result: CalibrationResult) -> Iterator[Part]:
     """What many came for: where cameras, instruments and artefacts are."""
-    if poses := external_poses(result.solution):
+    if poses := result.examined.external_poses:
         yield ShownOnly(IN_SHORT.of(poses), "console")
         yield ShownOnly(EXTERNAL_POSES.of(poses), "page")
         yield Text(NOTE, place="page", look="soft")
@@ -403,19 +402,16 @@ def _data(result: CalibrationResult) -> Json:
     return {
         "status": "converged" if solution.converged else "not_converged",
         "job": result.job.spec.path.name,
-        "parameters": PARAMETERS.records(outcomes(solution)),
+        "parameters": PARAMETERS.records(outcomes(result.examined)),
         "external_poses": entry(
-            "external_poses", lambda: EXTERNAL_POSES.records(external_poses(solution))
+            "external_poses", lambda: EXTERNAL_POSES.records(result.examined.external_poses)
         ),
         "unidentified": solution.unidentified,
         "redundant": entry("redundant", lambda: redundant_names(result.explanations)),
         "unobservable": unobservable(solution.identification),
         "widening": solution.widening,
         "held": entry("held", lambda: held_directions(solution)),
-        "scale": entry(
-            "scale",
-            lambda: SCALE.records(scale_effects(solution) if solution.converged else ()),
-        ),
+        "scale": entry("scale", lambda: SCALE.records(result.examined.scale_effects)),
         # Samples that rows of the job leave out by name.
         "excluded": [
             {"in": f"{name}[{k}]", "kind": row.kind, **row.exclude.as_dict()}

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors, held_out_errors
+from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report.listing import Column, Listing
 from suta_calib.units import Unit, unit_name
@@ -91,6 +91,6 @@ HELD_OUT: Final = Listing[HeldOutRow](
 
 def held_out_rows(result: CalibrationResult) -> Iterator[HeldOutRow]:
     """Of every block that was held out; the solution has converged."""
-    found = held_out_errors(result.solution, result.accuracy)
     for label, term in result.labelled_terms["validation"]:
-        yield from (HeldOutRow(label, each) for each in found if each.term is term.term)
+        errors = (each for each in result.examined.held_out if each.term is term.term)
+        yield from (HeldOutRow(label, each) for each in errors)

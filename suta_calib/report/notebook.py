@@ -35,6 +35,7 @@ from suta_calib.report.registration import transform_table
 from suta_calib.report.tip_map import tip_map_document
 from suta_calib.showing import Shown as ShowsItself
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import text, unit_name
 
 JOINTS: Final = Listing[ChainJoint](
@@ -78,6 +79,12 @@ def html_of(shown: ShowsItself) -> str:
     )
 
 
+def _parameters(examined: CalibrationExamination) -> Shown:
+    """Parameters of the arm; those of the terms where there is no arm."""
+    every = outcomes(examined)
+    return PARAMETERS.of(every[: examined.solution.problem.arm_count] or every, "")
+
+
 @singledispatch
 def parts_of(shown: ShowsItself) -> Sequence[Shown]:
     """The parts that a notebook shows of an object; nothing beside its line, of any other."""
@@ -97,14 +104,13 @@ def _(shown: ParameterSet) -> Sequence[Shown]:
 
 @parts_of.register
 def _(shown: Solution) -> Sequence[Shown]:
-    every = outcomes(shown)
-    return (PARAMETERS.of(every[: shown.problem.arm_count] or every, ""),)
+    return (_parameters(CalibrationExamination.of(shown)),)
 
 
 @parts_of.register
 def _(shown: CalibrationResult) -> Sequence[Shown]:
     sets = {"calibration": shown.accuracy.calibration, "validation": shown.accuracy.validation}
-    return (errors_table(sets), *parts_of(shown.solution))
+    return errors_table(sets), _parameters(shown.examined)
 
 
 @parts_of.register

@@ -7,12 +7,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from suta_calib.diagnostics.explanation import as_drawn_names, explain_solution, redundant_names
+from suta_calib.diagnostics.explanation import as_drawn_names, redundant_names
 from suta_calib.diagnostics.observability import Prospect
 from suta_calib.model.parameters import Parameter
 from suta_calib.report.document import Text
 from suta_calib.report.listing import Column, Listing, Tone
-from suta_calib.solver.solution import Estimate, Solution, State
+from suta_calib.solver.solution import Estimate, State
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import Unit, text, unit_name
 from suta_calib.words import listed
 
@@ -149,11 +150,11 @@ PROSPECTS: Final = Listing[Prospect](
 )
 
 
-def outcomes(solution: Solution) -> list[Outcome]:
+def outcomes(examined: CalibrationExamination) -> list[Outcome]:
     """Every parameter's, in the problem's order."""
-    parameters = solution.problem.parameters
+    solution, parameters = examined.solution, examined.solution.problem.parameters
     redundant, as_drawn = (
-        names(explain_solution(solution)) for names in (redundant_names, as_drawn_names)
+        names(examined.explanations) for names in (redundant_names, as_drawn_names)
     )
     return [
         Outcome(estimate, parameters[name], solution.converged, name in redundant, name in as_drawn)

@@ -1,3 +1,4 @@
+from .calibration_examination import CalibrationExamination as CalibrationExamination
 from .evidence import Effect as Effect
 from .evidence import Evidence as Evidence
 from .evidence import LinearFit as LinearFit

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -16,7 +16,6 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import LinearFit
-from suta_calib.trust.extended import known_beforehand, offered_names, problem_beside, rows_beside
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
@@ -27,32 +26,21 @@ STEP: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Examination:
-    """A converged answer, linear about its solution.
+    """A converged answer, linear about its solution; each part is computed once, when asked for.
+
+    `ArmExamination` is that of a calibration over an arm.
 
     Attributes:
         solution: the answer.
-        problem: its problem. Over an arm, all of the arm's geometry is among the unknowns.
-        x: (p,) where it is linear.
-        rows: whitened rows of every block, with a column for each unknown of `problem`.
-        follows: (p,) the unknowns of `problem` that follow an effect.
         sigmas: standard deviation of one component of each block.
         rows_per_independent_row: see `LinearFit`.
         length: m per unit of length of the problem.
     """
 
     solution: Solution
-    problem: Problem
-    x: FloatArray
-    rows: Sequence[Rows]
-    follows: IntArray
     sigmas: Sequence[float]
     rows_per_independent_row: float = 1.0
     length: float = 1.0
-
-    @classmethod
-    def of(cls, solution: Solution) -> Examination:
-        """Examine a calibration over an arm; all of its geometry may follow an effect."""
-        return _of_arm(solution)
 
     @classmethod
     def of_poses(
@@ -74,11 +62,27 @@ class Examination:
             length: m per unit of length of the problem.
         """
         sigmas = solution.sigmas if sigmas is None else sigmas
-        problem = solution.problem
-        rows = kept_rows(problem, solution.x, sigmas)
-        free = solution.free
-        many = rows_per_independent_row
-        return cls(solution, problem, solution.x, rows, free, sigmas, many, length)
+        return cls(solution, sigmas, rows_per_independent_row, length)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem whose unknowns may follow an effect."""
+        return self.solution.problem
+
+    @property
+    def x(self) -> FloatArray:
+        """(p,) parameters of `problem` about which it is linear."""
+        return self.solution.x
+
+    @property
+    def follows(self) -> IntArray:
+        """Indices of the unknowns of `problem` that follow an effect."""
+        return self.solution.free
+
+    @cached_property
+    def rows(self) -> Sequence[Rows]:
+        """Whitened rows of every block, with a column for each unknown of `problem`."""
+        return kept_rows(self.problem, self.x, self.sigmas)
 
     @cached_property
     def fit(self) -> LinearFit:
@@ -106,17 +110,18 @@ class Examination:
         """
         fitted = self.solution.problem
         learned = dict(zip(fitted.names, fitted.prior_precision(), strict=True))
-        given = np.zeros(len(self.problem.names))
-        if self.arm is not None:
-            # Answers without an arm need nothing of arms.
-
-            given = known_beforehand(self.problem)
+        plausible = self._plausible_precision
         precision = np.array(
-            [learned.get(n, 0.0) or p for n, p in zip(self.problem.names, given, strict=True)]
+            [learned.get(n, 0.0) or p for n, p in zip(self.problem.names, plausible, strict=True)]
         )
         stated = np.array([learned.get(n, 0.0) > 0 for n in self.problem.names])
         nominal = self.problem.parameters.array("nominal")
         return precision, np.where(stated, self.x - nominal, 0.0)
+
+    @property
+    def _plausible_precision(self) -> FloatArray:
+        """(n,) precision of every unknown by what is plausible; 0 where anything is."""
+        return np.zeros(len(self.problem.names))
 
     @property
     def _clusters(self) -> IntArray:
@@ -140,7 +145,7 @@ class Examination:
     @property
     def arm(self) -> ArmModel | None:
         """The arm, where there is one."""
-        return self.problem.arm
+        return self.solution.problem.arm
 
     @property
     def table(self) -> PoseTable:
@@ -223,15 +228,3 @@ class Examination:
                 for r in self.rows
             ]
         )
-
-
-# One: several ask of one answer.
-@lru_cache(maxsize=1)
-def _of_arm(solution: Solution) -> Examination:
-    problem, x = problem_beside(solution)
-    assert problem.arm is not None
-    fitted = solution.problem.parameters
-    offered = {n for names in offered_names(problem.arm).values() for n in names}
-    follows = [k for k, n in enumerate(problem.names) if n in fitted or n not in offered]
-    rows = rows_beside(solution)
-    return Examination(solution, problem, x, rows, np.array(follows, np.intp), solution.sigmas)

@@ -7,7 +7,6 @@ an eccentric encoder.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 from typing import Final
 
 import numpy as np
@@ -16,7 +15,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COMPLIANCE, COUPLING, FAMILIES, OFFSET, Family, ParameterSet
-from suta_calib.solver.information import Rows, kept_rows, robust_curvature, whitened_rows
+from suta_calib.solver.information import robust_curvature, whitened_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 
@@ -67,23 +66,6 @@ def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
     for name, (joint, _) in neighbours(arm).items():
         found[joint, COUPLING] = (*found.get((joint, COUPLING), ()), name)
     return found
-
-
-# One: who judges a solution asks twice, and of many rows it takes much memory.
-@lru_cache(maxsize=1)
-def problem_beside(solution: Solution) -> tuple[Problem, FloatArray]:
-    """The `extended_problem` with all that the arm can be given beside geometry."""
-    arm = solution.problem.arm
-    assert arm is not None
-    return extended_problem(solution, [n for names in offered_names(arm).values() for n in names])
-
-
-# One: several ask for the rows of one solution, and of many rows they take much memory.
-@lru_cache(maxsize=1)
-def rows_beside(solution: Solution) -> list[Rows]:
-    """Whitened rows of `problem_beside`, at the solution."""
-    problem, x = problem_beside(solution)
-    return kept_rows(problem, x, solution.sigmas)
 
 
 def extended_problem(

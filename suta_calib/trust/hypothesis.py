@@ -12,7 +12,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.registry import all_classes
-from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Rule, weigh_effects
 from suta_calib.trust.examination import Examination
@@ -124,19 +123,19 @@ LEFT_TO_SCORE_TESTS: Final = "joint error"
 NEARLY: Final = 0.7
 
 
-def strongest_cause(solution: Solution) -> Finding | None:
+def strongest_cause(answer: Examination) -> Finding | None:
     """What explains the residuals of a calibration best beside all of the geometry.
 
     Args:
-        solution: a converged one.
+        answer: a calibration over an arm, converged or not.
 
     Returns:
         None without an arm, where nothing is supported, or where errors of one joint explain the
         residuals best.
     """
-    if solution.problem.arm is None:
+    if answer.arm is None:
         return None
-    findings = weigh(Examination.of(solution))
+    findings = weigh(answer)
     first = next(iter(findings), None)
     for finding in findings:
         # What looks like the others need not explain quite as much as the best of them.

@@ -10,12 +10,11 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.accuracy import Accuracy
-from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
-from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import mm
 
 
@@ -46,23 +45,21 @@ class Calibrated:
     @classmethod
     def of(
         cls,
-        solution: Solution,
-        accuracy: Accuracy,
+        examined: CalibrationExamination,
+        assessment: Assessment,
         title: str = "",
-        assessment: Assessment | None = None,
     ) -> Calibrated:
         """One that was just made.
 
         Args:
-            solution: of a problem over an arm.
-            accuracy: of this solution.
+            examined: of a problem over an arm.
+            assessment: whether it may be used.
             title: what was calibrated; the arm's file by default.
-            assessment: whether it may be used; what solution and accuracy say, by default.
 
         Raises:
             JobError: the problem looks at no arm.
         """
-        arm = solution.problem.arm
+        solution, accuracy, arm = examined.solution, examined.accuracy, examined.arm
         if arm is None:
             raise JobError("observations without an arm", "samples with joint readings")
         sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
@@ -79,7 +76,7 @@ class Calibrated:
             *solution.arm_covariance,
             term_sets(fitted, held_out, solution.values, accuracy.held_out_values),
             rms,
-            assess_calibration(solution, accuracy) if assessment is None else assessment,
+            assessment,
         )
 
     @property

@@ -11,11 +11,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.plotting.factor import round_down
-from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import mm
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.drawn_arm import DrawnArm, LinkMesh
@@ -100,14 +100,14 @@ class TipErrors:
         return Arrows(name, self.at, self.vector, colours)
 
 
-def show(solution: Solution, accuracy: Accuracy, port: int = 0) -> Viewer:
+def show(examined: CalibrationExamination, port: int = 0) -> Viewer:
     """Show in the browser what was just calibrated; in a notebook below the cell.
 
     Raises:
         MissingExtraError: the extra ``view`` is not installed.
         OutputError: the port cannot be had.
     """
-    return view_calibration(Calibrated.of(solution, accuracy), port)
+    return view_calibration(Calibrated.of(examined, assess_calibration(examined)), port)
 
 
 def calibration_page(calibrated: Calibrated) -> bytes:

@@ -14,13 +14,13 @@ from suta_calib.analysis.model_selection import ModelSelection, choose_model
 from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.cross_validation import folds_of, limited_rms
 from suta_calib.diagnostics.linearised import LinearModels
-from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, MeasuredPoses, Noise
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 ECCENTRIC = "{select: [joint_3.ecc_c1], value_deg: 0.2}"
 
@@ -167,7 +167,7 @@ def test_a_linear_fit_is_that_of_the_solver(kind: str) -> None:
     options = SolverOptions(starts=1)
     solution = solve(problem, options)
     folds = folds_of(problem.terms)
-    linear = LinearModels(solution, folds, solution.noise)
+    linear = LinearModels(CalibrationExamination.of(solution), folds, solution.noise)
     added = [n for n in candidates if n.startswith(("joint_2.gain", "joint_3.ecc"))]
     fit = linear.fit(added)
     more = ParameterSet([*problem.arm_parameters.values(), *(candidates[n] for n in fit.added)])
@@ -221,7 +221,9 @@ def test_one_step_tells_a_small_eccentricity() -> None:
     truth = {"joint_3.ecc_c1": 1e-4, "joint_3.ecc_s1": -2e-4}
     term = tracked_scene(arm, truth, 80).exact(Noise(1e-4))
     unknown = arm.select("joint_4.z", "joint_2.offset", "joint_3.offset")
-    tests = score_tests(solve(Problem([term], unknown), SolverOptions(starts=1)))
+    tests = CalibrationExamination.of(
+        solve(Problem([term], unknown), SolverOptions(starts=1))
+    ).score_tests
     first = tests[0]
     assert (first.joint, first.family) == ("joint_3", "ecc_1")
     assert first.suspicious
@@ -234,7 +236,7 @@ def test_clean_residuals_are_not_suspicious() -> None:
     for unknown in (thirteen, everything):
         terms = [found.term("calibration"), found.term("fixed_point")]
         solution = solve(Problem(terms, unknown(found.arm)), SolverOptions(starts=1))
-        assert not any(t.suspicious for t in score_tests(solution))
+        assert not any(t.suspicious for t in CalibrationExamination.of(solution).score_tests)
 
 
 def test_what_has_no_arm_or_too_little_is_refused() -> None:

@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from terms_cases import AVAILABLE, CASES, problem_of
 
-from suta_calib import Problem, assess, solve
+from suta_calib import Problem, solve
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.measurements import Samples
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 # Kinds whose other readings cost more than a second; `make test-all` tries them too.
 QUICK = ("pairwise_distance", "tracked_point", "hand_eye")
@@ -30,7 +31,7 @@ def judged(name: str, *, backwards: str = "") -> Assessment:
     again = term.over_poses(term.poses.with_samples(bare))
     half = again.take(np.arange(len(bare)) < len(bare) // 2) if name == "tracked_point" else again
     solution = solve(Problem([half], problem.arm_parameters))
-    return assess_calibration(solution, assess(solution, [] if half is again else [again]))
+    return assess_calibration(CalibrationExamination.of(solution, [] if half is again else [again]))
 
 
 @pytest.mark.parametrize("name", AVAILABLE)

@@ -33,16 +33,16 @@ from suta_calib import (
     Samples,
     Selection,
     SolverOptions,
-    assess,
     solve,
 )
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.changes import ChangeOptions, Disturbance, changes
+from suta_calib.diagnostics.changes import ChangeOptions, Disturbance
 from suta_calib.diagnostics.following import everything_follows, followed, whitened
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 from suta_calib.diagnostics.suspects import suspects, waves
 from suta_calib.solver.losses import huber
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 NOISE = Spread(position=1e-4, rotation=1e-3)
 ARM = arm_named("suta")
@@ -60,7 +60,7 @@ def solved(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) ->
 def found(
     scene: Scene, change: Callable[[Samples], Samples], seed: int = 0
 ) -> tuple[Disturbance, ...]:
-    return changes(solved(scene, change, seed))
+    return CalibrationExamination.of(solved(scene, change, seed)).changes
 
 
 def unchanged(samples: Samples) -> Samples:
@@ -207,7 +207,9 @@ def test_a_change_between_terms_and_in_one_of_them_lasts(since: int) -> None:
         TRACKED.term(samples.take(part), Noise(None, 1e-3), Noise(None, 0.01))
         for part in (rows < 30, rows >= 30)
     ]
-    (told,) = changes(solve(Problem(terms, UNKNOWN), SolverOptions(starts=1)))
+    (told,) = CalibrationExamination.of(
+        solve(Problem(terms, UNKNOWN), SolverOptions(starts=1))
+    ).changes
     assert (told.kind, told.joint) == ("slip", ARM.joints[1])
     assert (told.since, told.until) == (f"row {since}", "")
     assert abs(told.size - 2e-3) < 4 * told.std
@@ -238,7 +240,7 @@ def test_a_slip_among_gross_errors_is_named(changed: bool) -> None:
         calibration.poses.with_samples(slip(calibration.poses.samples))
     )
     problem = Problem([calibration, point], everything(made.arm))
-    told = changes(solve(problem, SolverOptions(starts=1)))
+    told = CalibrationExamination.of(solve(problem, SolverOptions(starts=1))).changes
     assert [(each.kind, each.joint) for each in told] == [("slip", "joint_4")] * changed
     origin = calibration.poses.samples.origin
     # Not every row is tried.
@@ -248,7 +250,7 @@ def test_a_slip_among_gross_errors_is_named(changed: bool) -> None:
 def test_a_change_is_as_sure_as_it_says() -> None:
     pulls = []
     for seed in range(8):
-        (told,) = changes(solved(TRACKED, slipped(2e-3, 30), seed))
+        (told,) = CalibrationExamination.of(solved(TRACKED, slipped(2e-3, 30), seed)).changes
         pulls.append((told.size - 2e-3) / told.std)
     squares = float(np.sum(np.square(pulls)))
     # Chi-squared with eight degrees of freedom: 0.1 % on either side.
@@ -294,7 +296,8 @@ def test_chances_beside_shared_errors_are_even() -> None:
     chances = []
     ordered = np.argsort(TRACKED.q[:, 1])
     for seed in range(24):
-        fit = everything_follows(solved(TRACKED, lambda s: wavy(s.take(ordered)), seed))
+        solution = solved(TRACKED, lambda s: wavy(s.take(ordered)), seed)
+        fit = everything_follows(CalibrationExamination.of(solution))
         slip = next(s for s in suspects(fit) if (s.kind, s.joint) == ("slip", ARM.joints[2]))
         velocity = slip.within(20 + seed % 20, 60)
         beside = [*fit.lacking.values()], waves(fit, slip)
@@ -313,23 +316,25 @@ def test_the_measured_panda_has_not_changed(repository: Path) -> None:
         begun = term.take(np.roll(rows, -first))
         problem = Problem([begun], solution.solution.problem.arm_parameters)
         if problem.names == solution.solution.problem.names:
-            assert not changes(replace(solution.solution, problem=problem))
+            assert not CalibrationExamination.of(
+                replace(solution.solution, problem=problem)
+            ).changes
 
 
 def test_an_eccentric_encoder_is_no_change() -> None:
     truth = TRUTH | {f"{ARM.joints[2]}.ecc_s1": 2e-3}
     solution = solved(tracked_scene(ARM, truth, 60), unchanged)
-    assert not changes(solution)
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    assert not CalibrationExamination.of(solution).changes
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert "eccentric encoder" in said
 
 
 def test_a_lost_count_is_not_called_an_eccentric_encoder() -> None:
     solution = solved(TRACKED, read(2, lambda q: q * (1 - 1 / 4096)))
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert "eccentric encoder" not in said
     assert "lose or double counts" in said
-    (told,) = changes(solution)
+    (told,) = CalibrationExamination.of(solution).changes
     assert abs(told.size + 1 / 4096) < 4 * told.std
     assert math.isclose(told.size, -1 / 4096, rel_tol=0.3)
 
@@ -340,7 +345,7 @@ def test_what_follows_is_the_minimum_of_the_robust_cost() -> None:
     def astray(position: Any) -> Any:
         return position + (np.arange(len(position)) % 9 == 4)[:, None] * [0.02, 0.0, 0.1]
 
-    fit = everything_follows(solved(TRACKED, seen(astray)))
+    fit = everything_follows(CalibrationExamination.of(solved(TRACKED, seen(astray))))
     done, free = followed(fit), fit.free
 
     def cost(step: Any) -> float:
@@ -365,7 +370,7 @@ def test_what_follows_is_the_minimum_of_the_robust_cost() -> None:
 
 
 def test_what_suspects_are_reduced_by_is_the_curvature_of_all_rows() -> None:
-    fit = everything_follows(solved(TRACKED, unchanged))
+    fit = everything_follows(CalibrationExamination.of(solved(TRACKED, unchanged)))
     free = fit.free
     inverse, score = fit.reduction
     rows = np.vstack([r.jacobian[:, free] for r in fit.rows])

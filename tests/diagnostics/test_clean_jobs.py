@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from simulated import arm_named, perturbed, tracked_scene
 
-from suta_calib import ArmModel, Noise, Problem, Selection, SolverOptions, Term, assess, solve
+from suta_calib import ArmModel, Noise, Problem, Selection, SolverOptions, Term, solve
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.rich_data import RichData, Sort
@@ -18,6 +18,7 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 SORTS = [
     (kind, oriented)
@@ -66,7 +67,7 @@ def judged(
 ) -> Assessment:
     term, held_out = measured(arm, unknown, Sort(KINDS[kind], oriented), seed)
     solution = solve(Problem([term], unknown), SolverOptions())
-    return assess_calibration(solution, assess(solution, [held_out]))
+    return assess_calibration(CalibrationExamination.of(solution, [held_out]))
 
 
 def knows_lengths(kind: str) -> bool:

@@ -10,11 +10,12 @@ import pytest
 from offset_arm import NOISE, ONCE, truth_of, unknowns
 from simulated import arm_named, artefact, artefact_scene, perturbed, placements, tracked_scene
 
-from suta_calib import Problem, Selection, assess, solve
+from suta_calib import Problem, Selection, solve
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.common_scale import _one_alone, grown_together, relied_on
 from suta_calib.diagnostics.scale_effects import scale_effects
 from suta_calib.measurements import Artefact, LengthScale
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 
 @pytest.mark.parametrize("factor", [0.985, 1.0, 1.015])
@@ -36,7 +37,7 @@ def test_a_scale_that_joints_would_absorb_is_named(kind: str, factor: float) -> 
         scaled = {n: replace(m, position=factor * m.position) for n, m in marks.items()}
         term = replace(scene, artefact=Artefact("scaled", scaled)).term(samples)
     solution = solve(Problem([term], parameters), ONCE)
-    found = assess_calibration(solution, assess(solution))
+    found = assess_calibration(CalibrationExamination.of(solution))
     said = " ".join(found.notes)
     if factor == 1.0:
         assert "all lengths" not in said
@@ -56,7 +57,7 @@ def test_one_length_that_is_off_alone_is_no_scale(name: str) -> None:
     truth[name] += 0.015
     term = tracked_scene(arm, truth, 60).samples(NOISE)[0]
     solution = solve(Problem([tracked_scene(arm, truth, 60).term(term)], parameters), ONCE)
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert "all lengths" not in said
 
 
@@ -83,7 +84,7 @@ def test_lengths_rest_on_an_instruments_scale_unless_something_else_tells_it() -
     held_out = np.arange(60) % 3 == 0
     solution = solve(Problem([larger.take(~held_out)], everything), ONCE)
     assert relied_on(solution) == [("instrument", "default")]
-    found = assess_calibration(solution, assess(solution, [larger.take(held_out)]))
+    found = assess_calibration(CalibrationExamination.of(solution, [larger.take(held_out)]))
     assert found.level == "good"
     assert "The instrument carries the scale of the arm's lengths" in found.notes[-1]
     assert "20 ppm" in found.notes[-1]
@@ -110,7 +111,7 @@ def test_a_scale_goes_into_what_is_free_beside_long_lengths_that_are_held() -> N
     solution = solve(Problem([scene.term(scene.samples(NOISE)[0])], unknown), ONCE)
     assert not relied_on(solution)
     (effect,) = scale_effects(solution)
-    found = assess_calibration(solution, assess(solution))
+    found = assess_calibration(CalibrationExamination.of(solution))
     assert effect.bends
     assert effect.carries
     assert sum("follow the scale of the artefact" in note for note in found.notes) == 1
@@ -129,7 +130,7 @@ def test_an_arm_whose_lengths_all_grow_alike_is_said() -> None:
     for factor in (1.0, 1.02):
         term = scene.term(replace(samples, position=factor * samples.position))
         solution = solve(Problem([term], unknown), ONCE)
-        said = " ".join(assess_calibration(solution, assess(solution)).notes)
+        said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
         assert ("All lengths of the arm came out" in said) == (factor != 1.0)
 
 
@@ -165,7 +166,7 @@ def test_a_scale_is_seen_beside_what_the_model_lacks(factor: float) -> None:
     term = replace(scene, artefact=Artefact("scaled", marks)).term(scene.samples(NOISE)[0])
     solution = solve(Problem([term], unknown), ONCE)
     assert solution.noise[0] > 3e-4
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert ("All lengths of the arm came out" in said) == (factor != 1.0)
 
 
@@ -179,7 +180,7 @@ def test_lengths_that_no_drawing_of_the_grade_allows_are_named(grade: str, facto
     marks = {n: replace(m, position=factor * m.position) for n, m in artefact(6).landmarks.items()}
     term = replace(scene, artefact=Artefact("scaled", marks)).term(scene.samples(NOISE)[0])
     solution = solve(Problem([term], unknown), ONCE)
-    found = assess_calibration(solution, assess(solution))
+    found = assess_calibration(CalibrationExamination.of(solution))
     said = " ".join(found.notes)
     assert ("All lengths of the arm came out" in said) == (factor != 1.0)
     assert "The artefact carries the scale" in said
@@ -197,7 +198,7 @@ def test_an_arm_that_priors_hold_too_short_is_no_wrong_instrument(
     truth |= {n: v * longer for n, v in truth.items() if n.rpartition(".")[2] in "xyz"}
     term = tracked_scene(arm, truth, 60).term(tracked_scene(arm, truth, 60).samples(NOISE)[0])
     solution = solve(Problem([term], parameters), ONCE)
-    found = assess_calibration(solution, assess(solution))
+    found = assess_calibration(CalibrationExamination.of(solution))
     said = " ".join(found.notes)
     # There are no validation data.
     assert found.level == level
@@ -218,5 +219,5 @@ def test_an_arm_may_grow_as_far_as_its_instrument_may_be_off(factor: float, name
     term = scene.term(replace(samples, position=factor * samples.position))
     term = replace(term, scale=LengthScale.of_grade("printed"))
     solution = solve(Problem([term], unknown), ONCE)
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert ("All lengths of the arm came out" in said) == named

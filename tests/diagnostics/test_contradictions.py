@@ -20,7 +20,6 @@ from suta_calib import (
     Samples,
     SolverOptions,
     Term,
-    assess,
     solve,
 )
 from suta_calib.diagnostics.assessment import assess_calibration
@@ -29,6 +28,7 @@ from suta_calib.diagnostics.contradictions import seen_again
 from suta_calib.diagnostics.odd_readings import odd_where_nothing_fits, rounded
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 Change = Callable[[Samples], Samples]
 LEARNT = Noise()
@@ -54,7 +54,7 @@ def judged(
     terms = [scenes[0].term(change(fitted), noise)]
     validated = [scenes[1].term((held_out or change)(validation), noise)]
     solution = solve(Problem(terms, unknowns(arm, priors=priors)), options)
-    return assess_calibration(solution, assess(solution, validated))
+    return assess_calibration(CalibrationExamination.of(solution, validated))
 
 
 def joint(k: int, change: Callable[[Any], Any]) -> Change:
@@ -256,7 +256,7 @@ def test_what_was_touched_in_another_order_is_named(touches: Scene, rows: int, c
         others = samples.take(samples.labels["placement"] != "P0")
         samples = Samples.concatenate([late_files.take(first), others])
     solution = solve(Problem([touches.term(samples)], unknowns(touches.arm, priors=False)), ONCE)
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert cause in said
     assert ("far better" in said) == bool(cause)
 
@@ -270,7 +270,7 @@ def test_a_mirrored_artefact_is_named(touches: Scene) -> None:
     lie = replace(touches, artefact=Artefact("mirrored", marks))
     term = lie.term(in_files(touches.samples(NOISE)[0]))
     solution = solve(Problem([term], unknowns(touches.arm, priors=False)), ONCE)
-    found = assess_calibration(solution, assess(solution))
+    found = assess_calibration(CalibrationExamination.of(solution))
     assert not found.usable
     assert "the artefact is mirrored" in " ".join(found.notes)
 
@@ -290,7 +290,7 @@ def test_landmarks_that_are_counted_from_one_too_many_are_named(touches: Scene, 
     samples = replace(samples, labels={**samples.labels, "landmark": named})
     term = replace(touches, artefact=lettered).term(samples)
     solution = solve(Problem([term], unknowns(touches.arm, priors=False)), ONCE)
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert "if the landmarks' numbers are one too high" in said
     assert ("counted on from one letter to the next" in said) == on
 
@@ -302,7 +302,7 @@ def test_gross_rows_that_least_squares_follow_are_said(
     seeing = scenes[0]
     samples = seeing.samples(replace(NOISE, outliers=share), seed=3)[0]
     solution = solve(Problem([seeing.term(samples)], unknowns(seeing.arm, priors=False)), ONCE)
-    said = " ".join(assess_calibration(solution, assess(solution)).notes)
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
     assert ("run suta-calib outliers" in said) == (share > 0)
 
 
@@ -322,7 +322,7 @@ def test_validation_that_repeats_the_calibration_is_no_validation(
     term: Term = scenes[0].term(samples)
     solution = solve(Problem([term], unknowns(arm, priors=True)), ONCE)
     copy = term.over_poses(ArmPoses(arm, samples))
-    found = assess_calibration(solution, assess(solution, [copy]))
+    found = assess_calibration(CalibrationExamination.of(solution, [copy]))
     assert "nothing was held out" in " ".join(found.notes)
 
 
@@ -351,7 +351,7 @@ def test_one_row_that_outweighs_all_others_is_said(
     for huber in (np.inf, 1e-3):
         term = scene.term(replace(samples, position=position), Noise(huber=huber))
         found = solve(Problem([term], unknowns(scene.arm, priors=False)), ONCE)
-        notes = assess_calibration(found, assess(found)).notes
+        notes = assess_calibration(CalibrationExamination.of(found)).notes
         named = any(note.startswith("1 of 150 position residuals are more") for note in notes)
         # Where it is believed less, it decides nothing.
         assert named == (said and np.isinf(huber))

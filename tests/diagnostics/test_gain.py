@@ -20,11 +20,12 @@ from simulated import (
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.accuracy import Gain, assess
+from suta_calib.diagnostics.accuracy import Gain
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.model.parameters import Selection
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 NOISE = Spread(position=1e-4, rotation=1e-3)
 Seen = Callable[[FloatArray], FloatArray]
@@ -44,9 +45,9 @@ def judged(
     if again > 1:
         held_out = read_again(held_out, again, seed)
     solution = solve(Problem([scene.term(observed)], dh_parameters(scene.arm)))
-    accuracy = assess(solution, [scene.term(held_out)])
-    assert accuracy.gain is not None
-    return accuracy.gain, assess_calibration(solution, accuracy)
+    examined = CalibrationExamination.of(solution, [scene.term(held_out)])
+    assert examined.accuracy.gain is not None
+    return examined.accuracy.gain, assess_calibration(examined)
 
 
 def drawn() -> dict[str, float]:
@@ -125,10 +126,11 @@ def test_priors_are_no_equations(rows: int, enough: bool) -> None:
     samples = scene.samples(NOISE)[0]
     fitted, held_out = (scene.term(samples.take(r)) for r in (slice(rows), slice(50, None)))
     solution = solve(Problem([fitted], unknown))
-    accuracy = assess(solution, [held_out])
+    examined = CalibrationExamination.of(solution, [held_out])
+    accuracy = examined.accuracy
     far = accuracy.validation[0].after.rms > 10 * accuracy.calibration[0].after.rms
     assert far != enough
-    notes = assess_calibration(solution, accuracy).notes
+    notes = assess_calibration(examined).notes
     assert any("equations for" in note for note in notes) != enough
 
 

@@ -12,13 +12,13 @@ from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
 from simulated import arm_named, tracked_scene
 
 from suta_calib import Problem, assess, solve
-from suta_calib.diagnostics.contradictions import contradictions
 from suta_calib.diagnostics.held_out import (
     PROBABILITIES,
     held_out_errors,
     normal_squared,
     robust_level,
 )
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 
 def test_held_out_errors_are_as_predicted() -> None:
@@ -78,7 +78,6 @@ def test_rows_that_are_wrong_in_the_fitted_files_alone_are_told() -> None:
         wrong = off * random.standard_normal(fitted.position.shape)
         spoilt = replace(fitted, position=fitted.position + wrong)
         solution = solve(Problem([scenes[0].term(spoilt)], parameters), ONCE)
-        accuracy = assess(solution, [scenes[1].term(validation)])
-        found = contradictions(solution, accuracy)
+        found = CalibrationExamination.of(solution, [scenes[1].term(validation)]).contradictions
         told.append(any("smaller than those of the fitted rows" in f.sentence for f in found))
     assert told == [False, True]

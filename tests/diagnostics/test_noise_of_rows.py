@@ -8,7 +8,6 @@ from simulated import arm_named
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.noise_of_rows import noise_of_rows
 from suta_calib.diagnostics.prior_size import judge_priors
@@ -20,6 +19,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 ONCE, UNSTATED = SolverOptions(confirm=False), Noise()
 TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
@@ -57,7 +57,7 @@ def solved(
 
 
 def judged(solution: Solution) -> Assessment:
-    return assess_calibration(solution, assess(solution))
+    return assess_calibration(CalibrationExamination.of(solution))
 
 
 @pytest.mark.parametrize("noise", [5e-4, 3e-3])

@@ -9,9 +9,10 @@ import pytest
 from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
 from simulated import Scene, arm_named, artefact, artefact_scene, placements
 
-from suta_calib import Problem, Samples, Term, assess, solve
+from suta_calib import Problem, Samples, Term, solve
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.odd_readings import read_again
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 
 @pytest.fixture(scope="module")
@@ -43,8 +44,8 @@ def test_zeros_that_stand_for_readings_are_named(scenes: tuple[Scene, Scene]) ->
     (said,) = read_again([term])
     assert said.startswith(f"3 rows of tracked point, {samples.origin[5]} the first, read the same")
     solution = solve(Problem([term], unknowns(fitted.arm, priors=False)), ONCE)
-    accuracy = assess(solution, [held_out.term(held_out.samples(NOISE, seed=1)[0])])
-    found = assess_calibration(solution, accuracy)
+    validation = [held_out.term(held_out.samples(NOISE, seed=1)[0])]
+    found = assess_calibration(CalibrationExamination.of(solution, validation))
     assert found.level != "good"
     assert said in found.notes
 

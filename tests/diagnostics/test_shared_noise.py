@@ -10,8 +10,8 @@ import pytest
 from cli_job import cli
 
 from suta_calib import CalibrationJob
-from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.diagnostics.scores import Scores
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 SCARA = """\
 <robot name="scara"><link name="base"/><link name="l1"/><link name="l2"/><link name="l3"/>
@@ -63,5 +63,5 @@ def test_encoders_that_scatter_are_not_called_eccentric(tmp_path: Path) -> None:
     for seed in range(1, 7):
         assert cli("simulate", simulation, "--out", out, "--seed", seed) == 0
         solution = CalibrationJob.load(out / "calibration.yaml").run().solution
-        told += any(test.suspicious for test in score_tests(solution))
+        told += any(test.suspicious for test in CalibrationExamination.of(solution).score_tests)
     assert told <= 1

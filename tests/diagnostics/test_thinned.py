@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from simulated import Scene, Spread, arm_named, camera_scene, perturbed, tracked_scene
 
-from suta_calib import Noise, Problem, Samples, Selection, SolverOptions, assess, solve
+from suta_calib import Noise, Problem, Samples, Selection, SolverOptions, solve
 from suta_calib.diagnostics import thinned as thinning
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.beliefs import contradicted_beliefs
-from suta_calib.diagnostics.changes import changes
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.measurements import Camera
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, TrackedPoint
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 NOISE = Spread(position=1e-4)
 ARM = arm_named("suta")
@@ -62,7 +62,10 @@ def test_what_changed_is_found_in_part_of_the_rows(monkeypatch: pytest.MonkeyPat
     q[600:, 2] += math.radians(0.2)
     solution = solved(replace(samples, q=q))
     monkeypatch.setattr(thinning, "MOST_SAMPLES", 400)
-    (whole,), (part,) = changes(solution), changes(thinned(solution))
+    (whole,), (part,) = (
+        CalibrationExamination.of(solution).changes,
+        CalibrationExamination.of(thinned(solution)).changes,
+    )
     assert (part.kind, part.joint) == (whole.kind, whole.joint) == ("slip", ARM.joints[2])
     assert part.size == pytest.approx(whole.size, rel=0.1)
 
@@ -76,7 +79,7 @@ def test_memory_of_a_calibration_grows_with_the_rows_and_no_faster(
         samples = scene(rows).samples(NOISE)[0]
         tracemalloc.start()
         solution = solved(samples)
-        assert assess_calibration(solution, assess(solution)).usable
+        assert assess_calibration(CalibrationExamination.of(solution)).usable
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 2.3 * peaks[0]

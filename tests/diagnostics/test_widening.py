@@ -6,9 +6,6 @@ import numpy as np
 from simulated import arm_named
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import Accuracy, assess
-from suta_calib.diagnostics.held_out import held_out_errors
-from suta_calib.diagnostics.widening import widened
 from suta_calib.geometry import rotation_from_vector
 from suta_calib.measurements import Samples
 from suta_calib.model.parameters import ParameterSet, Selection
@@ -17,6 +14,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 NOISE = 5e-5  # m
 TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
@@ -39,11 +37,11 @@ def seen(q: FloatArray, truth: dict[str, float], noise: float, seed: int) -> Ter
     return KINDS["tracked_point"].over(ArmPoses(arm, samples), Setup(None, Noise(), Noise()))
 
 
-def calibrated(eccentricity: float, seed: int = 0) -> tuple[Solution, Accuracy, Term]:
+def calibrated(eccentricity: float, seed: int = 0) -> tuple[CalibrationExamination, Term]:
     """Fitted to 60 postures near one another and held against 40 from a wider space.
 
     Returns:
-        The solution, its errors, and exact rows at 100 further postures.
+        The answer, and exact rows at 100 further postures.
     """
     rng = np.random.default_rng(seed)
     truth = {name: eccentricity * rng.choice([-1.0, 1.0]) for name in ECCENTRIC}
@@ -52,27 +50,27 @@ def calibrated(eccentricity: float, seed: int = 0) -> tuple[Solution, Accuracy, 
     wide = centre + rng.uniform(-1.0, 1.0, (140, 6))
     fitted, held_out = seen(near, truth, NOISE, seed), seen(wide[:40], truth, NOISE, seed + 100)
     solution = solve(Problem([fitted], unknowns()), SolverOptions(confirm=False))
-    return solution, assess(solution, [held_out]), seen(wide[40:], truth, 0.0, 0)
+    return CalibrationExamination.of(solution, [held_out]), seen(wide[40:], truth, 0.0, 0)
 
 
 def ratio_beyond(solution: Solution, further: Term) -> float:
     """Errors at further postures over what is predicted there."""
-    (errors,) = held_out_errors(solution, assess(solution, [further]))
+    (errors,) = CalibrationExamination.of(solution, [further]).held_out
     return errors.ratio
 
 
 def test_an_arm_that_its_model_describes_keeps_its_standard_deviations() -> None:
     for seed in range(5):
-        solution, accuracy, _ = calibrated(0.0, seed)
-        assert widened(solution, accuracy) is solution
+        examined, _ = calibrated(0.0, seed)
+        assert examined.widened is examined
 
 
 def test_what_the_model_lacks_widens_them_to_what_further_postures_show() -> None:
     """The factor comes from the held-out rows, and holds at postures that nobody looked at."""
     ratios = []
     for seed in range(4):
-        solution, accuracy, further = calibrated(3e-3, seed)
-        wide = widened(solution, accuracy)
+        examined, further = calibrated(3e-3, seed)
+        solution, wide = examined.solution, examined.widened.solution
         assert 1.5 < wide.widening < 5.0
         # The instrument's scale is as well known as before.
         by_scale = solution.covariance - solution.covariance_within_scale

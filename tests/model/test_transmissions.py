@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from simulated import tracked_scene
 
-from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import read_chain
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.extended import offered_names
 
 ROS_1 = """\
@@ -100,7 +100,9 @@ def test_a_joint_that_another_ones_motor_moves_too_is_suspected(urdf: Path) -> N
     arm = ArmModel.from_urdf(with_more(urdf, ROS_1.format(kind=FOUR_BAR)), "tip")
     term = tracked_scene(arm, {"joint_3.coupling[joint_2]": 2e-3}, 80).exact(Noise(1e-4))
     unknown = arm.select("joint_4.z", "joint_2.offset", "joint_3.offset")
-    first = score_tests(solve(Problem([term], unknown), SolverOptions(starts=1)))[0]
+    first = CalibrationExamination.of(
+        solve(Problem([term], unknown), SolverOptions(starts=1))
+    ).score_tests[0]
     assert (first.joint, first.family) == ("joint_3", "coupling")
     assert first.suspicious
     np.testing.assert_allclose(first.estimate, [2e-3], rtol=0.05)

@@ -14,7 +14,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 from lxml import etree
-from report_scenes import AWKWARD, console_text
+from report_scenes import AWKWARD, console_text, with_accuracy
 
 from suta_calib import units
 from suta_calib.atomic import write_bytes_atomically
@@ -64,7 +64,7 @@ def worse(result: CalibrationResult) -> CalibrationResult:
     ]
     terms = (replace(term, blocks=tuple(swapped)),)
     accuracy = replace(result.accuracy, validation=terms, gain=gain_of(terms))
-    return replace(result, accuracy=accuracy)
+    return with_accuracy(result, accuracy)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from report_scenes import AWKWARD, TRUTH, console_text
+from report_scenes import AWKWARD, TRUTH, console_text, with_accuracy
 
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.report.calibration import calibration_document
@@ -172,7 +172,7 @@ def test_unconverged_json_carries_no_values(unconverged: CalibrationResult) -> N
 
 def test_json_without_validation_has_nulls_not_nan(result: CalibrationResult) -> None:
     job = replace(result.job, spec=replace(result.job.spec, validation=()))
-    alone = replace(result, job=job, accuracy=replace(result.accuracy, validation=()))
+    alone = with_accuracy(replace(result, job=job), replace(result.accuracy, validation=()))
     part = json.loads(json.dumps(result_dict(alone), allow_nan=False))["metrics"]["validation"]
     assert part["after"] == {
         **dict.fromkeys(("rms_mm", "mean_mm", "std_mm", "max_mm")),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from simulated import arm_named, perturbed
 
-from suta_calib import ArmModel, Problem, Selection, SolverOptions, assess, solve
+from suta_calib import ArmModel, Problem, Selection, SolverOptions, solve
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
@@ -16,6 +16,7 @@ from suta_calib.measurements import Samples
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.mount_start import FreeMount
 from suta_calib.terms import ArmPoses, TrackedPoint
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 NOISE, TURN_NOISE = 2e-4, 5e-4
 OFFSETS = Selection(("*.offset",), bound_rad=np.radians(15.0))
@@ -153,7 +154,7 @@ def test_a_refusal_names_the_column(
     unknown = arm.select(OFFSETS, GEOMETRY)
     term = seen(arm, unknown, 2, oriented=oriented)
     solution = solve(Problem([term], unknown))
-    found = assess_calibration(solution, assess(solution))
+    found = assess_calibration(CalibrationExamination.of(solution))
     assert found.level == "bad"
     assert f"if the instrument sees {what} that" in found.notes[0]
     assert "name it in a column target" in found.notes[0]

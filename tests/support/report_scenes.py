@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from rich.console import Console, RenderableType
 
-from suta_calib.job.calibration import CalibrationJob
+from suta_calib.diagnostics.accuracy import Accuracy
+from suta_calib.job.calibration import CalibrationJob, CalibrationResult
 from suta_calib.model.arm import ArmModel
 
 TRUTH = {"joint_4.offset": 0.02, "joint_4.z": 0.5730, "tip.z": 0.0015}
@@ -75,3 +77,11 @@ def console_text(shown: RenderableType) -> str:
     console.print(shown)
     assert isinstance(console.file, io.StringIO)
     return console.file.getvalue()
+
+
+def with_accuracy(result: CalibrationResult, accuracy: Accuracy) -> CalibrationResult:
+    """The same, of which nothing is computed yet but these errors."""
+    examined = replace(result.examined)
+    # Where a cached property keeps its value.
+    vars(examined)["accuracy"] = accuracy
+    return replace(result, examined=examined)

@@ -26,6 +26,7 @@ from suta_calib.measurements import Artefact, Samples
 from suta_calib.terms import ArmPoses, FixedPoint, MeasuredPoses, Term, TrackedPoint
 from suta_calib.terms.synthetic import PoseNoise
 from suta_calib.trust import Examination
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 ARM = arm_named("ur5")
 UNKNOWN: ParameterSet = ARM.select("geometric", Selection("*.offset", bound_rad=0.2))
@@ -51,7 +52,7 @@ class Sound:
         solution = solve(Problem([term], self.unknown), SolverOptions(starts=1, confirm=False))
         assert solution.converged
         if len(self.unknown):
-            return Examination.of(solution)
+            return CalibrationExamination.of(solution)
         return Examination.of_poses(solution)
 
 

@@ -11,7 +11,6 @@ import pytest
 from camera_scenes import BOARD, CAMERA, pictures
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
-from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.causes import find_cause
 from suta_calib.errors import SamplesError
@@ -22,6 +21,7 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.misread_pictures import check_files, other_size
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -185,7 +185,7 @@ def test_what_nothing_converges_with_is_named_too() -> None:
     lost = replace(
         solution, minimum=replace(solution.minimum, status="Maximum_Iterations_Exceeded")
     )
-    answer = assess_calibration(lost, assess(lost, []))
+    answer = assess_calibration(CalibrationExamination.of(lost))
     assert answer.level == "bad"
     assert any("turned by half a turn" in note for note in answer.notes)
 
@@ -210,7 +210,7 @@ def test_what_the_pictures_have_wrong_is_in_the_assessment() -> None:
         return pixels.reshape(len(pixels), -1, columns, 2)[:, :, ::-1].reshape(pixels.shape)
 
     solution = solve(Problem([changed(mirrored)], dh_parameters(ARM)))
-    found = assess_calibration(solution, assess(solution, []))
+    found = assess_calibration(CalibrationExamination.of(solution))
     assert found.level == "care"
     assert any("numbered mirrored" in note for note in found.notes)
 

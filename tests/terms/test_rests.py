@@ -12,11 +12,8 @@ from scipy.sparse.csgraph import connected_components
 from simulated import Scene, Spread, arm_named, dh_parameters, read_again
 from terms_cases import SIGMA, noises, scene
 
-from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.common_scale import common_scales
-from suta_calib.diagnostics.contradictions import contradictions
 from suta_calib.diagnostics.repeats import lack_of_fit
-from suta_calib.diagnostics.score_tests import score_tests
 from suta_calib.measurements import Samples
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -24,6 +21,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, FixedPoint, MeasuredPoses, block, poses
 from suta_calib.terms.block import grouped, joined, summed
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 KINDS = ("landmark", "landmark with seats", "fixed_point", "plane", "tracked_point", "hand_eye")
 
@@ -238,7 +236,10 @@ def test_the_spread_is_the_predicted_one_however_often_a_rest_is_read(
     assert 0.65 < over_prediction(found) < 1.4
     noise = np.sqrt(np.mean([f.noise[0] ** 2 for f in found]))
     assert noise == pytest.approx(SIGMA.position, rel=0.15)
-    assert sum(any(t.suspicious for t in score_tests(f)) for f in found[:3]) <= 1
+    assert (
+        sum(any(t.suspicious for t in CalibrationExamination.of(f).score_tests) for f in found[:3])
+        <= 1
+    )
 
 
 @pytest.mark.parametrize("name", [*KINDS, "pairwise_distance"])
@@ -254,7 +255,8 @@ def test_exact_copies_of_all_rows_change_nothing(name: str) -> None:
     np.testing.assert_allclose(same, std, rtol=0.05)
     assert thrice.noise == pytest.approx(once.noise, rel=0.05)
     chances, again = (
-        {(t.joint, t.family): t for t in score_tests(each)} for each in (once, thrice)
+        {(t.joint, t.family): t for t in CalibrationExamination.of(each).score_tests}
+        for each in (once, thrice)
     )
     for key in chances.keys() & again.keys():
         assert again[key].p == pytest.approx(chances[key].p, rel=0.1, abs=0.01)
@@ -264,7 +266,11 @@ def test_exact_copies_of_all_rows_change_nothing(name: str) -> None:
     for what, scale in scales.items():
         assert others[what].significance == pytest.approx(scale.significance, rel=0.05)
     assert not any(fit.ratio > 1.5 for fit in lack_of_fit(thrice))
-    (note,) = (c.sentence for c in contradictions(thrice, assess(thrice)) if "twice" in c.sentence)
+    (note,) = (
+        c.sentence
+        for c in CalibrationExamination.of(thrice).contradictions
+        if "twice" in c.sentence
+    )
     assert note.startswith(f"{2 * len(rows)} rows of ")
 
 

@@ -19,11 +19,12 @@ from simulated import (
 )
 from sound_sets import ARM, BOARD, MOVING, SHEET, TRACKED, TRUTH, UNKNOWN, Sound, of_scene
 
-from suta_calib import ParameterSet, Problem, Selection, SolverOptions, assess, solve
+from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
 from suta_calib.analysis.model_selection.selection import choose_model
 from suta_calib.assessment import Assessment
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.terms import Term
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.hypotheses.exchanged_marks import ExchangedMarks
 from suta_calib.trust.hypotheses.late_rows import per_row
 from suta_calib.trust.hypotheses.stretch import stretched
@@ -32,7 +33,7 @@ from suta_calib.trust.spoiling import displaced, with_readings
 
 def judged(term: Term, unknown: ParameterSet = UNKNOWN) -> Assessment:
     solution = solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False))
-    return assess_calibration(solution, assess(solution, []))
+    return assess_calibration(CalibrationExamination.of(solution))
 
 
 def dragged(term: Term, ratio: float = 0.01) -> Term:
@@ -107,7 +108,7 @@ def test_a_coupling_is_found_where_an_artefact_is_touched() -> None:
         scene = artefact_scene(kind, arm, truth, artefact(8), placements(5), 2, tilt=0.4)
         term = scene.term(scene.samples(Spread(position=1e-4), 1)[0], PLAIN, PLAIN)
         solution = solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False))
-        notes = assess_calibration(solution, assess(solution, [])).notes
+        notes = assess_calibration(CalibrationExamination.of(solution)).notes
         assert any("joint_5 moves by +0.01" in note for note in notes), notes
 
 

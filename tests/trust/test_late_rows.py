@@ -7,7 +7,6 @@ import pytest
 from simulated import arm_named
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.geometry import rotation_from_vector
 from suta_calib.measurements import Samples
@@ -16,6 +15,7 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 ROW = 0.1  # s from row to row
 TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
@@ -49,7 +49,7 @@ def notes(seed: int, late: float) -> tuple[str, ...]:
     times = ROW * np.arange(200)
     fitted, held_out = watched(times[:150]), watched(times[150:])
     solution = solve(Problem([fitted], unknown), SolverOptions(confirm=False))
-    return assess_calibration(solution, assess(solution, [held_out])).notes
+    return assess_calibration(CalibrationExamination.of(solution, [held_out])).notes
 
 
 # It passes for a moved reflector, for a creeping base, for a moved instrument, for a coupling.

@@ -148,7 +148,7 @@ def test_factors_joints_and_samples_are_chosen_in_the_panel(scene: Scene) -> Non
 
 
 def test_a_result_shows_itself_and_so_does_any_solution(result: CalibrationResult) -> None:
-    with result.view() as viewer, show(result.solution, result.accuracy) as other:
+    with result.view() as viewer, show(result.examined) as other:
         assert f'src="{viewer.url}"' in viewer._repr_html_()
         with urlopen(viewer.url) as answer:
             assert b"<html" in answer.read()[:2000]

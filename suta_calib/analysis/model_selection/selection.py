@@ -24,7 +24,6 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from suta_calib.assessment import Assessment, judged
-from suta_calib.diagnostics.accuracy import assess
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.cross_validation import (
     Fold,
@@ -33,7 +32,7 @@ from suta_calib.diagnostics.cross_validation import (
     limited_rms,
 )
 from suta_calib.diagnostics.linearised import LinearModels, ModelFit
-from suta_calib.diagnostics.score_tests import Residuals, ScoreTest, score_tests
+from suta_calib.diagnostics.score_tests import Residuals, ScoreTest
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
@@ -43,6 +42,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
+from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.extended import offered_names
 from suta_calib.units import text
 from suta_calib.words import listed
@@ -230,14 +230,15 @@ def choose_model(
         refitted = search.refitted(found, wide if found.geometry and wide else job)
     chosen, solution = refitted
     labels = tuple(fold.label for fold in search.folds)
-    accuracy = assess(solution, validation)
-    calibration = assess_calibration(solution, accuracy)
-    started = search.solutions[job.name]
+    examined = CalibrationExamination.of(solution, validation)
+    calibration = assess_calibration(examined)
+    started = CalibrationExamination.of(search.solutions[job.name], validation)
     validated = None
     if validation:
-        before = assess(started, validation).validation
-        validated = limited_rms(before), limited_rms(accuracy.validation)
-    tests = score_tests(started)
+        errors = (each.accuracy.validation for each in (started, examined))
+        before, after = map(limited_rms, errors)
+        validated = before, after
+    tests = started.score_tests
     tried = tuple(search.tried.values())
     return ModelSelection(tried, chosen, labels, tests, undecided, solution, calibration, validated)
 
@@ -304,7 +305,9 @@ class _Search:
             return None
         self._noise = self._noise or solution.noise
         self.solutions[name] = solution
-        self._linearised[geometry] = LinearModels(solution, self.folds, self._noise)
+        self._linearised[geometry] = LinearModels(
+            CalibrationExamination.of(solution), self.folds, self._noise
+        )
         return self._told(name, geometry, self._linearised[geometry].fit())
 
     def grown(self, start: ModelCandidate, rival: ModelCandidate | None = None) -> ModelCandidate:
@@ -377,7 +380,7 @@ class _Search:
             del self.tried[chosen.name]
             return None
         self.solutions[chosen.name] = solution
-        linear = LinearModels(solution, self.folds, self._noise)
+        linear = LinearModels(CalibrationExamination.of(solution), self.folds, self._noise)
         own = self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
         return self._noted(own), solution
 

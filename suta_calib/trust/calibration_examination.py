@@ -1,0 +1,216 @@
+"""All that is computed about a calibration after it was solved, each quantity once."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.diagnostics.accuracy import Accuracy, assess
+from suta_calib.diagnostics.beliefs import ContradictedBelief, contradicted_beliefs
+from suta_calib.diagnostics.causes import Cause, find_cause
+from suta_calib.diagnostics.changes import Disturbance, changes
+from suta_calib.diagnostics.contradictions import Contradiction, contradictions
+from suta_calib.diagnostics.cross_validation import folds_of
+from suta_calib.diagnostics.explanation import Explanation, explain
+from suta_calib.diagnostics.external_poses import ExternalPose, external_poses
+from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors
+from suta_calib.diagnostics.linearised import LinearModels
+from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
+from suta_calib.diagnostics.repeats import (
+    LackOfFit,
+    TouchRepeatability,
+    lack_of_fit,
+    touch_repeatability,
+)
+from suta_calib.diagnostics.scale_effects import ScaleEffect, scale_effects
+from suta_calib.diagnostics.score_tests import Residuals, ScoreTest
+from suta_calib.diagnostics.thinned import thinned
+from suta_calib.diagnostics.widening import widening
+from suta_calib.errors import SamplesError
+from suta_calib.model.arm import ArmModel
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.term import Term
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.extended import (
+    effective_unknowns,
+    extended_problem,
+    known_beforehand,
+    offered_names,
+)
+from suta_calib.trust.hypothesis import Finding, strongest_cause
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationExamination(Examination):
+    """A calibration, with everything that is computed about it.
+
+    Whoever shows a calibration reads it here. Effects are tested beside all of the arm's geometry.
+
+    Attributes:
+        validation: terms that were not fitted.
+    """
+
+    validation: tuple[Term, ...] = ()
+
+    @classmethod
+    def of(cls, solution: Solution, validation: Sequence[Term] = ()) -> CalibrationExamination:
+        """Examine a solution; nothing is computed before somebody asks for it."""
+        return cls(solution, solution.sigmas, validation=tuple(validation))
+
+    # ── the problem in which effects are tested ─────────────────────────────────────────────
+    @property
+    def arm(self) -> ArmModel | None:
+        """The arm, where there is one."""
+        return self.solution.problem.arm
+
+    @cached_property
+    def _beside(self) -> tuple[Problem, FloatArray]:
+        assert self.arm is not None
+        names = [name for group in offered_names(self.arm).values() for name in group]
+        return extended_problem(self.solution, names)
+
+    @property
+    def problem(self) -> Problem:
+        """The problem with all that the arm can be given among its unknowns."""
+        return self._beside[0]
+
+    @property
+    def x(self) -> FloatArray:
+        """(p,) parameters of `problem` at the solution."""
+        return self._beside[1]
+
+    @cached_property
+    def follows(self) -> IntArray:
+        """Indices of the unknowns of `problem` that follow an effect: all but the offered."""
+        assert self.arm is not None
+        fitted = self.solution.problem.parameters
+        offered = {name for group in offered_names(self.arm).values() for name in group}
+        names = enumerate(self.problem.names)
+        return np.array([k for k, n in names if n in fitted or n not in offered], dtype=np.intp)
+
+    @property
+    def _plausible_precision(self) -> FloatArray:
+        return known_beforehand(self.problem)
+
+    @cached_property
+    def fewer(self) -> CalibrationExamination:
+        """The same over part of many rows, by which causes are looked for."""
+        solution = thinned(self.solution)
+        return self if solution is self.solution else CalibrationExamination.of(solution)
+
+    # ── how good the answer is ──────────────────────────────────────────────────────────────
+    @cached_property
+    def accuracy(self) -> Accuracy:
+        """Errors of the fitted and of the held-out terms, before and after."""
+        return assess(self.solution, self.validation)
+
+    @cached_property
+    def held_out(self) -> tuple[HeldOutErrors, ...]:
+        """Held-out errors of every block beside their prediction."""
+        return held_out_errors(self.solution, self.accuracy)
+
+    @cached_property
+    def widened(self) -> CalibrationExamination:
+        """The same answer with standard deviations that predict the held-out errors."""
+        factor = widening(self.held_out)
+        if factor == 1.0:
+            return self
+        return CalibrationExamination.of(replace(self.solution, widening=factor), self.validation)
+
+    @cached_property
+    def lack_of_fit(self) -> tuple[LackOfFit, ...]:
+        """Residuals beside the scatter of repeats."""
+        return lack_of_fit(self.solution)
+
+    @cached_property
+    def repeatability(self) -> Mapping[str, tuple[TouchRepeatability, ...]]:
+        """Scatter of the tip among repeats, by set of data; terms with enough repeats only."""
+        sets = {"calibration": self.accuracy.calibration, "validation": self.accuracy.validation}
+        every = {
+            name: (touch_repeatability(each.term, self.solution.values) for each in terms)
+            for name, terms in sets.items()
+        }
+        return {name: tuple(each for each in terms if each) for name, terms in every.items()}
+
+    @cached_property
+    def effective_unknowns(self) -> float:
+        """How many unknowns the data have determined."""
+        return effective_unknowns(self.solution)
+
+    # ── what the data say ───────────────────────────────────────────────────────────────────
+    @cached_property
+    def explanations(self) -> tuple[Explanation, ...]:
+        """Why parameters are held at nominal; empty without convergence."""
+        solution = self.solution
+        if not solution.converged:
+            return ()
+        return explain(solution.problem, solution.x, solution.identification)
+
+    @cached_property
+    def external_poses(self) -> tuple[ExternalPose, ...]:
+        """Poses of cameras, instruments and artefacts; empty without convergence."""
+        return external_poses(self.solution)
+
+    @cached_property
+    def scale_effects(self) -> tuple[ScaleEffect, ...]:
+        """What carries the scale of the arm; empty without convergence."""
+        return scale_effects(self.solution) if self.solution.converged else ()
+
+    # ── what may be wrong ───────────────────────────────────────────────────────────────────
+    @cached_property
+    def contradictions(self) -> tuple[Contradiction, ...]:
+        """What disagrees with the answer, the worst first."""
+        return contradictions(self.solution, self.held_out)
+
+    @cached_property
+    def contradicted_beliefs(self) -> tuple[ContradictedBelief, ...]:
+        """What the data contradict of what terms hold, such as intrinsics."""
+        return tuple(contradicted_beliefs(self.solution))
+
+    @cached_property
+    def priors(self) -> PriorNotes:
+        """Whether the arm is farther off than its priors allow."""
+        return judge_priors(self.solution)
+
+    @cached_property
+    def other_reading(self) -> Cause | None:
+        """The data read differently, where that explains them far better."""
+        return find_cause(self.solution)
+
+    @cached_property
+    def strongest_cause(self) -> Finding | None:
+        """The hypothesis that explains the residuals best."""
+        return strongest_cause(self)
+
+    @cached_property
+    def changes(self) -> tuple[Disturbance, ...]:
+        """What changed while the rows were measured."""
+        return changes(self)
+
+    @cached_property
+    def _residuals(self) -> Residuals:
+        return Residuals.of(self, self.effective_unknowns)
+
+    @cached_property
+    def score_tests(self) -> tuple[ScoreTest, ...]:
+        """Joints and families that the answer does not estimate, most suspicious first."""
+        return () if self.arm is None else self._residuals.tests()
+
+    @cached_property
+    def geometry_is_held(self) -> bool:
+        """Whether geometry that the job holds explains the residuals, beyond any doubt."""
+        return self.arm is not None and self._residuals.geometry_is_held()
+
+    @cached_property
+    def linearised(self) -> LinearModels | None:
+        """The answer prepared for fits with more unknowns; None with too few rows to hold out."""
+        try:
+            folds = folds_of(self.solution.problem.terms)
+        except SamplesError:
+            return None
+        return LinearModels(self, folds, self.solution.noise)
