@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
-from suta_calib.diagnostics.explanation import as_drawn_names, redundant_names
+from suta_calib.assessment import attempt
+from suta_calib.diagnostics.explanation import Explanation, as_drawn_names, redundant_names
 from suta_calib.diagnostics.observability import Prospect
 from suta_calib.model.parameters import Parameter
 from suta_calib.report.document import Text
@@ -153,9 +154,9 @@ PROSPECTS: Final = Listing[Prospect](
 def outcomes(examined: CalibrationExamination) -> list[Outcome]:
     """Every parameter's, in the problem's order."""
     solution, parameters = examined.solution, examined.solution.problem.parameters
-    redundant, as_drawn = (
-        names(examined.explanations) for names in (redundant_names, as_drawn_names)
-    )
+    nothing: tuple[Explanation, ...] = ()
+    why_held = attempt("shown: why they are held", lambda: examined.explanations, nothing)
+    redundant, as_drawn = redundant_names(why_held), as_drawn_names(why_held)
     return [
         Outcome(estimate, parameters[name], solution.converged, name in redundant, name in as_drawn)
         for name, estimate in solution.estimates.items()
