@@ -7,28 +7,21 @@ no report, or for an analysis that has no job, it makes a page of its own. A pag
 from __future__ import annotations
 
 import re
-import sys
-from contextlib import suppress
 from datetime import UTC, datetime
 from functools import cache
 from html import escape, unescape
-from pathlib import Path
 from typing import Final
 
-from jinja2 import BytecodeCache, Environment, PackageLoader, StrictUndefined
-from jinja2.bccache import Bucket
+from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from suta_calib.assessment import attempt
-from suta_calib.atomic import write_bytes_atomically
-from suta_calib.errors import OutputError
 from suta_calib.plotting.look import BLUE, GREY, LINE, ORANGE, TINT
 from suta_calib.report.document import Document, Figure, Folded, Space
 from suta_calib.report.listing import Table
 from suta_calib.report.panels import apart
 from suta_calib.report.spatial import scene_html
 
-_COMPILED: Final = Path(__file__).with_name("templates") / "__pycache__"
 # Documents that a report begins anew with.
 BEGINS: Final = ("opening", "result")
 # Width of a letter, of what is about a cell, and letters in which a text may be set, px; and the
@@ -90,7 +83,6 @@ def environment() -> Environment:
     """Templates of the report: every text is escaped, a missing value is an error."""
     templates = Environment(
         loader=PackageLoader("suta_calib.report"),
-        bytecode_cache=_Compiled(),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -105,26 +97,6 @@ def environment() -> Environment:
     templates.globals["room"] = _ROOM
     templates.filters["turnable"] = lambda space: Markup(_turnable(space, templates))
     return templates
-
-
-class _Compiled(BytecodeCache):
-    """Compiled templates beside their sources, as Python keeps its modules: half a page's time."""
-
-    def load_bytecode(self, bucket: Bucket) -> None:
-        # One of another Python or an earlier source is none: jinja2 looks.
-        with suppress(OSError):
-            bucket.bytecode_from_string(_compiled(bucket).read_bytes())
-
-    def dump_bytecode(self, bucket: Bucket) -> None:
-        if not sys.dont_write_bytecode:
-            # Who may not write there compiles anew.
-            with suppress(OSError, OutputError):
-                _COMPILED.mkdir(exist_ok=True)
-                write_bytes_atomically(_compiled(bucket), bucket.bytecode_to_string())
-
-
-def _compiled(bucket: Bucket) -> Path:
-    return _COMPILED / f"{bucket.key}.{sys.implementation.cache_tag}.bytes"
 
 
 def _turnable(space: Space, templates: Environment) -> str:
