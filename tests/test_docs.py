@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import dataclasses
 import importlib
 import re
 from collections.abc import Callable, Iterator
@@ -17,7 +18,7 @@ from suta_calib import ArmModel
 from suta_calib.analysis.planning import read_candidates
 from suta_calib.cli._app import COMMANDS
 from suta_calib.device import read_device
-from suta_calib.measurements.keys import Key, Keys
+from suta_calib.measurements.fields import Field, Fields, fields_of
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
 
@@ -26,7 +27,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "suta_calib"
 MODULES = [
     ".".join(file.relative_to(PACKAGE.parent).with_suffix("").parts)
     for file in sorted(PACKAGE.rglob("*.py"))
-    if " = Keys(" in file.read_text(encoding="utf-8")
+    if "measurements.fields import" in file.read_text(encoding="utf-8")
 ]
 # A screen of text.
 README_LINES = 50
@@ -57,24 +58,25 @@ def calls_of(method: str, file: Path) -> int:
 
 
 def test_whoever_checks_keys_says_what_they_hold() -> None:
-    """Readers ask `Keys.check`, so that no key is known that the reference does not show."""
+    """Readers ask `Fields.check`, so that no key is known that the reference does not show."""
     callers = [file for file in PACKAGE.rglob("*.py") if calls_of("check_keys", file)]
-    assert [file.name for file in callers] == ["keys.py"]
+    assert [file.name for file in callers] == ["fields.py"]
 
 
-def below(keys: Keys) -> Iterator[Key]:
+def below(keys: Fields) -> Iterator[Field]:
     for key in keys:
         yield key
-        if key.inside is not None:
-            yield from below(key.inside)
+        if key.value.inside is not None:
+            yield from below(key.value.inside)
 
 
 def test_every_key_that_is_declared_is_shown(maker: Maker, pages: dict[str, str]) -> None:
     declared = {
         (module, key)
         for module in MODULES
-        for keys in vars(importlib.import_module(module)).values()
-        if isinstance(keys, Keys)
+        for value in vars(importlib.import_module(module)).values()
+        for keys in [fields_of(value) if dataclasses.is_dataclass(value) else value]
+        if isinstance(keys, Fields)
         for key in below(keys)
     }
     assert len(declared) > 100
@@ -91,7 +93,7 @@ def test_every_key_says_something(maker: Maker) -> None:
         for keys in file.keys.values():
             assert len(set(keys.names)) == len(keys.names)
             for key in below(keys):
-                assert key.takes, key.name
+                assert key.value.takes, key.name
                 assert re.match(r"[A-Z0-9].*\.$|[a-z_0-9: ,(/)-]+.*\.$", key.about), key.name
 
 

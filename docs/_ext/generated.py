@@ -1,7 +1,7 @@
 """Pages that the package writes about itself: files, kinds of observation, commands, names.
 
 Each is made anew by every build into ``docs/generated``; nothing there is kept. What a reader of a
-file checks (`suta_calib.measurements.keys`) is what the tables show, so that they cannot go stale.
+file checks (`suta_calib.measurements.fields`) is what the tables show: they cannot go stale.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from yaml_pages import key_tables
 from suta_calib.certification import read_raw_points
 from suta_calib.measurements import pose_files, read_corners
 from suta_calib.measurements.csv_table import length_columns, position_columns, rotation_columns
-from suta_calib.measurements.keys import Keys
+from suta_calib.measurements.fields import Fields
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS, Term
 
@@ -33,7 +33,7 @@ def observations_page() -> Iterator[str]:
             yield "Needs an [`artefact.yaml`](files.md#artefact-yaml).\n\n"
         if kind.keys:
             yield "Keys of its own:\n\n"
-            yield from key_tables(Keys(*kind.keys), set())
+            yield from key_tables(Fields(*kind.keys), set())
         if kind.leaves_open:
             yield "What it leaves open:\n\n"
             for gap, (why, remedy) in kind.leaves_open.items():

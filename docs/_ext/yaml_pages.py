@@ -11,11 +11,11 @@ from repository_pages import ROOT
 from suta_calib.analysis.planning.candidates import KEYS as CANDIDATE_KEYS
 from suta_calib.device.device_file import DEVICE_KEYS
 from suta_calib.job.acceptance import ACCEPTANCE_KEYS
-from suta_calib.job.keys import JOB_KEYS
+from suta_calib.job.schema import JOB_KEYS
 from suta_calib.measurements.artefact import ARTEFACT_KEYS
-from suta_calib.measurements.board import CHARUCO_KEYS, CHESSBOARD_KEYS, MARKERS_KEYS
+from suta_calib.measurements.board import BOARD_KEYS
 from suta_calib.measurements.camera import CAMERA_KEYS
-from suta_calib.measurements.keys import Keys
+from suta_calib.measurements.fields import Fields
 from suta_calib.registry import shipped
 from suta_calib.simulation.keys import SIMULATION_KEYS, set_keys
 from suta_calib.terms import KINDS
@@ -34,7 +34,7 @@ class FileFormat:
 
     name: str
     about: str
-    keys: dict[str, Keys]
+    keys: dict[str, Fields]
     example: str
 
 
@@ -68,11 +68,7 @@ FILES = (
     FileFormat(
         "board.yaml",
         "A board that a camera sees.",
-        {
-            "type: chessboard": CHESSBOARD_KEYS,
-            "type: charuco": CHARUCO_KEYS,
-            "type: markers": MARKERS_KEYS,
-        },
+        {f"type: {name}": keys for name, keys in BOARD_KEYS.items()},
         "data/workcell/board.yaml",
     ),
     FileFormat(
@@ -134,7 +130,7 @@ def example(text: str) -> str:
     return text if "\n" in text else (ROOT / text).read_text(encoding="utf-8")
 
 
-def key_tables(keys: Keys, shown: set[int], path: str = "") -> Iterator[str]:
+def key_tables(keys: Fields, shown: set[int], path: str = "") -> Iterator[str]:
     """A table of these keys, then one for each mapping below them that is not shown yet.
 
     Args:
@@ -143,11 +139,13 @@ def key_tables(keys: Keys, shown: set[int], path: str = "") -> Iterator[str]:
         path: where these stand; empty for the whole file.
     """
     rows = [
-        (f"**`{key.name}`**" if key.required else f"`{key.name}`", key.takes, key.about)
+        (f"**`{key.name}`**" if key.required else f"`{key.name}`", key.value.takes, key.about)
         for key in keys
     ]
     yield table(("key", "value", ""), rows)
-    below = [(f"{path}.{key.name}".lstrip("."), key.inside) for key in keys if key.inside]
+    below = [
+        (f"{path}.{key.name}".lstrip("."), key.value.inside) for key in keys if key.value.inside
+    ]
     first = {id(inside): inside for _, inside in below if id(inside) not in shown}
     shown.update(first)
     for inside in first.values():

@@ -8,6 +8,8 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import InputError, did_you_mean
+from suta_calib.measurements.fields import TEXT, Value, keyed, quantity, whole
+from suta_calib.measurements.yaml_file import YamlSection
 
 # Of an encoder's word, and of a device that does not say.
 FRAME_COUNTS_PER_TURN: Final = 1 << 22
@@ -16,26 +18,46 @@ UNITS: Final = ("counts", "rad", "deg")
 UNASKED: Final = ("frames", "lines")
 
 
+# No encoder has more than 32 bits.
+COUNTS_PER_TURN: Final = whole(2, 1 << 32)
+
+
+def _read_sign(section: YamlSection, key: str) -> int:
+    sign = section.integer(key, -1)
+    if sign not in (-1, 1):
+        raise section.refuse(str(sign), "1 or -1", at=(key,))
+    return sign
+
+
 @dataclass(frozen=True)
 class JointSpec:
-    """One encoder.
+    """One encoder, as the key ``joints`` of ``device.yaml`` has it.
 
-    Attributes:
-        name: the joint's name in the URDF.
-        sign: +1, or -1 where the encoder counts against the joint's axis.
-        zero: what the device sends where the joint's angle is 0, in its unit.
-        ratio: turns of the encoder per turn of the joint. What it sends is taken for a count of
-            more than one turn: one turn of an encoder before a gear does not tell the joint's.
-        counts_per_turn: of this encoder; None for the device's.
-        number: of the servo on its bus; None for its place among the joints, from 1.
+    What one with a ratio sends is taken for a count of more than one turn: one turn of an encoder
+    before a gear does not tell the joint's.
     """
 
-    name: str
-    sign: int
-    zero: float = 0.0
-    ratio: float = 1.0
-    counts_per_turn: int | None = None
-    number: int | None = None
+    name: str = keyed(TEXT, "The joint's name in the URDF.")
+    sign: int = keyed(
+        Value("1 or -1", _read_sign),
+        "Whether readings grow as the URDF's angle does; 1 without it.",
+        1,
+    )
+    zero: float = keyed(
+        quantity(takes="number, in unit"), "Reading at the URDF's zero; 0 without it.", 0.0
+    )
+    ratio: float = keyed(
+        quantity(), "Turns of the encoder per turn of the joint (a gear); 1 without it.", 1.0
+    )
+    counts_per_turn: int | None = keyed(
+        COUNTS_PER_TURN, "Of this joint's encoder, where it differs.", None
+    )
+    number: int | None = keyed(
+        whole(0),
+        "Of a servo: its number on the bus; without it, the joint's place in the list, from 1.",
+        None,
+        "id",
+    )
 
 
 @dataclass(frozen=True)

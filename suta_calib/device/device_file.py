@@ -3,75 +3,74 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import yaml
 
 from suta_calib.device.description import (
+    COUNTS_PER_TURN,
     FRAME_COUNTS_PER_TURN,
     UNASKED,
     UNITS,
     DeviceSpec,
     JointSpec,
 )
-from suta_calib.device.formats import FORMATS
+from suta_calib.device.formats import FORMATS, Format
 from suta_calib.device.port_name import expected_name
 from suta_calib.errors import DeviceFileError
-from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.measurements.keys import Key, Keys
-from suta_calib.measurements.yaml_file import shown
-
-if TYPE_CHECKING:
-    from suta_calib.device.formats import Format
-    from suta_calib.measurements import YamlSection
+from suta_calib.measurements.fields import (
+    TEXT,
+    Field,
+    Fields,
+    Value,
+    choice,
+    fields_of,
+    read_as,
+    whole,
+)
+from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
 
 _DEFAULT_BAUDRATE: Final = 921600
 _MOST_SERVOS: Final = 253
-# No encoder has more than 32 bits.
-_MOST_COUNTS: Final = 1 << 32
-JOINT_KEYS: Final = Keys(
-    Key("name", "text", "The joint's name in the URDF.", required=True),
-    Key("sign", "1 or -1", "Whether readings grow as the URDF's angle does; 1 without it."),
-    Key("zero", "number, in unit", "Reading at the URDF's zero; 0 without it."),
-    Key("ratio", "number", "Turns of the encoder per turn of the joint (a gear); 1 without it."),
-    Key("counts_per_turn", "whole number", "Of this joint's encoder, where it differs."),
-    Key(
-        "id",
-        "whole number",
-        "Of a servo: its number on the bus; without it, the joint's place in the list, from 1.",
-    ),
-)
-DEVICE_KEYS: Final = Keys(
-    Key(
+DEVICE_KEYS: Final = Fields(
+    Field(
         "port",
-        "text",
+        TEXT,
         "Name of a port (/dev/ttyACM0, COM3, a pseudo-terminal or a link to one), or a URL: "
         "socket://host:port, rfc2217://host:port, hwgrep://2341:0043 (the port whose USB number, "
         "serial number or name has this text), loop://. A relative name is looked for beside the "
         "file first.",
         required=True,
     ),
-    Key(
+    Field(
         "baudrate",
-        "whole number",
+        whole(1),
         f"Bits per second; {_DEFAULT_BAUDRATE} without it, 1000000 for servos.",
     ),
-    Key(
+    Field(
         "format",
-        "text",
+        choice(FORMATS),
         "What the device sends: frames (binary, with checksums; the default) or lines (a line of "
         "numbers per sample); or servos on a bus, which are asked: dynamixel (protocol 2.0, X "
         "series) or feetech (STS and SMS); these need the extra servo.",
     ),
-    Key("unit", "text", "Of the numbers in lines: counts, rad or deg; all else is in counts."),
-    Key(
+    Field(
+        "unit", choice(UNITS), "Of the numbers in lines: counts, rad or deg; all else is in counts."
+    ),
+    Field(
         "counts_per_turn",
-        "whole number",
+        COUNTS_PER_TURN,
         f"Counts of one turn of a joint; without it {FRAME_COUNTS_PER_TURN} for frames and 4096 "
         "for servos; required for lines in counts.",
     ),
-    Key("joints", "rows", "In the order the device sends them.", required=True, inside=JOINT_KEYS),
+    Field(
+        "joints",
+        Value("rows", inside=fields_of(JointSpec)),
+        "In the order the device sends them.",
+        required=True,
+    ),
 )
 # Longer than the name of any port; a message has to show it.
 _LONGEST_PORT: Final = 1000
@@ -88,12 +87,10 @@ def read_device(path: Path) -> DeviceSpec:
         DeviceFileError: unreadable, an unknown, missing or unusable key (with its line), one
             joint twice, or counts that do not fit the format.
     """
-    # Whoever only reads a port, or streams, need not wait for what the files need.
-
     top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
-    DEVICE_KEYS.check(top)
-    form = FORMATS[top.choice("format", tuple(FORMATS), default="frames")]
-    unit = top.choice("unit", UNITS, default=form.units[0])
+    values = DEVICE_KEYS.read(top)
+    form = FORMATS[values.get("format", "frames")]
+    unit = values.get("unit", form.units[0])
     if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
         # Nobody's laboratory arm has 22 bits by default: lines in counts must say how many.
         raise top.refuse(
@@ -101,14 +98,12 @@ def read_device(path: Path) -> DeviceSpec:
             f"the counts of one turn: {form.name} in counts need it",
             at=("counts_per_turn",),
         )
-    counts = top.integer(
-        "counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN, 2, _MOST_COUNTS
-    )
+    counts = values.get("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN)
     if (refused := form.refusal(unit, counts)) is not None:
         key, expected = refused
         value = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
         raise top.refuse(value, expected, at=(key,))
-    port = top.text("port")
+    port = values["port"]
     if len(port) > _LONGEST_PORT:
         raise top.refuse(shown(port), f"at most {_LONGEST_PORT} characters", at=("port",))
     if (port_form := expected_name(port)) is not None:
@@ -116,7 +111,7 @@ def read_device(path: Path) -> DeviceSpec:
     return DeviceSpec(
         path=path,
         port=_beside(top.document.path, port),
-        baudrate=top.integer("baudrate", form.baudrate, 1),
+        baudrate=values.get("baudrate", form.baudrate),
         format=form.name,
         unit=unit,
         counts_per_turn=counts,
@@ -162,35 +157,25 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
         raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
     joints: list[JointSpec] = []
     for section in sections:
-        JOINT_KEYS.check(section)
-        name, sign = section.text("name"), section.integer("sign", 1, -1)
-        if sign not in (-1, 1):
-            raise section.refuse(str(sign), "1 or -1", at=("sign",))
-        if name in (joint.name for joint in joints):
-            raise section.refuse(f"{name!r} a second time", "each joint once", at=("name",))
+        joint = read_as(JointSpec, section)
+        if joint.name in (before.name for before in joints):
+            raise section.refuse(f"{joint.name!r} a second time", "each joint once", at=("name",))
         for key in ("ratio", "counts_per_turn"):
             if key in section and not form.geared:
                 expected = f"no such key: the words of {form.name} are one turn of the joint"
                 raise section.refuse("a value", expected, at=(key,))
-        zero = section.number("zero") if "zero" in section else 0.0
-        if unit == "counts" and zero != round(zero):
-            raise section.refuse(f"{zero:g}", "a whole number of counts", at=("zero",))
-        ratio = section.number("ratio") if "ratio" in section else 1.0
-        if ratio == 0.0:
+        if unit == "counts" and joint.zero != round(joint.zero):
+            raise section.refuse(f"{joint.zero:g}", "a whole number of counts", at=("zero",))
+        if joint.ratio == 0.0:
             raise section.refuse("0", "turns of the encoder per turn of the joint", at=("ratio",))
-        joint_counts = (
-            section.integer("counts_per_turn", 0, 2, _MOST_COUNTS)
-            if "counts_per_turn" in section
-            else None
-        )
-        number = section.integer("id", 0, 0) if "id" in section else None
-        if number is not None and not form.asked:
+        if joint.number is not None and not form.asked:
             expected = f"no such key: {form.name} are not asked one by one"
-            raise section.refuse(str(number), expected, at=("id",))
+            raise section.refuse(str(joint.number), expected, at=("id",))
         if form.asked:
-            number = len(joints) + 1 if number is None else number
-            if number >= _MOST_SERVOS or number in (joint.number for joint in joints):
+            place = len(joints) + 1 if joint.number is None else joint.number
+            if place >= _MOST_SERVOS or place in (before.number for before in joints):
                 expected = f"a number below {_MOST_SERVOS}, another for each servo"
-                raise section.refuse(str(number), expected, at=("id",))
-        joints.append(JointSpec(name, sign, zero, ratio, joint_counts, number))
+                raise section.refuse(str(place), expected, at=("id",))
+            joint = replace(joint, number=place)
+        joints.append(joint)
     return tuple(joints)

@@ -28,72 +28,90 @@ import numpy as np
 from suta_calib.arrays import IntArray
 from suta_calib.errors import InputError, JobError, UrdfError
 from suta_calib.job.calibration import CalibrationJob, read_term
-from suta_calib.job.keys import ARM_KEYS
-from suta_calib.job.limits import (
-    JUDGED_KEYS,
-    DecisionRule,
-    Limits,
-    StatedUncertainty,
-    read_limits,
-    read_rule,
-    read_uncertainty,
-)
-from suta_calib.job.schema import ObservationSpec, read_arm
+from suta_calib.job.limits import JUDGED_KEYS, DecisionRule, Limits, StatedUncertainty, read_judged
+from suta_calib.job.schema import ArmSpec, ObservationSpec, read_arm
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml
-from suta_calib.measurements.keys import Key, Keys
+from suta_calib.measurements.fields import (
+    FILE,
+    FILES,
+    FLAG,
+    LENGTH,
+    LENGTH_OR_0,
+    Field,
+    Fields,
+    Value,
+    choice,
+    fields_of,
+)
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, ArmPoses, Term
 from suta_calib.terms.poses import joint_ranges, resolutions, together
-from suta_calib.units import from_mm
 
 # Readings that differ by less, rad or m, no encoder has told apart.
 COPIED: Final = 1e-7
-_SAMPLES: Final = Key("samples", "files", "The samples CSV files: globs.", required=True)
-_AnyTerm = TypeVar("_AnyTerm", bound=Term)
-LENGTHS_KEYS: Final = Keys(
-    Key("artefact", "file", "The calibrated artefact.yaml.", required=True),
+_SAMPLES: Final = Field("samples", FILES, "The samples CSV files: globs.", required=True)
+LENGTHS_KEYS: Final = Fields(
+    Field("artefact", FILE, "The calibrated artefact.yaml.", required=True),
     _SAMPLES,
-    Key("bidirectional", "true or false", "Whether lengths were probed from both sides."),
+    Field("bidirectional", FLAG, "Whether lengths were probed from both sides."),
 )
-ARTICULATION_KEYS: Final = Keys(
+ARTICULATION_KEYS: Final = Fields(
     _SAMPLES,
-    Key("probed", "text", "seat (the default), or sphere: the touches' centre counts."),
-)
-PROBING_KEYS: Final = Keys(
-    _SAMPLES,
-    Key("diameter_mm", "mm", "Calibrated diameter of the sphere.", required=True),
-    Key("sigma_mm", "mm", "Its standard uncertainty; 0 without it."),
-    Key("stylus_diameter_mm", "mm", "Diameter of the stylus' ball; 0 without it."),
-)
-VISITS_KEYS: Final = Keys(_SAMPLES)
-_TESTS: Final = (
-    Key(
-        "lengths",
-        "mapping",
-        "Lengths of a calibrated artefact: columns placement, repeat, landmark.",
-        inside=LENGTHS_KEYS,
+    Field(
+        "probed",
+        choice(("seat", "sphere")),
+        "seat (the default), or sphere: the touches' centre counts.",
     ),
-    Key(
+)
+PROBING_KEYS: Final = Fields(
+    _SAMPLES,
+    Field("diameter_mm", LENGTH, "Calibrated diameter of the sphere.", required=True),
+    Field(
+        "sigma_mm", LENGTH_OR_0, "Its standard uncertainty; 0 without it.", given_attribute="std"
+    ),
+    Field(
+        "stylus_diameter_mm",
+        LENGTH_OR_0,
+        "Diameter of the stylus' ball; 0 without it.",
+        given_attribute="stylus",
+    ),
+)
+VISITS_KEYS: Final = Fields(_SAMPLES)
+_TESTS: Final = (
+    Field(
+        "lengths",
+        Value("mapping", inside=LENGTHS_KEYS),
+        "Lengths of a calibrated artefact: columns placement, repeat, landmark.",
+    ),
+    Field(
         "articulation",
-        "mapping",
+        Value("mapping", inside=ARTICULATION_KEYS),
         "Points touched from several articulations: column point, and articulation where each has "
         "several touches.",
-        inside=ARTICULATION_KEYS,
     ),
-    Key("probing", "mapping", "Touches of calibrated spheres: column sphere.", inside=PROBING_KEYS),
-    Key("repeatability", "mapping", "Repeated visits: column point.", inside=VISITS_KEYS),
+    Field(
+        "probing",
+        Value("mapping", inside=PROBING_KEYS),
+        "Touches of calibrated spheres: column sphere.",
+    ),
+    Field("repeatability", Value("mapping", inside=VISITS_KEYS), "Repeated visits: column point."),
 )
-ACCEPTANCE_KEYS: Final = Keys(
-    Key("arm", "mapping", "The arm that is tested, such as a calibrated one.", inside=ARM_KEYS),
-    Key(
+ACCEPTANCE_KEYS: Final = Fields(
+    Field(
+        "arm",
+        Value("mapping", inside=fields_of(ArmSpec)),
+        "The arm that is tested, such as a calibrated one.",
+    ),
+    Field(
         "job",
-        "file",
+        Value("file"),
         "A calibration.yaml: arm and measurements are those of its held-out data, in place of the "
         "keys arm and those of the tests.",
     ),
     *_TESTS,
     *JUDGED_KEYS,
 )
+_AnyTerm = TypeVar("_AnyTerm", bound=Term)
 _MEASURED: Final = tuple(key.name for key in _TESTS)
 # Keys that tell a calibration.yaml from an acceptance test.
 _CALIBRATION: Final = ("observations", "parameters")
@@ -178,9 +196,7 @@ class AcceptanceJob:
         if any(key in top for key in _CALIBRATION):
             return _of_calibration(path, urdf)
         ACCEPTANCE_KEYS.check(top)
-        job = replace(_tested(top, urdf), path=path)
-        limits, uncertainty, rule = read_limits(top), read_uncertainty(top), read_rule(top)
-        return replace(job, limits=limits, uncertainty=uncertainty, rule=rule)
+        return replace(_tested(top, urdf), path=path, **read_judged(top))
 
     @contextmanager
     def error_context(self, key: str) -> Iterator[None]:
@@ -267,18 +283,19 @@ def _without_copies(job: AcceptanceJob) -> AcceptanceJob:
 
 
 def _lengths(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    LENGTHS_KEYS.check(section)
-    patterns, files = section.texts("samples"), section.files("samples")
-    artefact = section.existing_file("artefact")
-    row = ObservationSpec(_LENGTHS.kind, patterns, files, artefact, line=section.line)
+    values = LENGTHS_KEYS.read(section)
+    patterns = section.texts("samples")
+    row = ObservationSpec(
+        _LENGTHS.kind, patterns, values["samples"], values["artefact"], line=section.line
+    )
     term = read_term(arm, row, section.document.path)
-    return {"lengths": (term,), "bidirectional": section.flag("bidirectional")}
+    return {"lengths": (term,), "bidirectional": values.get("bidirectional", False)}
 
 
 def _articulation(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    ARTICULATION_KEYS.check(section)
-    sphere = section.choice("probed", ("seat", "sphere"), "seat") == "sphere"
-    samples = _samples(arm, section, "point", "articulation")
+    values = ARTICULATION_KEYS.read(section)
+    sphere = values.get("probed") == "sphere"
+    samples = _samples(arm, values, "point", "articulation")
     if sphere and "articulation" not in samples.labels:
         raise section.refuse(
             "spheres, but samples without a column articulation",
@@ -289,21 +306,19 @@ def _articulation(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
 
 
 def _probing(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    PROBING_KEYS.check(section)
-    diameter = from_mm(section.number("diameter_mm", "positive"))
-    stylus = section.optional_number("stylus_diameter_mm", "non-negative", unit="m") or 0.0
-    std = section.optional_number("sigma_mm", "non-negative", unit="m") or 0.0
-    return {"probing": ProbedSpheres(_samples(arm, section, "sphere"), diameter + stylus, std)}
+    values = PROBING_KEYS.read(section)
+    diameter = values["diameter"] + values.get("stylus", 0.0)
+    samples = _samples(arm, values, "sphere")
+    return {"probing": ProbedSpheres(samples, diameter, values.get("std", 0.0))}
 
 
 def _visits(arm: ArmModel, section: YamlSection) -> dict[str, Any]:
-    VISITS_KEYS.check(section)
-    return {"repeatability": _samples(arm, section, "point")}
+    return {"repeatability": _samples(arm, VISITS_KEYS.read(section), "point")}
 
 
-def _samples(arm: ArmModel, section: YamlSection, label: str, *optional: str) -> Samples:
+def _samples(arm: ArmModel, values: Mapping[str, Any], label: str, *optional: str) -> Samples:
     columns = SampleColumns(labels=(label,), optional_labels=optional)
-    return read_samples(section.files("samples"), joint_ranges(arm), columns)
+    return read_samples(values["samples"], joint_ranges(arm), columns)
 
 
 # ── from a calibration ───────────────────────────────────────────────────────────────────────

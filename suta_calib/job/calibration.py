@@ -36,7 +36,7 @@ from suta_calib.showing import Shown
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Seating, Setup, Term
+from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.terms.poses import joint_ranges
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import shown, unit_name
@@ -321,14 +321,14 @@ class CalibrationResult(Shown):
         """Samples left out by name, held-out ones at fitted rests, or in sockets wide unsaid."""
         spec = self.job.spec
         rows = (*spec.observations, *spec.validation)
-        wide = {row.artefact for row in spec.observations if row.seated} - {None}
+        wide = {row.artefact for row in spec.observations if row.seating} - {None}
         notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
         notes += _read_with_fitted(self.job)
         notes += [
             f"The validation row of {row.kind} has no seating, and the observations of the same "
             "artefact do: its errors hold what the seating would take away. Give it the same key."
             for row in spec.validation
-            if not row.seated and row.artefact in wide
+            if not row.seating and row.artefact in wide
         ]
         return notes
 
@@ -364,7 +364,7 @@ def read_term(
         _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
         _noise(row.sigma_rad, row.huber_rad, row.sigma_fixed),
         row.label,
-        Seating(row.clearance_m, row.clearance_rad) if row.seated else None,
+        row.seating,
         row.settings,
     )
     try:

@@ -26,15 +26,13 @@ class Couplings:
     section: YamlSection = field(repr=False, compare=False)
 
     @classmethod
-    def read(cls, arm: YamlSection) -> Couplings | None:
-        """``couplings: {joint_3: {joint_2: -1}}``; None without it.
+    def read(cls, arm: YamlSection, key: str) -> Couplings:
+        """``couplings: {joint_3: {joint_2: -1}}``.
 
         Raises:
             JobError: not a mapping of joints to mappings of joints to numbers.
         """
-        if "couplings" not in arm:
-            return None
-        section = arm.section("couplings")
+        section = arm.section(key)
         ratios = {
             f"{joint}.{coupling_key(other)}": of_joint.number(other)
             for joint in section.data

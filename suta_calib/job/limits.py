@@ -6,14 +6,25 @@ First what they are, then how they stand in a job file: µm, mm, checked.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Final, Literal, cast
+from dataclasses import dataclass, replace
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.measurements.keys import Key, Keys
-from suta_calib.measurements.yaml_file import YamlSection
+from suta_calib.measurements.fields import (
+    LENGTH_OR_0,
+    Field,
+    Fields,
+    Value,
+    choice,
+    fields_of,
+    keyed,
+    mapping,
+    quantity,
+    read_as,
+)
+from suta_calib.measurements.yaml_file import Sign, YamlSection
 from suta_calib.units import from_um
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]
@@ -28,43 +39,22 @@ _TESTED_BY: Final = {
     "form": "probing",
     "repeatability": "repeatability",
 }
-LENGTH_LIMIT_KEYS: Final = Keys(
-    Key("a_um", "µm", "A of A + L/K."),
-    Key("k", "number", "K of A + L/K, with L in mm, as ISO 10360 writes it."),
-    Key("max_um", "µm", "B: at most that, however long."),
-)
-_OF_PLACES: Final = (
-    ("location", "the location of one point from several articulations"),
-    ("size", "the size of a probed sphere"),
-    ("form", "the form of a probed sphere"),
-    ("repeatability", "repeated visits of one point"),
-)
-LIMIT_KEYS: Final = Keys(
-    Key("length", "mapping", "Of a length: A + L/K, at most B.", inside=LENGTH_LIMIT_KEYS),
-    *(Key(f"{name}_mm", "mm", f"Of {what}.") for name, what in _OF_PLACES),
-)
-UNCERTAINTY_KEYS: Final = Keys(
-    Key("length_mm", "mm", "Of a length."),
-    *(Key(f"{name}_mm", "mm", f"Of {what}.") for name, what in _OF_PLACES),
-    Key("length_um_per_m", "µm/m", "Of a length, beside length_mm, by its length."),
-)
-JUDGED_KEYS: Final = Keys(
-    Key("mpe", "mapping", "Maximum permissible errors; without it no limits.", inside=LIMIT_KEYS),
-    Key(
-        "uncertainty",
-        "mapping",
-        "Expanded uncertainties (k = 2) of the test itself; zero without it.",
-        inside=UNCERTAINTY_KEYS,
-    ),
-    Key(
-        "decision_rule",
-        "text",
-        "guarded (the default: an error that is within its uncertainty of a limit is undecided) "
-        "or simple.",
-    ),
-    Key("coverage_factor", "number", "Of the guard band; 2 without it."),
-)
-_PLACES: Final = tuple(name for name, _ in _OF_PLACES)
+_PLACES: Final = {
+    "location": "Of the location of one point from several articulations.",
+    "size": "Of the size of a probed sphere.",
+    "form": "Of the form of a probed sphere.",
+    "repeatability": "Of repeated visits of one point.",
+}
+
+
+def _micrometres(sign: Sign) -> Value:
+    return Value("µm", lambda section, name: from_um(section.number(name, sign)))
+
+
+def _of_place(name: str, sign: Sign, default: float | None) -> Any:
+    return keyed(quantity("m", sign), _PLACES[name], default, f"{name}_mm")
+
+
 _WORST: Final[tuple[Decision, ...]] = ("fail", "undecided", "pass", "no limit")
 
 
@@ -73,16 +63,37 @@ class LengthLimit:
     """Maximum permissible error of a length, ``min(A + L/K, B)``; either part may be missing.
 
     The three forms in which ISO 10360 lets a maker state it: A + L/K, B, or the smaller of both.
-
-    Attributes:
-        constant: A, m; None where only the largest is given.
-        slope: 1/K with A and L in one unit, m/m.
-        largest: B, m; None where there is none.
+    A (``constant``) and B (``largest``) are in m, ``slope`` is 1/K with A and L in one unit.
     """
 
-    constant: float | None = None
-    slope: float = 0.0
-    largest: float | None = None
+    constant: float | None = keyed(_micrometres("non-negative"), "A of A + L/K.", None, "a_um")
+    slope: float = keyed(
+        # A in µm and L in mm make the usual K a thousandth of what it is in one unit.
+        Value("number", lambda section, name: 1e-3 / section.number(name, "positive")),
+        "K of A + L/K, with L in mm, as ISO 10360 writes it.",
+        0.0,
+        "k",
+    )
+    largest: float | None = keyed(
+        _micrometres("positive"), "B: at most that, however long.", None, "max_um"
+    )
+
+    @classmethod
+    def read(cls, parent: YamlSection, key: str) -> LengthLimit:
+        """``{a_um: A, k: K, max_um: B}``: A + L/K, at most B, as ISO 10360 writes it: L in mm.
+
+        Raises:
+            InputError: a key that is unknown or unusable, or too few of them.
+        """
+        section = parent.section(key)
+        limit = read_as(cls, section)
+        if "k" in section and limit.constant is None:
+            raise section.refuse("k without a_um", "both: A + L/K", at=("k",))
+        if limit.constant is None and limit.largest is None:
+            raise section.refuse(
+                "neither a_um nor max_um", "A + L/K, at most B: a_um and k, or max_um"
+            )
+        return limit
 
     def at(self, length: FloatArray) -> FloatArray:
         """Limit (n,) at lengths (n,), m."""
@@ -96,19 +107,19 @@ class LengthLimit:
 class Limits:
     """Maximum permissible errors, m; None where no limit is given.
 
-    Attributes:
-        length: of a length, E_Uni,MPE or E_Bi,MPE.
-        location: of the place found from several articulations, L_Dia,MPE.
-        size: of the diameter of a sphere, P_Size,MPE.
-        form: of the scatter of radial distances on a sphere, P_Form,MPE.
-        repeatability: of the sphere that holds repeated visits, its diameter.
+    They are E_Uni,MPE or E_Bi,MPE of a length, L_Dia,MPE of a location, P_Size,MPE and P_Form,MPE
+    of a sphere, and the diameter of the sphere that holds repeated visits.
     """
 
-    length: LengthLimit | None = None
-    location: float | None = None
-    size: float | None = None
-    form: float | None = None
-    repeatability: float | None = None
+    length: LengthLimit | None = keyed(
+        Value("mapping", LengthLimit.read, fields_of(LengthLimit)),
+        "Of a length: A + L/K, at most B.",
+        None,
+    )
+    location: float | None = _of_place("location", "positive", None)
+    size: float | None = _of_place("size", "positive", None)
+    form: float | None = _of_place("form", "positive", None)
+    repeatability: float | None = _of_place("repeatability", "positive", None)
 
     @property
     def given(self) -> bool:
@@ -121,19 +132,19 @@ class StatedUncertainty:
     """What the test itself is unsure of beside the calibrated artefact, and whatever the arm is.
 
     Expanded (k = 2), m: fixture, temperature, form of a sphere.
-
-    Attributes:
-        length: of a length, whatever its size.
-        per_length: of a length, m per m.
-        location, size, form, repeatability: of these.
     """
 
-    length: float = 0.0
-    per_length: float = 0.0
-    location: float = 0.0
-    size: float = 0.0
-    form: float = 0.0
-    repeatability: float = 0.0
+    length: float = keyed(LENGTH_OR_0, "Of a length.", 0.0)
+    location: float = _of_place("location", "non-negative", 0.0)
+    size: float = _of_place("size", "non-negative", 0.0)
+    form: float = _of_place("form", "non-negative", 0.0)
+    repeatability: float = _of_place("repeatability", "non-negative", 0.0)
+    per_length: float = keyed(
+        replace(_micrometres("non-negative"), takes="µm/m"),
+        "Of a length, beside length_mm, by its length.",
+        0.0,
+        "length_um_per_m",
+    )
 
 
 @dataclass(frozen=True)
@@ -174,61 +185,58 @@ def worst(decisions: Sequence[Decision]) -> Decision:
     return min(decisions, key=_WORST.index, default="no limit")
 
 
-def read_limits(top: YamlSection) -> Limits:
-    """The key ``mpe`` of a job; without it there are no limits.
+def _read_limits(top: YamlSection, key: str) -> Limits:
+    section = top.section(key)
+    limits = read_as(Limits, section)
+    for name, tested in _TESTED_BY.items():
+        limit = name if name == "length" else f"{name}_mm"
+        if limit in section and "job" not in top and tested not in top:
+            raise section.refuse(
+                "a limit for what is not tested", f"a section {tested} in the job", at=(limit,)
+            )
+    return limits
+
+
+# What errors are judged with, by attribute: `read_judged`.
+JUDGED_KEYS: Final = Fields(
+    Field(
+        "mpe",
+        Value("mapping", _read_limits, fields_of(Limits)),
+        "Maximum permissible errors; without it no limits.",
+        given_attribute="limits",
+    ),
+    Field(
+        "uncertainty",
+        mapping(StatedUncertainty),
+        "Expanded uncertainties (k = 2) of the test itself; zero without it.",
+    ),
+    Field(
+        "decision_rule",
+        choice(("guarded", "simple")),
+        "guarded (the default: an error that is within its uncertainty of a limit is undecided) "
+        "or simple.",
+        given_attribute="kind",
+    ),
+    Field(
+        "coverage_factor",
+        quantity(sign="positive"),
+        "Of the guard band; 2 without it.",
+        given_attribute="factor",
+    ),
+)
+
+
+def read_judged(top: YamlSection) -> dict[str, Any]:
+    """What errors are judged with: limits, uncertainty and rule, as far as a job says them.
 
     Raises:
-        InputError: an unknown or unusable key, or a limit for what the job does not test.
+        InputError: an unusable key, a limit for what the job does not test, or a guard band that
+            the rule does not have.
     """
-    if "mpe" not in top:
-        return Limits()
-    section = top.section("mpe")
-    LIMIT_KEYS.check(section)
-    for name, tested in _TESTED_BY.items():
-        key = name if name == "length" else f"{name}_mm"
-        if key in section and "job" not in top and tested not in top:
-            raise section.refuse(
-                "a limit for what is not tested", f"a section {tested} in the job", at=(key,)
-            )
-    length = _length(section.section("length")) if "length" in section else None
-    places = {n: section.optional_number(f"{n}_mm", "positive", unit="m") for n in _PLACES}
-    return Limits(length, **places)
-
-
-def _length(section: YamlSection) -> LengthLimit:
-    """``{a_um: A, k: K, max_um: B}``: A + L/K, at most B, as ISO 10360 writes it: L in mm."""
-    LENGTH_LIMIT_KEYS.check(section)
-    if "k" in section and "a_um" not in section:
-        raise section.refuse("k without a_um", "both: A + L/K", at=("k",))
-    if "a_um" not in section and "max_um" not in section:
-        raise section.refuse("neither a_um nor max_um", "A + L/K, at most B: a_um and k, or max_um")
-    # A in µm and L in mm make the usual K a thousandth of what it is in one unit.
-    slope = 1e-3 / section.number("k", "positive") if "k" in section else 0.0
-    constant = section.optional_number("a_um", "non-negative", from_um(1.0))
-    return LengthLimit(constant, slope, section.optional_number("max_um", "positive", from_um(1.0)))
-
-
-def read_uncertainty(top: YamlSection) -> StatedUncertainty:
-    """The key ``uncertainty`` of a job: expanded uncertainties (k = 2)."""
-    if "uncertainty" not in top:
-        return StatedUncertainty()
-    section = top.section("uncertainty")
-    names = ("length", *_PLACES)
-    UNCERTAINTY_KEYS.check(section)
-    lengths = {
-        name: section.optional_number(f"{name}_mm", "non-negative", unit="m") or 0.0
-        for name in names
-    }
-    slope = section.optional_number("length_um_per_m", "non-negative", from_um(1.0)) or 0.0
-    return StatedUncertainty(per_length=slope, **lengths)
-
-
-def read_rule(top: YamlSection) -> DecisionRule:
-    """The keys ``decision_rule`` (guarded, the default, or simple) and ``coverage_factor``."""
-    kind = cast(Rule, top.choice("decision_rule", ("guarded", "simple"), "guarded"))
-    factor = top.optional_number("coverage_factor", "positive")
-    if kind == "simple" and factor is not None:
+    judged = JUDGED_KEYS.values(top)
+    rule = DecisionRule(**{key: judged.pop(key) for key in ("kind", "factor") if key in judged})
+    if rule.kind == "simple" and "coverage_factor" in top:
         raise top.refuse(
             "a guard band for the simple rule", "guarded, or no such key", at=("coverage_factor",)
         )
-    return DecisionRule(kind, EXPANDED if factor is None else factor)
+    return {**judged, "rule": rule}

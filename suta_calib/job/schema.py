@@ -9,61 +9,74 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Final, Literal, cast
+from typing import Any, Final, Literal, get_args
 
 from suta_calib.errors import JobError, UrdfError
 from suta_calib.job.couplings import Couplings
-from suta_calib.job.keys import (
-    ARM_KEYS,
-    BOUND_AND_PRIOR_KEYS,
-    COMMON_KEYS,
-    ENCODER_KEYS,
-    JOB_KEYS,
-    OBSERVATION_KEYS,
-    SEATING_KEYS,
-    SELECTION_KEYS,
-    SOLVER_KEYS,
+from suta_calib.job.keys import BOUND_AND_PRIOR_KEYS, COMMON_KEYS, OBSERVATION_KEYS, SELECTION_KEYS
+from suta_calib.job.tip_offset import TIP_OFFSET_KEYS, TipOffset
+from suta_calib.measurements.exclusion import Exclusion
+from suta_calib.measurements.fields import (
+    ANGLE_OR_0,
+    BASE,
+    LENGTH_OR_0,
+    TIP,
+    URDF,
+    Field,
+    Fields,
+    Value,
+    bits,
+    choice,
+    fields_of,
+    keyed,
+    mapping,
+    read_as,
+    rows,
+    whole,
 )
-from suta_calib.job.tip_offset import TipOffset
-from suta_calib.measurements.exclusion import Exclusion, read_exclusion
-from suta_calib.measurements.keys import SCALE_KEYS
-from suta_calib.measurements.scale import GRADES, LengthScale, read_scale
+from suta_calib.measurements.scale import GRADES, SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
-from suta_calib.terms import KINDS, GivenPose, Term, every_grouping
+from suta_calib.terms import KINDS, GivenPose, Seating, Term
 from suta_calib.terms.given import POSE_KEYS
 
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")
-# What has not come to its minimum by then never will: 8 starts and 200 iterations are usual.
-_MOST_STARTS: Final = 1000
-_MOST_ITERATIONS: Final = 100_000
 
 Hessian = Literal["gauss-newton", "exact"]
 
 
 @dataclass(frozen=True)
 class ArmSpec:
-    """The arm: its URDF, and the ends of its chain.
+    """The key ``arm`` of a job; ``section`` is where it stands, None for no job."""
 
-    Attributes:
-        urdf: the file.
-        tip: link or frame whose pose matters.
-        base: link the chain starts from; None for the root link.
-        tip_offset: where the tip is in that frame, or None where it is its origin.
-        section: where the job says so, for messages; None for no job.
-        couplings: which of its joints the readings of others move too, or None.
-        grade: how it was made, of `measurements.scale.GRADES`; empty where the job does not say.
-    """
-
-    urdf: Path
-    tip: str
-    base: str | None = None
-    tip_offset: TipOffset | None = None
+    urdf: Path = keyed(URDF)
+    tip: str = keyed(TIP)
+    base: str | None = keyed(BASE, "", None)
+    tip_offset: TipOffset | None = keyed(
+        Value("x, y, z in mm, or a mapping", TipOffset.read, TIP_OFFSET_KEYS),
+        "Where the tip is in that frame, for a probe that the URDF does not know. Three numbers "
+        "are taken as given; with bound_mm or prior_mm the place is to be found.",
+        None,
+        "tip_offset_mm",
+    )
     section: YamlSection | None = field(default=None, repr=False, compare=False)
-    couplings: Couplings | None = None
-    grade: str = ""
+    couplings: Couplings | None = keyed(
+        Value("by joint, numbers by joint", Couplings.read),
+        "Joints that the readings of others move too, as through a parallelogram: {joint_3: "
+        "{joint_2: -1}} turns joint_3 by -1 of what joint_2 reads beside its own. Held there, "
+        "unless a row frees joint_3.coupling[joint_2].",
+        None,
+    )
+    grade: str = keyed(
+        choice(GRADES, "certified, machined or printed"),
+        "How the arm was made. This sets the tolerance of the dimensions that no row frees, and "
+        "that of one scale factor of all lengths. Without it, the errors of the estimated "
+        "dimensions set the tolerance, and it is at least that of machined parts. Every ± that "
+        "depends on held dimensions includes it.",
+        "",
+    )
 
     def model(self) -> ArmModel:
         """The arm at nominal.
@@ -98,23 +111,13 @@ class ArmSpec:
 
 @dataclass(frozen=True)
 class ObservationSpec:
-    """One term: a kind of observation, and the files that hold it.
+    """One term: a row of a job's ``observations`` or ``validation`` (`keys.COMMON_KEYS`), in SI.
 
     Attributes:
-        kind: of observation, one of `terms.KINDS`.
         samples: glob patterns as written in the job.
         sample_files: the files they match, at least one, each once, in the order of the patterns.
-        artefact: the artefact's file, for the kinds that need one.
-        label: tells several instruments or cameras of one kind apart.
-        huber_m: threshold of the robust loss on lengths, m, or None for least squares.
-        huber_rad: threshold of the robust loss on angles, rad, or None.
-        sigma_m: standard deviation of a measured length or coordinate, m, or None.
-        sigma_rad: standard deviation of a measured angle, rad, or None.
-        sigma_fixed: whether the data have no say in them.
+        sigma_fixed: whether the data have no say in the standard deviations.
         line: line of the row in the job file.
-        exclude: samples that are left out, or None.
-        clearance_m, clearance_rad: what the artefact's sockets leave the tip, m and rad; zero where
-            it fits.
         settings: what the kind's own keys say, as it has read them.
         given: what is known beforehand of where things stand, as `Term.given`.
         scale: how well the scale of the lengths is known that an instrument measures; None where
@@ -133,178 +136,72 @@ class ObservationSpec:
     sigma_fixed: bool = False
     line: int | None = None
     exclude: Exclusion | None = None
-    clearance_m: float = 0.0
-    clearance_rad: float = 0.0
+    seating: Seating | None = None
     settings: Mapping[str, Any] = field(default_factory=dict)
     given: Mapping[str, GivenPose] = field(default_factory=dict)
     scale: LengthScale | None = None
 
-    @property
-    def seated(self) -> bool:
-        """Whether the row has the key ``seating``."""
-        return self.clearance_m > 0 or self.clearance_rad > 0
-
 
 @dataclass(frozen=True)
 class SolverSpec:
-    """How to solve.
+    """How to solve: the key ``solver`` of a job."""
 
-    Attributes:
-        starts: number of starts, the first from nominal.
-        seed: of the random numbers the other starts are drawn with.
-        hessian: Gauss-Newton approximation, or exact by automatic differentiation.
-        max_iterations: per start.
-    """
-
-    starts: int = 1
-    seed: int = 0
-    hessian: Hessian = "gauss-newton"
-    max_iterations: int = 200
+    # What has no minimum by the most has none: 8 starts and 200 iterations are usual.
+    starts: int = keyed(whole(1, 1000), "How many starts; the first is nominal. 1 without it.", 1)
+    seed: int = keyed(whole(0), "Of the random numbers the other starts are drawn with.", 0)
+    hessian: Hessian = keyed(
+        choice(get_args(Hessian)),
+        "gauss-newton (the default), or exact: second derivatives by automatic differentiation.",
+        "gauss-newton",
+    )
+    max_iterations: int = keyed(whole(1, 100_000), "Per start.", 200)
 
 
 @dataclass(frozen=True)
 class EncoderSpec:
-    """What is known of the encoders beforehand: only the error budget asks.
+    """What is known of the encoders beforehand: the key ``encoders`` of a job."""
 
-    Attributes:
-        bits: revolute joints read whole steps of 2π / 2^bits; None where that is not known.
-        noise_rad: standard deviation of a revolute joint's reading, rad, beside the steps.
-        noise_m: the same of a prismatic joint's, m.
-    """
-
-    bits: int | None = None
-    noise_rad: float = 0.0
-    noise_m: float = 0.0
-
-
-@dataclass(frozen=True)
-class JobSpec:
-    """A whole ``calibration.yaml``.
-
-    Attributes:
-        path: the job file.
-        arm: the arm to calibrate.
-        parameters: what is unknown; later rows win.
-        observations: terms that are solved together, at least one.
-        validation: terms that are never used for fitting.
-        solver: how to solve.
-        encoders: what is known of their noise, or None.
-    """
-
-    path: Path
-    arm: ArmSpec
-    parameters: tuple[Selection, ...]
-    observations: tuple[ObservationSpec, ...]
-    validation: tuple[ObservationSpec, ...] = ()
-    solver: SolverSpec = SolverSpec()
-    encoders: EncoderSpec | None = None
-
-
-def read_job(path: Path) -> JobSpec:
-    """Read and check ``calibration.yaml``; paths in it are relative to the file.
-
-    Raises:
-        JobError: the file cannot be read, a key is unknown, missing, unusable or contradicts
-            another, or a file it names does not exist; names the line and the key.
-    """
-    path = Path(path)
-    top = YamlSection(read_yaml(path, JobError), JobError)
-    JOB_KEYS.check(top)
-    arm = read_arm(top)
-    if "parameters" not in top:
-        raise top.refuse(
-            "no such key",
-            "a list of rows that say which parameters are unknown",
-            at=("parameters",),
-            hint='for example - {select: ["*.offset"], bound_deg: 15}',
-        )
-    # Later rows win: what the job says of the tip, and of couplings, counts.
-    first = [
-        *([] if arm.tip_offset is None else [arm.tip_offset.selection(arm.tip)]),
-        *([] if arm.couplings is None else [arm.couplings.selection]),
-    ]
-    return JobSpec(
-        path,
-        arm,
-        (*first, *(_selection(row) for row in top.sections("parameters"))),
-        tuple(_observation(row) for row in top.sections("observations")),
-        tuple(_observation(row) for row in top.sections("validation"))
-        if "validation" in top
-        else (),
-        _solver(top.section("solver")) if "solver" in top else SolverSpec(),
-        _encoders(top.section("encoders")) if "encoders" in top else None,
+    bits: int | None = keyed(
+        bits(1), "A revolute joint reads whole steps of a turn over 2^bits.", None
     )
-
-
-def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
-    """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
-    arm = top.section("arm")
-    ARM_KEYS.check(arm)
-    base = arm.text("base") if "base" in arm else None
-    offset, couplings = TipOffset.read(arm), Couplings.read(arm)
-    grade = arm.choice("grade", GRADES) if "grade" in arm else ""
-    if urdf is not None:
-        # A calibrated one has the offset in it.
-        return ArmSpec(urdf, arm.text("tip"), base, section=arm, couplings=couplings, grade=grade)
-    file = arm.existing_file("urdf")
-    return ArmSpec(file, arm.text("tip"), base, offset, arm, couplings, grade)
+    noise_rad: float = keyed(
+        ANGLE_OR_0,
+        "Standard deviation of a revolute joint's reading beside the steps.",
+        0.0,
+        "noise_deg",
+    )
+    noise_m: float = keyed(LENGTH_OR_0, "The same of a prismatic joint's.", 0.0, "noise_mm")
 
 
 def _selection(row: YamlSection) -> Selection:
-    SELECTION_KEYS.check(row)
-    fixed = row.flag("fixed")
+    values = SELECTION_KEYS.read(row)
     sizes = BOUND_AND_PRIOR_KEYS.names
     priors = [key for key in sizes if key.startswith("prior") and key in row]
     for key in sizes:
         # A prior that is fixed is one whose size the data do not change.
-        if fixed and not priors and key in row:
+        if values.get("fixed") and not priors and key in row:
             raise row.refuse(f"{key} beside fixed: true", "one or the other", at=(key,))
-    return Selection(
-        row.texts("select"),
-        bound_m=_length(row, "bound_mm"),
-        bound_rad=_angle(row, "bound_deg"),
-        prior_m=_length(row, "prior_mm"),
-        prior_rad=_angle(row, "prior_deg"),
-        fixed=fixed,
-        line=row.line,
-        bound_rad_per_nm=_angle(row, "bound_deg_per_nm"),
-        prior_rad_per_nm=_angle(row, "prior_deg_per_nm"),
-        bound_ratio=row.optional_number("bound", "positive"),
-        prior_ratio=row.optional_number("prior", "positive"),
-        bound_per_k=row.optional_number("bound_ppm_per_k", "positive", unit="1/K"),
-        prior_per_k=row.optional_number("prior_ppm_per_k", "positive", unit="1/K"),
-    )
+    return Selection(**values, line=row.line)
 
 
 def _observation(row: YamlSection) -> ObservationSpec:
     kind = _kind(row)
-    clearance_m, clearance_rad = _seating(row, kind)
-    fixed = row.flag("fixed")
+    files = row.texts("samples"), row.files("samples")
+    values = COMMON_KEYS.values(row)
     levels = ("sigma_px",) if kind.unit == "px" else ("sigma_mm", "sigma_deg")
-    if fixed and not any(level in row for level in levels):
+    if values.get("sigma_fixed") and not any(level in row for level in levels):
         raise row.refuse(
             "fixed: true without a noise level", f"{' or '.join(levels)} beside it", at=("fixed",)
         )
+    if "seating" in values and values["seating"].rotation and not kind.has_angles:
+        raise row.refuse(
+            f"a key that {kind.kind} has no use for",
+            at=("seating", "rotation_deg"),
+            hint="remove it: distances do not see how far the tip is turned",
+        )
+    settings, given = kind.read_settings(row), _given(row, kind)
     return ObservationSpec(
-        kind.kind,
-        row.texts("samples"),
-        row.files("samples"),
-        row.existing_file("artefact") if "artefact" in row else None,
-        row.text("label", default="default"),
-        huber_m=_length(row, "huber_mm"),
-        huber_rad=_angle(row, "huber_deg"),
-        sigma_m=_length(row, "sigma_mm"),
-        sigma_rad=_angle(row, "sigma_deg"),
-        sigma_fixed=fixed,
-        line=row.line,
-        exclude=read_exclusion(row.section("exclude"), every_grouping())
-        if "exclude" in row
-        else None,
-        clearance_m=clearance_m,
-        clearance_rad=clearance_rad,
-        settings=kind.read_settings(row),
-        given=_given(row, kind),
-        scale=read_scale(row),
+        kind.kind, *files, line=row.line, settings=settings, given=given, **values
     )
 
 
@@ -322,19 +219,6 @@ def _given(row: YamlSection, kind: type[Term]) -> dict[str, GivenPose]:
     return given | {str(label): GivenPose.read(poses.section(label)) for label in poses.data}
 
 
-def _seating(row: YamlSection, kind: type[Term]) -> tuple[float, float]:
-    if "seating" not in row:
-        return 0.0, 0.0
-    section = row.section("seating")
-    SEATING_KEYS.check(section)
-    if "rotation_deg" in section and not kind.has_angles:
-        hint = "remove it: distances do not see how far the tip is turned"
-        raise section.refuse(
-            f"a key that {kind.kind} has no use for", at=("rotation_deg",), hint=hint
-        )
-    return _length(section, "clearance_mm") or 0.0, _angle(section, "rotation_deg") or 0.0
-
-
 def _kind(row: YamlSection) -> type[Term]:
     """The kind of a row whose keys it has a use for."""
     name = row.data.get("kind")
@@ -350,7 +234,7 @@ def _kind(row: YamlSection) -> type[Term]:
 def _needed(kind: type[Term]) -> tuple[str, ...]:
     """Keys that a row of the kind must have."""
     artefact = ("artefact",) if kind.needs_artefact else ()
-    return (*COMMON_KEYS.required, *artefact, *kind.required_keys())
+    return (*COMMON_KEYS.required, *artefact, *Fields(*kind.keys).required)
 
 
 def _useful(kind: type[Term]) -> set[str]:
@@ -379,32 +263,71 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
             )
 
 
-def _solver(section: YamlSection) -> SolverSpec:
-    SOLVER_KEYS.check(section)
-    return SolverSpec(
-        starts=section.integer("starts", SolverSpec.starts, 1, _MOST_STARTS),
-        seed=section.integer("seed", SolverSpec.seed, minimum=0),
-        hessian=cast(Hessian, section.choice("hessian", ("gauss-newton", "exact"), "gauss-newton")),
-        max_iterations=section.integer(
-            "max_iterations", SolverSpec.max_iterations, 1, _MOST_ITERATIONS
-        ),
+@dataclass(frozen=True)
+class JobSpec:
+    """A whole ``calibration.yaml``, which is the file ``path``."""
+
+    path: Path
+    arm: ArmSpec = keyed(
+        Value("mapping", inside=fields_of(ArmSpec)), "The arm, and the ends of its chain."
+    )
+    parameters: tuple[Selection, ...] = keyed(
+        Field(
+            "parameters",
+            rows(_selection, SELECTION_KEYS),
+            "What is unknown: one row at least, later rows win.",
+        )
+    )
+    observations: tuple[ObservationSpec, ...] = keyed(
+        rows(_observation, OBSERVATION_KEYS),
+        "What was measured: any number of rows, of any kinds, solved together.",
+    )
+    validation: tuple[ObservationSpec, ...] = keyed(
+        replace(rows(_observation, OBSERVATION_KEYS), inside=None),
+        "Samples that are never fitted: how good the result is on data it has not seen. The same "
+        "keys as of observations.",
+        (),
+    )
+    solver: SolverSpec = keyed(mapping(SolverSpec), "How it is solved.", SolverSpec())
+    encoders: EncoderSpec | None = keyed(
+        mapping(EncoderSpec),
+        "What is known of the encoders' noise: only the error budget asks.",
+        None,
     )
 
 
-def _encoders(section: YamlSection) -> EncoderSpec:
-    ENCODER_KEYS.check(section)
-    return EncoderSpec(
-        section.bits("bits", minimum=1) if "bits" in section else None,
-        section.optional_number("noise_deg", "non-negative", unit="rad") or 0.0,
-        section.optional_number("noise_mm", "non-negative", unit="m") or 0.0,
-    )
+JOB_KEYS: Final = fields_of(JobSpec)
 
 
-def _length(section: YamlSection, key: str) -> float | None:
-    """A positive length in mm as m, or None."""
-    return section.optional_number(key, "positive", unit="m")
+def read_job(path: Path) -> JobSpec:
+    """Read and check ``calibration.yaml``; paths in it are relative to the file.
+
+    Raises:
+        JobError: the file cannot be read, a key is unknown, missing, unusable or contradicts
+            another, or a file it names does not exist; names the line and the key.
+    """
+    path = Path(path)
+    top = YamlSection(read_yaml(path, JobError), JobError)
+    JOB_KEYS.check(top)
+    if "parameters" not in top:
+        raise top.refuse(
+            "no such key",
+            "a list of rows that say which parameters are unknown",
+            at=("parameters",),
+            hint='for example - {select: ["*.offset"], bound_deg: 15}',
+        )
+    spec = read_as(JobSpec, top, path=path, arm=read_arm(top))
+    # Later rows win: what the job says of the tip, and of couplings, counts.
+    first = [
+        *([] if spec.arm.tip_offset is None else [spec.arm.tip_offset.selection(spec.arm.tip)]),
+        *([] if spec.arm.couplings is None else [spec.arm.couplings.selection]),
+    ]
+    return replace(spec, parameters=(*first, *spec.parameters))
 
 
-def _angle(section: YamlSection, key: str) -> float | None:
-    """A positive angle in degrees as rad, or None."""
-    return section.optional_number(key, "positive", unit="rad")
+def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
+    """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
+    section = top.section("arm")
+    # A calibrated one has the offset in it.
+    other: dict[str, Any] = {} if urdf is None else {"urdf": urdf, "tip_offset": None}
+    return read_as(ArmSpec, section, section=section, **other)

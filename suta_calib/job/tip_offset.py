@@ -8,15 +8,20 @@ from typing import Final
 
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection
-from suta_calib.measurements.keys import Key, Keys
+from suta_calib.measurements.fields import LENGTH, XYZ_MM, Field, Fields
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION, Selection
 from suta_calib.units import from_mm
 
-TIP_OFFSET_KEYS: Final = Keys(
-    Key("position_mm", "x, y, z in mm", "About where the tip is.", required=True),
-    Key("bound_mm", "mm", "How far from there it may be, at most."),
-    Key("prior_mm", "mm", "How far from there it is likely to be: standard deviation."),
+TIP_OFFSET_KEYS: Final = Fields(
+    Field("position_mm", XYZ_MM, "About where the tip is.", required=True),
+    Field("bound_mm", LENGTH, "How far from there it may be, at most.", given_attribute="bound"),
+    Field(
+        "prior_mm",
+        LENGTH,
+        "How far from there it is likely to be: standard deviation.",
+        given_attribute="prior",
+    ),
 )
 
 
@@ -40,31 +45,25 @@ class TipOffset:
     line: int | None = None
 
     @classmethod
-    def read(cls, arm: YamlSection) -> TipOffset | None:
-        """``tip_offset_mm: [x, y, z]``, or ``{position_mm, bound_mm, prior_mm}``; None without it.
+    def read(cls, arm: YamlSection, key: str) -> TipOffset:
+        """``[x, y, z]``, or ``{position_mm, bound_mm, prior_mm}``.
 
         Raises:
             JobError: a key that is unknown, missing or unusable.
         """
-        key = "tip_offset_mm"
-        if key not in arm:
-            return None
         if isinstance(arm.data[key], list):
-            x, y, z = (from_mm(number) for number in arm.numbers(key, 3))
+            x, y, z = (from_mm(coordinate) for coordinate in arm.numbers(key, 3))
             return cls((x, y, z), file=arm.document.path, line=arm.line)
         section = arm.section(key)
-        TIP_OFFSET_KEYS.check(section)
-        x, y, z = section.position().tolist()
-        bound, prior = (
-            section.optional_number(name, "positive", unit="m") for name in ("bound_mm", "prior_mm")
-        )
-        if bound is None and prior is None:
+        values = TIP_OFFSET_KEYS.read(section)
+        x, y, z = values.pop("position").tolist()
+        if not values:
             raise section.refuse(
                 "an offset that is to be found, without a size",
                 "bound_mm or prior_mm beside position_mm",
                 hint=f"a known one is {key}: [x, y, z]",
             )
-        return cls((x, y, z), bound, prior, section.document.path, section.line)
+        return cls((x, y, z), **values, file=section.document.path, line=section.line)
 
     def selection(self, tip: str) -> Selection:
         """The row that names it among a job's parameters."""

@@ -13,47 +13,31 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, did_you_mean
 from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.measurements.fields import (
+    LENGTH_OR_0,
+    RPY_DEG,
+    TEXT,
+    XYZ_MM,
+    Field,
+    Fields,
+    Value,
+    choice,
+    fields_of,
+    keyed,
+    read_as,
+)
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.keys import SCALE_KEYS, STRETCH, Key, Keys
-from suta_calib.measurements.scale import LengthScale, read_scale, read_stretch, stretch_row
+from suta_calib.measurements.scale import (
+    SCALE_KEYS,
+    STRETCH,
+    LengthScale,
+    read_stretch,
+    stretch_row,
+)
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.units import deg, mm
 
-LANDMARK_KEYS: Final = Keys(
-    Key(
-        "position_mm",
-        "x, y, z in mm",
-        "Where the tip's origin is when it is seated there, in the artefact's frame.",
-        required=True,
-    ),
-    Key(
-        "rotation_rpy_deg",
-        "roll, pitch, yaw in deg",
-        "The tip frame's orientation in the artefact when seated, as in a URDF; without it kinds "
-        "that could use it look at positions alone.",
-    ),
-    Key("sigma_mm", "mm", "Standard deviation of each coordinate; 0 without it."),
-)
-ARTEFACT_KEYS: Final = Keys(
-    Key("name", "text", "What it is called; the file's name without it."),
-    *SCALE_KEYS,
-    STRETCH,
-    Key(
-        "twist",
-        "ccw or cw",
-        "Direction in which the plug is turned in its socket until it stops, seen from above "
-        "(against the artefact's z axis). measure asks for this turn, and checks that it was "
-        "made.",
-    ),
-    Key(
-        "landmarks",
-        "by name",
-        "The places that the tip can be brought to, named as in the samples' column landmark.",
-        required=True,
-        inside=LANDMARK_KEYS,
-    ),
-)
 # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
 _COINCIDENT = 1e-6
 # Span of an artefact, m, below which its file must be in metres.
@@ -72,9 +56,18 @@ class Landmark:
     """
 
     name: str
-    position: FloatArray
-    rotation: FloatArray | None = None
-    sigma: float = 0.0
+    position: FloatArray = keyed(
+        XYZ_MM,
+        "Where the tip's origin is when it is seated there, in the artefact's frame.",
+    )
+    rotation: FloatArray | None = keyed(
+        RPY_DEG,
+        "The tip frame's orientation in the artefact when seated, as in a URDF; without it kinds "
+        "that could use it look at positions alone.",
+        None,
+        "rotation_rpy_deg",
+    )
+    sigma: float = keyed(LENGTH_OR_0, "Standard deviation of each coordinate; 0 without it.", 0.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,6 +146,26 @@ class Artefact:
         return np.array([known[name] for name in listed]).reshape(-1, 3)
 
 
+ARTEFACT_KEYS: Final = Fields(
+    Field("name", TEXT, "What it is called; the file's name without it."),
+    *SCALE_KEYS,
+    STRETCH,
+    Field(
+        "twist",
+        choice(("ccw", "cw"), "ccw or cw"),
+        "Direction in which the plug is turned in its socket until it stops, seen from above "
+        "(against the artefact's z axis). measure asks for this turn, and checks that it was "
+        "made.",
+    ),
+    Field(
+        "landmarks",
+        Value("by name", inside=fields_of(Landmark)),
+        "The places that the tip can be brought to, named as in the samples' column landmark.",
+        required=True,
+    ),
+)
+
+
 def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | None:
     """Names of two landmarks less than 1 µm apart, in the order given; None if all are distinct."""
     listed = list(landmarks)
@@ -172,8 +185,7 @@ def read_artefact(path: Path) -> Artefact:
             they must be in metres.
     """
     top = YamlSection(read_yaml(path, ArtefactError), ArtefactError)
-    ARTEFACT_KEYS.check(top)
-    name = top.text("name", default=path.stem)
+    values = ARTEFACT_KEYS.read(top)
     listed = top.section("landmarks")
     landmarks = {key.strip(): _landmark(key.strip(), listed.section(key)) for key in listed.data}
     if "" in landmarks or len(landmarks) < len(listed.data):
@@ -190,21 +202,18 @@ def read_artefact(path: Path) -> Artefact:
             f"landmarks that lie within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",
         )
-    scale = read_scale(top)
-    twist = top.choice("twist", ("ccw", "cw")) if "twist" in top else None
-    return Artefact(name, landmarks, scale, read_stretch(top, scale), twist)
+    stretch = read_stretch(top, values.get("scale"))
+    return Artefact(**{"name": path.stem, **values}, landmarks=landmarks, stretch=stretch)
 
 
 def _landmark(name: str, section: YamlSection) -> Landmark:
     if "position" in section:
         raise section.refuse("a position without a unit", "position_mm", at=("position",))
-    LANDMARK_KEYS.check(section)
-    rotation, position = section.rotation(), section.position()
-    for array in (rotation, position):
+    landmark = read_as(Landmark, section, name=name)
+    for array in (landmark.rotation, landmark.position):
         if array is not None:
             array.setflags(write=False)
-    sigma = section.optional_number("sigma_mm", "non-negative", unit="m")
-    return Landmark(name, position, rotation, sigma or 0.0)
+    return landmark
 
 
 def write_artefact(path: Path, artefact: Artefact) -> None:

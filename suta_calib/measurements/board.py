@@ -20,9 +20,26 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import BoardError
 from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.measurements.fields import (
+    LENGTH,
+    POSITION,
+    ROTATION,
+    TEXT,
+    Field,
+    Fields,
+    Value,
+    fields_of,
+    keyed,
+    read_as,
+)
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.keys import POSITION, ROTATION, SCALE_KEYS, STRETCH, Key, Keys
-from suta_calib.measurements.scale import LengthScale, read_scale, read_stretch, stretch_row
+from suta_calib.measurements.scale import (
+    SCALE_KEYS,
+    STRETCH,
+    LengthScale,
+    read_stretch,
+    stretch_row,
+)
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.units import deg, mm
@@ -32,48 +49,6 @@ _SMALLEST: Final = 2e-3
 _LARGEST: Final = 30.0
 # Most points of a board; no printed one comes near.
 _MOST_POINTS: Final = 100_000
-_TYPE: Final = Key("type", "text", "Which sort of board it is.", required=True)
-_SQUARE: Final = Key("square_mm", "mm", "Edge of a square.", required=True)
-_DICTIONARY: Final = Key(
-    "dictionary",
-    "text",
-    "OpenCV's name of the markers' dictionary, such as DICT_5X5_1000 or DICT_APRILTAG_36h11.",
-    required=True,
-)
-CHESSBOARD_KEYS: Final = Keys(
-    _TYPE,
-    Key("corners", "columns, rows", "Numbers of inner corners.", required=True),
-    _SQUARE,
-    *SCALE_KEYS,
-    STRETCH,
-)
-CHARUCO_KEYS: Final = Keys(
-    _TYPE,
-    Key("squares", "columns, rows", "Numbers of squares.", required=True),
-    _SQUARE,
-    Key("marker_mm", "mm", "Edge of a marker, smaller than a square's.", required=True),
-    _DICTIONARY,
-    *SCALE_KEYS,
-    STRETCH,
-)
-MARKER_KEYS: Final = Keys(
-    POSITION, ROTATION, Key("size_mm", "mm", "Edge of the black square.", required=True)
-)
-MARKERS_KEYS: Final = Keys(
-    _TYPE,
-    _DICTIONARY,
-    Key(
-        "markers",
-        "by number",
-        "The markers by their number in the dictionary, each where its middle is on the board. A "
-        "marker's own axes are right, down and into it: where y of these places is up, give each "
-        "`rotation_rpy_deg: [180, 0, 0]`.",
-        required=True,
-        inside=MARKER_KEYS,
-    ),
-    *SCALE_KEYS,
-    STRETCH,
-)
 # Corners of one marker, in the order of their numbers: top left, top right, bottom right, bottom
 # left, in halves of its size.
 _MARKER_CORNERS: Final = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
@@ -287,9 +262,9 @@ class Marker:
         rotation: (3, 3) of its own axes (right, down, in) in the board's frame.
     """
 
-    position: FloatArray
-    size: float
-    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    position: FloatArray = keyed(POSITION)
+    size: float = keyed(LENGTH, "Edge of the black square.")
+    rotation: FloatArray = keyed(ROTATION, "", lambda: np.eye(3))
 
     @property
     def corners(self) -> FloatArray:
@@ -371,14 +346,10 @@ def read_board(path: str | Path) -> Board:
             speaks of another unit than mm.
     """
     top = YamlSection(read_yaml(Path(path), BoardError), BoardError)
-    readers = {
-        Chessboard.type: _read_chessboard,
-        Charuco.type: _read_charuco,
-        Markers.type: _read_markers,
-    }
-    scale = read_scale(top)
-    stretch = read_stretch(top, scale)
-    board = replace(readers[top.choice("type", readers)](top), scale=scale, stretch=stretch)
+    kind = top.choice("type", BOARD_KEYS)
+    values = BOARD_KEYS[kind].read(top)
+    scale = values.get("scale")
+    board = replace(_READERS[kind](top, values), scale=scale, stretch=read_stretch(top, scale))
     places = np.array(list(board.points.values()))
     size = float(np.ptp(places, axis=0).max())
     if not _SMALLEST <= size <= _LARGEST:
@@ -391,41 +362,41 @@ def read_board(path: str | Path) -> Board:
     return board
 
 
-def _read_chessboard(top: YamlSection) -> Board:
-    CHESSBOARD_KEYS.check(top)
-    return Chessboard(*_counts(top, "corners", 2), _length(top, "square_mm"))
+def _read_chessboard(top: YamlSection, values: dict[str, Any]) -> Board:
+    del top
+    columns, rows = values["corners"]
+    return Chessboard(columns, rows, values["square"])
 
 
-def _read_charuco(top: YamlSection) -> Board:
-    CHARUCO_KEYS.check(top)
-    square, marker = _length(top, "square_mm"), _length(top, "marker_mm")
+def _read_charuco(top: YamlSection, values: dict[str, Any]) -> Board:
+    square, marker = values["square"], values["marker"]
     if marker >= square:
         raise top.refuse(
             f"a marker of {mm(marker):g} mm in a square of {mm(square):g} mm",
             "a marker smaller than its square",
             at=("marker_mm",),
         )
-    return Charuco(*_counts(top, "squares", 3), square, marker, top.text("dictionary"))
+    columns, rows = values["squares"]
+    return Charuco(columns, rows, square, marker, values["dictionary"])
 
 
-def _read_markers(top: YamlSection) -> Board:
-    MARKERS_KEYS.check(top)
+def _read_markers(top: YamlSection, values: dict[str, Any]) -> Board:
     listed = top.section("markers")
-    return Markers(top.text("dictionary"), dict(_marker(listed, key) for key in listed.data))
+    return Markers(values["dictionary"], dict(_marker(listed, key) for key in listed.data))
+
+
+_READERS: Final = {
+    Chessboard.type: _read_chessboard,
+    Charuco.type: _read_charuco,
+    Markers.type: _read_markers,
+}
 
 
 def _marker(listed: YamlSection, key: str) -> tuple[int, Marker]:
     if not key.isdecimal() or str(int(key)) != key or int(key) > _MOST_POINTS:
         expected = "the marker's number in its dictionary, from 0"
         raise listed.refuse(repr(key), expected, at=(key,))
-    section = listed.section(key)
-    MARKER_KEYS.check(section)
-    rotation = section.rotation()
-    return int(key), Marker(
-        section.position(),
-        _length(section, "size_mm"),
-        np.eye(3) if rotation is None else rotation,
-    )
+    return int(key), read_as(Marker, listed.section(key))
 
 
 def _counts(top: YamlSection, key: str, least: int) -> tuple[int, int]:
@@ -441,11 +412,57 @@ def _counts(top: YamlSection, key: str, least: int) -> tuple[int, int]:
     return columns, rows
 
 
-def _length(section: YamlSection, key: str) -> float:
-    length = section.optional_number(key, "positive", unit="m")
-    if length is None:
-        raise section.refuse("no such key", "a length in mm", at=(key,))
-    return length
+_TYPE: Final = Field("type", TEXT, "Which sort of board it is.", required=True)
+_SQUARE: Final = Field("square_mm", LENGTH, "Edge of a square.", required=True)
+_DICTIONARY: Final = Field(
+    "dictionary",
+    TEXT,
+    "OpenCV's name of the markers' dictionary, such as DICT_5X5_1000 or DICT_APRILTAG_36h11.",
+    required=True,
+)
+# The keys of a board's file, by its type.
+BOARD_KEYS: Final = {
+    Chessboard.type: Fields(
+        _TYPE,
+        Field(
+            "corners",
+            Value("columns, rows", lambda top, key: _counts(top, key, 2)),
+            "Numbers of inner corners.",
+            required=True,
+        ),
+        _SQUARE,
+        *SCALE_KEYS,
+        STRETCH,
+    ),
+    Charuco.type: Fields(
+        _TYPE,
+        Field(
+            "squares",
+            Value("columns, rows", lambda top, key: _counts(top, key, 3)),
+            "Numbers of squares.",
+            required=True,
+        ),
+        _SQUARE,
+        Field("marker_mm", LENGTH, "Edge of a marker, smaller than a square's.", required=True),
+        _DICTIONARY,
+        *SCALE_KEYS,
+        STRETCH,
+    ),
+    Markers.type: Fields(
+        _TYPE,
+        _DICTIONARY,
+        Field(
+            "markers",
+            Value("by number", inside=fields_of(Marker)),
+            "The markers by their number in the dictionary, each where its middle is on the board. "
+            "A marker's own axes are right, down and into it: where y of these places is up, give "
+            "each `rotation_rpy_deg: [180, 0, 0]`.",
+            required=True,
+        ),
+        *SCALE_KEYS,
+        STRETCH,
+    ),
+}
 
 
 def board_text(board: Board) -> str:

@@ -12,48 +12,45 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import CameraError
 from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
-from suta_calib.measurements.camera_files import (
-    OTHER_MODELS,
-    PLUMB_BOB,
-    camera_document,
-    plumb_bob,
-)
+from suta_calib.measurements.camera_files import OTHER_MODELS, PLUMB_BOB, camera_document, plumb_bob
+from suta_calib.measurements.fields import TEXT, Field, Fields, Value, whole
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.keys import Key, Keys
 from suta_calib.measurements.yaml_file import YamlSection, shown
 
 _CORNERS: Final = "corners_sha256"
 # Others are ignored: whoever wrote the file has some of their own.
-CAMERA_KEYS: Final = Keys(
-    Key("image_width", "px", "Width of the pictures.", required=True),
-    Key("image_height", "px", "Their height.", required=True),
-    Key(
+# Along one side; no sensor has a tenth of the most.
+_PIXELS: Final = replace(whole(2, 1_000_000), takes="px")
+_MAPPING: Final = Value("mapping")
+CAMERA_KEYS: Final = Fields(
+    Field("image_width", _PIXELS, "Width of the pictures.", required=True, given_attribute="width"),
+    Field("image_height", _PIXELS, "Their height.", required=True, given_attribute="height"),
+    Field(
         "camera_matrix",
-        "mapping",
+        _MAPPING,
         "data: fx 0 cx 0 fy cy 0 0 1 in px, row by row; the first pixel's centre is 0, 0.",
         required=True,
     ),
-    Key("distortion_coefficients", "mapping", "data: k1 k2 p1 p2 k3.", required=True),
-    Key(
+    Field("distortion_coefficients", _MAPPING, "data: k1 k2 p1 p2 k3.", required=True),
+    Field(
         "distortion_model",
-        "text",
+        Value("text"),
         f"{PLUMB_BOB}, also called radtan: the only one here and the default.",
     ),
-    Key(
+    Field(
         "covariance",
-        "mapping",
+        _MAPPING,
         "data: 81 numbers, row by row, of fx fy cx cy k1 k2 p1 p2 k3: how well they are known.",
     ),
-    Key(
+    Field(
         _CORNERS,
-        "text",
+        TEXT,
         "Of which corners.csv it was calibrated, as `detect` writes it: the same corners are not "
         "counted again as what is known of the camera.",
+        given_attribute="corners",
     ),
 )
 # Focal lengths in picture widths that some lens has; others are in mm, or another picture's.
-# Along one side; no sensor has a tenth of it.
-_MOST_PIXELS: Final = 1_000_000
 _FOCAL: Final = (0.1, 1000.0)
 # A negative variance of this share of the largest is rounding.
 _ROUNDING: Final = 1e-9
@@ -131,10 +128,10 @@ def read_camera(path: str | Path) -> Camera:
             hint = "a camera.yaml as camera_calibration of ROS, or `detect --camera-out`, writes it"
             raise top.refuse("no such key", "a value: this key is required", at=(key,), hint=hint)
     plumb_bob(top)
-    width, height = (top.integer(key, 0, 2, _MOST_PIXELS) for key in CAMERA_KEYS.names[:2])
-    intrinsics = np.array([*_matrix(top, width, height), *_coefficients(top)])
-    corners = top.text(_CORNERS) if _CORNERS in top else ""
-    return Camera(width, height, intrinsics, _covariance(top), corners)
+    values = CAMERA_KEYS.values(top)
+    matrix = _matrix(top, values["width"], values["height"])
+    intrinsics = np.array([*matrix, *_coefficients(top)])
+    return Camera(**values, intrinsics=intrinsics, covariance=_covariance(top))
 
 
 def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
@@ -144,9 +141,7 @@ def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
     shear, fy, cy, *below = zeros
     if skew or shear or any(below) or one != 1.0:
         raise section.refuse(
-            shown([fx, skew, cx]),
-            "fx 0 cx 0 fy cy 0 0 1, row by row, without skew",
-            at=("data",),
+            shown([fx, skew, cx]), "fx 0 cx 0 fy cy 0 0 1, row by row, without skew", at=("data",)
         )
     for name, focal in (("fx", fx), ("fy", fy)):
         if not _FOCAL[0] * width <= focal <= _FOCAL[1] * width:

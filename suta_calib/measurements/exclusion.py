@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.measurements.keys import Key, Keys
+from suta_calib.measurements.fields import Field, Fields, Value
 from suta_calib.measurements.samples import Samples, joined
 from suta_calib.measurements.yaml_file import YamlSection
 
@@ -66,13 +66,13 @@ class Exclusion:
         return samples.take(~out)
 
 
-def exclusion_keys(groupings: Mapping[str, tuple[str, ...]]) -> Keys:
+def exclusion_keys(groupings: Mapping[str, tuple[str, ...]]) -> Fields:
     """The keys of an exclusion: its levels, by the label columns that tell groups apart."""
-    return Keys(
+    return Fields(
         *(
-            Key(
+            Field(
                 f"{noun}s",
-                "names",
+                Value("names", YamlSection.texts),
                 f"By {'/'.join(columns)}." if columns else "By file and line, as file.csv:12.",
             )
             for noun, columns in groupings.items()
@@ -91,8 +91,8 @@ def read_exclusion(section: YamlSection, groupings: Mapping[str, tuple[str, ...]
         InputError: an unknown key, or names that are no text; names the line and the key.
     """
     columns = {f"{noun}s": labels for noun, labels in groupings.items()}
-    exclusion_keys(groupings).check(section)
-    return Exclusion(tuple((level, section.texts(level)) for level in section.data), columns)
+    names = exclusion_keys(groupings).read(section)
+    return Exclusion(tuple((level, names[level]) for level in section.data), columns)
 
 
 def _labels(samples: Samples, level: str, columns: tuple[str, ...]) -> NDArray[np.str_]:

@@ -7,10 +7,10 @@ So the factor is stated, not estimated: its relative standard deviation, by hand
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
-if TYPE_CHECKING:
-    from suta_calib.measurements.yaml_file import YamlSection
+from suta_calib.measurements.fields import Field, Fields, Value
+from suta_calib.measurements.yaml_file import YamlSection
 
 # One standard deviation of a common scale error. Certified: a coordinate measuring machine or a
 # laser tracker of about 5 + L/200 µm, and a few kelvin of steel (12 ppm/K). Machined: ISO 2768-f
@@ -108,3 +108,30 @@ def read_scale(section: YamlSection) -> LengthScale | None:
             hint="the lengths may be in another unit than mm",
         )
     return LengthScale(ppm * PPM, grade)
+
+
+# Whichever of the two is there, both are read.
+SCALE_KEYS: Final = Fields(
+    Field(
+        "grade",
+        Value("certified, machined or printed", lambda section, _: read_scale(section)),
+        "How it was made. This sets the standard deviation of the scale factor of all its "
+        "lengths: 20, 200 or 5,000 ppm.",
+        given_attribute="scale",
+    ),
+    Field(
+        "scale_ppm",
+        Value("ppm", lambda section, _: read_scale(section)),
+        "Standard deviation of the scale factor of all its lengths, in place of that of the "
+        "grade; 0 for lengths that are exact by definition.",
+        given_attribute="scale",
+    ),
+)
+# Its default follows from the grade: `read_stretch`.
+STRETCH: Final = Field(
+    "stretch",
+    Value("free or fixed"),
+    "free: its stretch along x and along y is estimated. The prior is the standard deviation of "
+    "its scale (5,000 ppm without grade and scale_ppm). The default is free for the grade "
+    "printed, else fixed.",
+)

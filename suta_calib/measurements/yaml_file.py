@@ -20,14 +20,14 @@ from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements.files import expand, read_text
 from suta_calib.measurements.yaml_nodes import plain_data
-from suta_calib.units import FARTHEST, Unit, from_deg, from_mm, mm, stored
+from suta_calib.units import FARTHEST, from_deg, from_mm, mm
 
 KeyPath = tuple[str | int, ...]
 Sign = Literal["any", "non-negative", "positive"]
 _LONGEST_QUOTE = 60
 _MOST_BITS: Final = 52
 # Every whole number up to it is a float too.
-_LARGEST_WHOLE: Final = 1 << 53
+LARGEST_WHOLE: Final = 1 << 53
 
 # No length, angle or count of this field is larger; its square would soon be infinite. Nor is any
 # size (a noise level, a bound, a prior: what is divided by) smaller, a picometre in mm, but zero.
@@ -160,19 +160,6 @@ class YamlSection:
         """A finite number."""
         return self._number(self._value(key), (key,), sign)
 
-    def optional_number(
-        self, key: str, sign: Sign = "any", scale: float = 1.0, unit: Unit = "1"
-    ) -> float | None:
-        """``scale`` times a finite number, or None where the key is absent.
-
-        Args:
-            key: of the number.
-            sign: that it must have.
-            scale: that makes an SI value of it.
-            unit: ``m`` or ``rad`` for a length in mm or an angle in degrees, in place of ``scale``.
-        """
-        return scale * stored(self.number(key, sign), unit) if key in self else None
-
     def numbers(self, key: str, count: int) -> list[float]:
         """A list of ``count`` finite numbers."""
         value = self._value(key)
@@ -181,42 +168,40 @@ class YamlSection:
             raise self.refuse(found, f"a list of {count} numbers", at=(key,))
         return [self._number(item, (key, index), "any") for index, item in enumerate(value)]
 
-    def integer(self, key: str, default: int, minimum: int, maximum: int = _LARGEST_WHOLE) -> int:
-        """A whole number from ``minimum`` to ``maximum``; ``default`` where the key is absent.
+    def integer(self, key: str, minimum: int, maximum: int = LARGEST_WHOLE) -> int:
+        """A whole number from ``minimum`` to ``maximum``.
 
         A number that nobody means is refused at once: a thousand million starts, or samples, would
         be computed for days.
         """
-        value = self.data.get(key, default)
+        value = self._value(key)
         whole = isinstance(value, int) and not isinstance(value, bool)
         if not whole or not minimum <= value <= maximum:
             up = f"to {maximum:,}"
-            if maximum == _LARGEST_WHOLE:
+            if maximum == LARGEST_WHOLE:
                 up = "up" if not whole or value < minimum else "to 2^53"
             raise self.refuse(shown(value), f"a whole number from {minimum} {up}", at=(key,))
         return int(value)
 
     def bits(self, key: str, minimum: int) -> int:
-        """Of an encoder; 0 where the key is absent."""
-        value = self.integer(key, 0, minimum)
+        """Of an encoder."""
+        value = self.integer(key, minimum)
         if value > _MOST_BITS:
             raise self.refuse(str(value), f"at most {_MOST_BITS} bits", at=(key,))
         return value
 
-    def position(self) -> FloatArray:
-        """The key ``position_mm`` as (3,), m."""
-        found = from_mm(np.array(self.numbers("position_mm", 3)))
-        for index in np.flatnonzero(np.abs(found) > FARTHEST):
-            value = self.data["position_mm"][index]
+    def position(self, key: str) -> FloatArray:
+        """Three numbers in mm as (3,), m."""
+        position = from_mm(np.array(self.numbers(key, 3)))
+        for index in np.flatnonzero(np.abs(position) > FARTHEST):
+            value = self.data[key][index]
             expected = f"a position within {mm(FARTHEST):g} mm"
-            raise self.refuse(shown(value), expected, at=("position_mm", int(index)))
-        return found
+            raise self.refuse(shown(value), expected, at=(key, int(index)))
+        return position
 
-    def rotation(self) -> FloatArray | None:
-        """The key ``rotation_rpy_deg`` as a matrix (3, 3), or None where it is absent."""
-        if "rotation_rpy_deg" not in self:
-            return None
-        return rotation_from_rpy(from_deg(np.array(self.numbers("rotation_rpy_deg", 3))))
+    def rotation(self, key: str) -> FloatArray:
+        """Roll, pitch and yaw in degrees, as in a URDF, as a matrix (3, 3)."""
+        return rotation_from_rpy(from_deg(np.array(self.numbers(key, 3))))
 
     def flag(self, key: str) -> bool:
         """True or false; false where the key is absent."""

@@ -1,142 +1,239 @@
-"""The keys of ``simulation.yaml``: what each of them says."""
+"""The keys of ``simulation.yaml``: what each of them takes and says."""
 
 from __future__ import annotations
 
-from typing import Final
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final, TypeVar
 
-from suta_calib.measurements.keys import BASE, POSE, POSITION, TIP, URDF, Key, Keys
-from suta_calib.terms import Term
-from suta_calib.units import REFERENCE_TEMPERATURE, SHOWN, Unit, key
+import numpy as np
 
-ARM_KEYS: Final = Keys(
+from suta_calib.arrays import FloatArray
+from suta_calib.measurements.fields import (
+    BASE,
+    DIRECTION,
+    FILE,
+    FLAG,
+    POSE,
+    POSITION,
+    TEXTS,
+    TIP,
+    URDF,
+    XYZ_MM,
+    Field,
+    Fields,
+    Value,
+    choice,
+    cone,
+    mapping,
+    quantity,
+    whole,
+)
+from suta_calib.measurements.samples import TEMPERATURES
+from suta_calib.measurements.yaml_file import Sign, YamlSection
+from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
+from suta_calib.terms import KINDS, Term
+from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key
+
+T = TypeVar("T")
+
+# What takes some ten seconds: 8,000 rows a second are simulated of what is seen, and 1,400 of what
+# is touched, for each of which a posture is sought.
+MOST_SAMPLES: Final = 100_000
+# Hundreds of corners each: 120 a second.
+MOST_PICTURES: Final = 2000
+MOST_DIRECTIONS: Final = 10_000
+MOST_REPEATS: Final = 200
+# A name becomes a file's or a folder's, on any system.
+_PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSpec:
+    """A rigid transform: rotation (3, 3) and position (3,), m; ``line`` says where it stands."""
+
+    rotation: FloatArray
+    position: FloatArray
+    line: int | None = None
+
+
+def named(parent: YamlSection, under: str, read: Callable[[str, YamlSection], T]) -> dict[str, T]:
+    """What ``read`` makes of every mapping under a key, by names that files can have."""
+    listed = parent.section(under)
+    for name in listed.data:
+        if not _PORTABLE_NAME.fullmatch(name):
+            raise listed.refuse(repr(name), "letters, digits, '_', '-' and '.'", at=(name,))
+    return {name: read(name, listed.section(name)) for name in listed.data}
+
+
+def _read_pose(section: YamlSection, keys: Fields = POSE) -> PoseSpec:
+    return PoseSpec(**{"rotation": np.eye(3), **keys.read(section)}, line=section.line)
+
+
+def _poses(keys: Fields = POSE) -> Value:
+    """Poses by label."""
+    return Value(
+        "by label",
+        lambda section, name: named(section, name, lambda _, entry: _read_pose(entry, keys)),
+        keys,
+    )
+
+
+def _read_temperature(section: YamlSection, name: str) -> tuple[float, float]:
+    """Of a set, °C; refused where no samples file could say it."""
+    low, high = section.numbers(name, 2)
+    coldest, hottest = TEMPERATURES
+    if not coldest <= low <= high <= hottest:
+        expected = f"[lowest, highest] in °C, from {coldest:g} to {hottest:g}"
+        raise section.refuse(f"[{low:g}, {high:g}]", expected, at=(name,))
+    return low, high
+
+
+def _read_seat(section: YamlSection, name: str) -> tuple[float, ...]:
+    offsets = SEAT_KEYS.read(section.section(name))
+    return tuple(offsets.get(field.attribute, 0.0) for field in SEAT_KEYS)
+
+
+ARM_KEYS: Final = Fields(
     URDF,
     TIP,
     BASE,
-    Key("tip_offset_mm", "x, y, z in mm", "A probe at the tip, in its frame; a job may seek it."),
+    Field("tip_offset_mm", XYZ_MM, "A probe at the tip, in its frame; a job may seek it."),
 )
 # A point has no orientation.
-POINT_KEYS: Final = Keys(POSITION)
+POINT_KEYS: Final = Fields(POSITION)
 # Of what an arm's parameters may be.
 ARM_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1/K", "1")
-ERROR_KEYS: Final = Keys(
-    Key(
+_SIZES: Final[tuple[tuple[str, Sign, str], ...]] = (
+    ("value", "any", "The departure itself."),
+    ("std", "non-negative", "Standard deviation that departures are drawn with."),
+)
+ERROR_KEYS: Final = Fields(
+    Field(
         "select",
-        "names or globs",
+        TEXTS,
         "The parameters that depart from nominal; the word geometric as in calibration.yaml. "
         "Later rows win.",
         required=True,
     ),
     *(
-        Key(key(name, unit), SHOWN[unit].unit or "number", about)
-        for name, about in (
-            ("value", "The departure itself."),
-            ("std", "Standard deviation that departures are drawn with."),
-        )
+        Field(key(name, unit), quantity(unit, sign), about, given_attribute=key(name, unit))
+        for name, sign, about in _SIZES
         for unit in ARM_UNITS
     ),
 )
-NOISE_KEYS: Final = Keys(
-    Key("seating_mm", "mm", "Of a touch, in each coordinate."),
-    Key("seating_deg", "deg", "Of how a tip that is seated is turned, about each axis."),
-    Key("encoder_deg", "deg", "Of a revolute joint's reading."),
-    Key("encoder_mm", "mm", "Of a prismatic joint's reading."),
-    Key("encoder_bits", "whole number", "Revolute joints read whole steps of a turn over 2^bits."),
-    Key("instrument_mm", "mm", "Of what an instrument or camera sees, in each coordinate."),
-    Key("instrument_deg", "deg", "Of the orientation that it sees, about each axis."),
-    Key("corner_px", "px", "Of a corner in a picture, in each coordinate."),
-    Key("artefact", "true or false", "Whether landmarks are off by their own sigma_mm."),
-)
-OUTLIER_KEYS: Final = Keys(
-    Key("fraction", "0 to 1", "Share of the samples that are grossly wrong.", required=True),
-    Key("size_mm", "smallest, largest in mm", "By how much they are wrong.", required=True),
-)
-SEAT_KEYS: Final = Keys(
-    Key("x_mm", "mm", "How far the tip always sits off the socket's axis, along x."),
-    Key("y_mm", "mm", "The same along y."),
-    Key("rz_deg", "deg", "How far it is always turned about the tool's axis."),
+SEAT_KEYS: Final = Fields(
+    Field("x_mm", quantity("m"), "How far the tip always sits off the socket's axis, along x."),
+    Field("y_mm", quantity("m"), "The same along y."),
+    Field("rz_deg", quantity("rad"), "How far it is always turned about the tool's axis."),
 )
 _NOISE: Final = "Standard deviations of what scatters, zero without them"
 
 
-def set_keys(kind: type[Term]) -> Keys:
+def set_keys(kind: type[Term]) -> Fields:
     """The keys of a set of one kind of observation."""
-    every = (
-        Key("kind", "text", "Which kind of observation it is.", required=True),
-        Key("noise", "mapping", f"{_NOISE}; in place of the file's.", inside=NOISE_KEYS),
-        Key("outliers", "mapping", "What is grossly wrong; nothing without.", inside=OUTLIER_KEYS),
-    )
     measured = {*kind.measured_keys}
     kind_keys = (*(key for key in kind.keys if key.name not in measured), *kind.simulation_keys)
-    return Keys(*every, *_medium_keys(kind), *kind_keys)
+    return Fields(*common_set_keys(kind), *kind_keys)
 
 
-def _medium_keys(kind: type[Term]) -> tuple[Key, ...]:
+def common_set_keys(kind: type[Term]) -> Fields:
+    """The keys of a set beside those that the kind itself reads."""
+    return Fields(
+        Field("kind", choice(KINDS), "Which kind of observation it is.", required=True),
+        Field("noise", mapping(NoiseLevels), f"{_NOISE}; in place of the file's."),
+        Field("outliers", mapping(OutlierSpec), "What is grossly wrong; nothing without."),
+        *_medium_keys(kind),
+    )
+
+
+def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
     """What follows from whether a tip touches or something sees."""
     if kind.medium != "touch":
+        pose = Value("mapping", lambda section, name: _read_pose(section.section(name)), POSE)
         frames = (
-            Key(
-                *(frame.key, "mapping"),
-                f"{frame.about[0].upper()}{frame.about[1:]}.",
-                frame.required,
-                inside=POSE,
-            )
+            Field(frame.key, pose, f"{frame.about[0].upper()}{frame.about[1:]}.", frame.required)
             for frame in kind.frames
         )
         optional = kind.columns.orientation == "optional"
         turned = "Whether orientations are seen too."
         marks = f"Where on the tip's link each {kind.mark} sits; the tip itself without it."
+        most = MOST_PICTURES if "image" in kind.columns.labels else MOST_SAMPLES
         return (
-            Key("samples", "whole number", "How many samples are taken.", required=True),
-            Key(
+            Field("samples", whole(1, most), "How many samples are taken.", required=True),
+            Field(
                 "temperature",
-                "lowest, highest in °C",
+                Value("lowest, highest in °C", _read_temperature),
                 "How warm the arm is, drawn anew for every sample and written in its column; "
                 f"{REFERENCE_TEMPERATURE:g}, and no such column, without it.",
             ),
             *frames,
-            *([Key("orientation", "true or false", turned)] if optional else []),
-            *([Key(f"{kind.mark}s", "by label", marks, inside=POSE)] if kind.mark else []),
+            *([Field("orientation", FLAG, turned)] if optional else []),
+            *(
+                [Field(f"{kind.mark}s", _poses(), marks, given_attribute="marks")]
+                if kind.mark
+                else []
+            ),
         )
-    where = Key(
+    where = Field(
         f"{kind.place}s",
-        "by label",
+        _poses(POSE if kind.place_turns else POINT_KEYS),
         f"Where each {kind.place} stands in the base.",
         required=True,
-        inside=POSE if kind.place_turns else POINT_KEYS,
+        given_attribute="places",
     )
     if kind.needs_artefact:
         return (
-            Key("artefact", "file", "The artefact.yaml of what is touched.", required=True),
+            Field("artefact", FILE, "The artefact.yaml of what is touched.", required=True),
             where,
-            Key("repeats", "whole number", "How often each placement is gone through; 1 without."),
-            Key("seating", "mapping", "How the tip always sits in its sockets.", inside=SEAT_KEYS),
+            Field(
+                "repeats",
+                whole(1, MOST_REPEATS),
+                "How often each placement is gone through; 1 without.",
+            ),
+            Field(
+                "seating",
+                Value("mapping", _read_seat, SEAT_KEYS),
+                "How the tip always sits in its sockets.",
+            ),
         )
     return (
         where,
-        Key("directions", "whole number", "From how many directions each is touched; 20 without."),
-        Key(
+        Field(
+            "directions",
+            whole(1, MOST_DIRECTIONS),
+            "From how many directions each is touched; 20 without.",
+        ),
+        Field(
             "axis",
-            "x, y, z",
+            DIRECTION,
             "Middle of the tip's z axes, in the base; against the place's own z axis without it.",
         ),
-        Key("cone_deg", "deg", "Largest angle between a tip's z axis and the axis; 60 without it."),
+        Field(
+            "cone_deg",
+            cone("non-negative"),
+            "Largest angle between a tip's z axis and the axis; 60 without it.",
+        ),
     )
 
 
-SIMULATION_KEYS: Final = Keys(
-    Key("arm", "mapping", "The nominal arm, and the ends of its chain.", True, inside=ARM_KEYS),
-    Key("seed", "whole number", "Of every random number; 0 without it."),
-    Key(
+SIMULATION_KEYS: Final = Fields(
+    Field("arm", mapping(ARM_KEYS), "The nominal arm, and the ends of its chain.", required=True),
+    Field("seed", whole(0), "Of every random number; 0 without it."),
+    Field(
         "posture_deg",
-        "by joint, deg",
+        Value("by joint, deg"),
         "Where the first search for a posture starts; the middle of a joint's range without it.",
     ),
-    Key("posture_mm", "by joint, mm", "The same for prismatic joints."),
-    Key("errors", "rows", "How the true arm departs from the nominal one.", inside=ERROR_KEYS),
-    Key("noise", "mapping", f"{_NOISE}.", inside=NOISE_KEYS),
-    Key(
+    Field("posture_mm", Value("by joint, mm"), "The same for prismatic joints."),
+    Field(
+        "errors", Value("rows", inside=ERROR_KEYS), "How the true arm departs from the nominal one."
+    ),
+    Field("noise", mapping(NoiseLevels), f"{_NOISE}."),
+    Field(
         "sets",
-        "by name",
+        Value("by name"),
         "What is measured: each set becomes a folder of samples of its name. Its keys follow from "
         "its kind.",
         required=True,

@@ -14,50 +14,72 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector, wrap
+from suta_calib.measurements.fields import (
+    ANGLE_OR_0,
+    FLAG,
+    LENGTH_OR_0,
+    Value,
+    bits,
+    keyed,
+    quantity,
+)
+from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import GAIN
 from suta_calib.terms.synthetic import random_directions
+from suta_calib.units import from_mm
 
 
 @dataclass(frozen=True)
 class NoiseLevels:
-    """Standard deviations per axis; zero for none.
+    """Standard deviations per axis, zero for none: the key ``noise`` of a simulation, in SI."""
 
-    Attributes:
-        seating: position of the tip in what it touches, m.
-        seating_angle: orientation of the seated tip, rad.
-        encoder_angle: reading of a revolute joint, rad.
-        encoder_length: reading of a prismatic joint, m.
-        encoder_bits: readings of revolute joints are whole steps of 2π / 2^bits; 0 for exact ones.
-        instrument: position an external instrument reports, m.
-        instrument_angle: orientation it reports, rad.
-        corner: where a camera finds a corner, px.
-        artefact: whether the true landmarks depart from the certified ones by their ``sigma``.
-    """
+    seating: float = keyed(LENGTH_OR_0, "Of a touch, in each coordinate.", 0.0)
+    seating_angle: float = keyed(
+        ANGLE_OR_0, "Of how a tip that is seated is turned, about each axis.", 0.0, "seating_deg"
+    )
+    encoder_angle: float = keyed(ANGLE_OR_0, "Of a revolute joint's reading.", 0.0, "encoder_deg")
+    encoder_length: float = keyed(LENGTH_OR_0, "Of a prismatic joint's reading.", 0.0, "encoder_mm")
+    encoder_bits: int = keyed(bits(0), "Revolute joints read whole steps of a turn over 2^bits.", 0)
+    instrument: float = keyed(
+        LENGTH_OR_0, "Of what an instrument or camera sees, in each coordinate.", 0.0
+    )
+    instrument_angle: float = keyed(
+        ANGLE_OR_0, "Of the orientation that it sees, about each axis.", 0.0, "instrument_deg"
+    )
+    corner: float = keyed(
+        quantity("px", "non-negative"), "Of a corner in a picture, in each coordinate.", 0.0
+    )
+    artefact: bool = keyed(FLAG, "Whether landmarks are off by their own sigma_mm.", False)
 
-    seating: float = 0.0
-    seating_angle: float = 0.0
-    encoder_angle: float = 0.0
-    encoder_length: float = 0.0
-    encoder_bits: int = 0
-    instrument: float = 0.0
-    instrument_angle: float = 0.0
-    corner: float = 0.0
-    artefact: bool = False
+
+def _read_fraction(section: YamlSection, key: str) -> float:
+    fraction = section.number(key, "non-negative")
+    if fraction > 1:
+        raise section.refuse(f"{fraction:g}", "a share from 0 to 1", at=(key,))
+    return fraction
+
+
+def _read_sizes(section: YamlSection, key: str) -> tuple[float, float]:
+    low, high = section.numbers(key, 2)
+    if not 0 <= low <= high:
+        raise section.refuse(f"[{low:g}, {high:g}]", "[smallest, largest] size", at=(key,))
+    return from_mm(low), from_mm(high)
 
 
 @dataclass(frozen=True)
 class OutlierSpec:
-    """Gross errors: displacements in any direction.
+    """Gross errors, displacements in any direction: the key ``outliers`` of a set, in SI.
 
-    Attributes:
-        fraction: share of the samples of each file, from 0 to 1; rounded to whole samples.
-        smallest, largest: range the size is drawn from, m.
+    The fraction of the samples of each file is rounded to whole samples.
     """
 
-    fraction: float = 0.0
-    smallest: float = 0.0
-    largest: float = 0.0
+    fraction: float = keyed(
+        Value("0 to 1", _read_fraction), "Share of the samples that are grossly wrong."
+    )
+    size: tuple[float, float] = keyed(
+        Value("smallest, largest in mm", _read_sizes, unit="m"), "By how much they are wrong."
+    )
 
 
 def stream(seed: int, *names: str) -> np.random.Generator:
@@ -75,7 +97,7 @@ def outlier_displacements(rng: np.random.Generator, spec: OutlierSpec, n: int) -
     displacement = np.zeros((n, 3))
     rows = rng.permutation(n)[: round(spec.fraction * n)]
     direction = random_directions(rng, len(rows))
-    displacement[rows] = rng.uniform(spec.smallest, spec.largest, (len(rows), 1)) * direction
+    displacement[rows] = rng.uniform(*spec.size, (len(rows), 1)) * direction
     return displacement
 
 

@@ -9,7 +9,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.simulation.schema import PoseSpec, SetSpec
+from suta_calib.simulation.keys import PoseSpec
+from suta_calib.simulation.schema import SetSpec
 from suta_calib.terms import ArmPoses, Setup, Term
 from suta_calib.terms.given import GivenPose
 from suta_calib.terms.outside import OutsideFrame, pose_parameters, pose_values

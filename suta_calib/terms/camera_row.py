@@ -8,23 +8,36 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.measurements import YamlSection, read_board, read_camera
-from suta_calib.measurements.keys import Key
+from suta_calib.measurements.fields import FILE, TEXT, Field, Fields, Value, choice, quantity
 from suta_calib.terms.block import Noise
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EYE_TO_HAND
 
 CAMERA_KEYS: Final = (
-    Key("corners", "file", "Where the corners are in the pictures: corners.csv.", True),
-    Key("board", "file", "The board.yaml.", True),
-    Key("camera", "file", "The camera.yaml; without it the camera is estimated from nothing."),
-    Key("setup", "text", "eye-in-hand (the default), or eye-to-hand: the board on the tip."),
-    Key(
+    Field("corners", FILE, "Where the corners are in the pictures: corners.csv.", True),
+    Field(
+        "board",
+        Value("file", lambda row, key: read_board(row.existing_file(key))),
+        "The board.yaml.",
+        required=True,
+    ),
+    Field(
+        "camera",
+        Value("file", lambda row, key: read_camera(row.existing_file(key))),
+        "The camera.yaml; without it the camera is estimated from nothing.",
+    ),
+    Field(
+        "setup",
+        choice((EYE_IN_HAND, EYE_TO_HAND)),
+        "eye-in-hand (the default), or eye-to-hand: the board on the tip.",
+    ),
+    Field(
         "intrinsics",
-        "text",
+        choice(("fixed", "free")),
         "fixed (the default beside a camera), or free: the camera is estimated too.",
     ),
-    Key("target", "text", "Tells several boards apart."),
-    Key("sigma_px", "px", "Standard deviation of a corner's coordinate."),
-    Key("huber_px", "px", "Corners farther off are believed less."),
+    Field("target", TEXT, "Tells several boards apart."),
+    Field("sigma_px", quantity("px", "positive"), "Standard deviation of a corner's coordinate."),
+    Field("huber_px", quantity("px", "positive"), "Corners farther off are believed less."),
 )
 # What such a row may name, as they look.
 CAMERA_FILES: Final[Mapping[str, str]] = {
@@ -44,20 +57,13 @@ def read_camera_row(row: YamlSection) -> dict[str, Any]:
     Raises:
         InputError: a file or a value that cannot be used.
     """
-    found: dict[str, Any] = {"board": read_board(row.existing_file("board"))}
-    if "camera" in row:
-        found["camera"] = read_camera(row.existing_file("camera"))
-    if "corners" in row:
-        found["corners"] = row.existing_file("corners")
-    found["setup"] = row.choice("setup", (EYE_IN_HAND, EYE_TO_HAND), EYE_IN_HAND)
-    known = "fixed" if "camera" in row else "free"
-    found["free"] = row.choice("intrinsics", ("fixed", "free"), known) == "free"
-    if not found["free"] and "camera" not in row:
+    settings = {"setup": EYE_IN_HAND, "target": "default", **Fields(*CAMERA_KEYS).values(row)}
+    intrinsics = settings.pop("intrinsics", "fixed" if "camera" in row else "free")
+    settings["free"] = intrinsics == "free"
+    if not settings["free"] and "camera" not in row:
         hint = "name the camera's file, or set intrinsics: free"
         raise row.refuse("no camera for intrinsics: fixed", at=("camera",), hint=hint)
-    found["target"] = row.text("target", default="default")
-    sigma = row.optional_number("sigma_px", "positive")
-    huber = row.optional_number("huber_px", "positive")
+    sigma, huber = settings.pop("sigma", None), settings.pop("huber", np.inf)
     fixed = sigma is not None and row.flag("fixed")
-    found["noise"] = Noise(sigma, np.inf if huber is None else huber, fixed)
-    return found
+    settings["noise"] = Noise(sigma, huber, fixed)
+    return settings

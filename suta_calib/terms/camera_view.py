@@ -26,7 +26,7 @@ from suta_calib.measurements import (
     corners_of,
     read_corners,
 )
-from suta_calib.measurements.keys import Key
+from suta_calib.measurements.fields import Field
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
@@ -114,7 +114,7 @@ class CameraView(FramedTerm):
     )
     medium: ClassVar[Medium] = "camera"
     has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[Key, ...]] = CAMERA_KEYS
+    keys: ClassVar[tuple[Field, ...]] = CAMERA_KEYS
     measured_keys: ClassVar[tuple[str, ...]] = (
         *("corners", "intrinsics", "target", "sigma_px", "huber_px"),
     )

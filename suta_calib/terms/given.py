@@ -18,31 +18,21 @@ from suta_calib.geometry.numbers import (
     vector_turning_z_to,
 )
 from suta_calib.measurements import YamlSection
-from suta_calib.measurements.keys import POSITION as WHERE
-from suta_calib.measurements.keys import Key, Keys
-from suta_calib.model.parameters import POSITION, ROTATION, Parameter
-from suta_calib.units import mm
-
-POSE_KEYS: Final = Keys(
-    WHERE,
-    Key(
-        "rotation_rpy_deg",
-        "roll, pitch, yaw in deg",
-        "How it is turned, as in a URDF; without it the orientation stays unknown.",
-    ),
-    Key(
-        "prior_mm",
-        "mm",
-        "Standard deviation of each coordinate; without it the position is taken as exact.",
-    ),
-    Key(
-        "prior_deg",
-        "deg",
-        "Standard deviation of the turn about any axis; without it the orientation is taken as "
-        "exact.",
-    ),
+from suta_calib.measurements.fields import (
+    ANGLE,
+    RPY_DEG,
+    Value,
+    fields_of,
+    keyed,
+    read_as,
 )
+from suta_calib.measurements.fields import POSITION as POSITION_MM
+from suta_calib.model.parameters import POSITION, ROTATION, Parameter
+from suta_calib.units import from_mm, mm
 
+_STD_MM: Final = Value(
+    "mm", lambda section, name: np.full(3, from_mm(section.number(name, "positive")))
+)
 # Metres that stand where millimetres belong: how many times too near that is, nearly.
 _IN_METRES: Final = (700.0, 1400.0)
 
@@ -70,31 +60,41 @@ class GivenPose:
         line: where it stands in its file.
     """
 
-    position: FloatArray
-    rotation: FloatArray | None = None
-    position_std: FloatArray | None = None
-    rotation_std: float | None = None
+    position: FloatArray = keyed(POSITION_MM)
+    rotation: FloatArray | None = keyed(
+        RPY_DEG,
+        "How it is turned, as in a URDF; without it the orientation stays unknown.",
+        None,
+        "rotation_rpy_deg",
+    )
+    position_std: FloatArray | None = keyed(
+        _STD_MM,
+        "Standard deviation of each coordinate; without it the position is taken as exact.",
+        None,
+        "prior_mm",
+    )
+    rotation_std: float | None = keyed(
+        ANGLE,
+        "Standard deviation of the turn about any axis; without it the orientation is taken as "
+        "exact.",
+        None,
+        "prior_deg",
+    )
     line: int | None = None
 
     @classmethod
     def read(cls, section: YamlSection) -> GivenPose:
-        """``position_mm``, and what else of `POSE_KEYS` there is.
+        """``position_mm``, and what else of its keys there is.
 
         Raises:
             InputError: a key that is unknown, missing or unusable; names the line and the key.
         """
-        POSE_KEYS.check(section)
-        rotation = section.rotation()
-        if rotation is None and "prior_deg" in section:
+        given = read_as(cls, section, line=section.line)
+        if given.rotation is None and given.rotation_std is not None:
             raise section.refuse(
-                "prior_deg without an orientation",
-                "rotation_rpy_deg beside it",
-                at=("prior_deg",),
+                "prior_deg without an orientation", "rotation_rpy_deg beside it", at=("prior_deg",)
             )
-        length = section.optional_number("prior_mm", "positive", unit="m")
-        std = None if length is None else np.full(3, length)
-        angle = section.optional_number("prior_deg", "positive", unit="rad")
-        return cls(section.position(), rotation, std, angle, section.line)
+        return given
 
     @property
     def inverse(self) -> GivenPose:
@@ -162,6 +162,9 @@ class GivenPose:
         std = [None if self.rotation_std is None else float(self.rotation_std * s) for s in spread]
         pairs = zip(keys, values.tolist(), std, strict=True)
         return {f"{owner}.{key}": Known(value, s) for key, value, s in pairs}
+
+
+POSE_KEYS: Final = fields_of(GivenPose)
 
 
 def with_known(own: Sequence[Parameter], known: Mapping[str, Known]) -> tuple[Parameter, ...]:

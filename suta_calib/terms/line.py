@@ -14,8 +14,8 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
-from suta_calib.measurements import SampleColumns, YamlSection
-from suta_calib.measurements.keys import Key
+from suta_calib.measurements import SampleColumns
+from suta_calib.measurements.fields import LENGTH, Field
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import check_turned
@@ -90,8 +90,8 @@ class TouchedLine(Term):
     place: ClassVar[str] = "line"
     place_unknown: ClassVar[str] = "line"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"line": ("line",), "row": ()}
-    simulation_keys: ClassVar[tuple[Key, ...]] = (
-        Key("size_mm", "mm", "How much of the line is touched."),
+    simulation_keys: ClassVar[tuple[Field, ...]] = (
+        Field("size_mm", LENGTH, "How much of the line is touched."),
     )
 
     noise: Noise = LEARNT
@@ -100,11 +100,6 @@ class TouchedLine(Term):
     def over(cls, poses: PoseSource, setup: Setup) -> TouchedLine:
         """Build it from a row of a job file."""
         return cls(poses, setup.noise)
-
-    @classmethod
-    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
-        """``size_mm``: how much of the line is touched."""
-        return {"size": row.optional_number("size_mm", "positive", unit="m") or _SIZE}
 
     @classmethod
     def touches(

@@ -14,8 +14,8 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import right_singular, rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
-from suta_calib.measurements import SampleColumns, YamlSection
-from suta_calib.measurements.keys import Key
+from suta_calib.measurements import SampleColumns
+from suta_calib.measurements.fields import LENGTH, LENGTH_OR_0, Field
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.checks import check_turned
@@ -85,14 +85,19 @@ class TouchedPlane(Term):
         labels=("plane",), about={"plane": "Which plane was touched."}
     )
     has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[Key, ...]] = (
-        Key("probe_radius_mm", "mm", "Radius of the ball at the tip; 0, a point, without it."),
+    keys: ClassVar[tuple[Field, ...]] = (
+        Field(
+            "probe_radius_mm",
+            LENGTH_OR_0,
+            "Radius of the ball at the tip; 0, a point, without it.",
+            given_attribute="radius",
+        ),
     )
     place: ClassVar[str] = "plane"
     place_unknown: ClassVar[str] = "plane"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"plane": ("plane",), "row": ()}
-    simulation_keys: ClassVar[tuple[Key, ...]] = (
-        Key("size_mm", "mm", "Edge of the square that is touched."),
+    simulation_keys: ClassVar[tuple[Field, ...]] = (
+        Field("size_mm", LENGTH, "Edge of the square that is touched."),
     )
 
     noise: Noise = LEARNT
@@ -108,13 +113,6 @@ class TouchedPlane(Term):
     def over(cls, poses: PoseSource, setup: Setup) -> TouchedPlane:
         """Build it from a row of a job file."""
         return cls(poses, setup.noise, setup.settings.get("radius", 0.0))
-
-    @classmethod
-    def read_settings(cls, row: YamlSection) -> dict[str, Any]:
-        """``probe_radius_mm`` of the ball, and ``size_mm`` of the square that is touched."""
-        radius = row.optional_number("probe_radius_mm", "non-negative", unit="m") or 0.0
-        size = row.optional_number("size_mm", "positive", unit="m") or _SIZE
-        return {"radius": radius, "size": size}
 
     @classmethod
     def touches(

@@ -14,7 +14,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, YamlSection
-from suta_calib.measurements.keys import Key
+from suta_calib.measurements.fields import Field, Value
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import OTHER_UNIT
@@ -74,10 +74,10 @@ class MeasuredRange(Term):
     place_more: ClassVar[tuple[str, ...]] = ("radius",)
     place_turns: ClassVar[bool] = False
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"anchor": ("anchor",), "row": ()}
-    simulation_keys: ClassVar[tuple[Key, ...]] = (
-        Key(
+    simulation_keys: ClassVar[tuple[Field, ...]] = (
+        Field(
             "length_mm",
-            "mm, or from, to in mm",
+            Value("mm, or from, to in mm"),
             "The lengths that are measured; or the one that nobody measured.",
         ),
     )

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
 from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.measurements.fields import Field, Fields
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_touches
 from suta_calib.terms.from_arrays import FromArrays
@@ -34,7 +35,6 @@ from suta_calib.terms.poses import PoseSource
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
-    from suta_calib.measurements.keys import Key
     from suta_calib.measurements.scale import LengthScale
     from suta_calib.terms.given import GivenPose, Known
     from suta_calib.terms.setup import Setup
@@ -71,8 +71,7 @@ class Term(ABC):
         medium: what tells where the arm is.
         needs_artefact: whether an artefact is touched.
         has_angles: whether it looks at orientations, so that their noise means something.
-        keys: what else a row of a job may say, read by `read_settings`; `required_keys` of them it
-            must say.
+        keys: what else a row of a job may say, read by `read_settings`.
         unit: of the noise of its lengths in a job: ``mm``, or ``px`` where they are in pictures.
         place: label column of what stands somewhere unknown and is touched; empty where nothing is.
         place_unknown: name of the unknowns of one such place, before its label in brackets.
@@ -106,7 +105,7 @@ class Term(ABC):
     medium: ClassVar[Medium] = "touch"
     needs_artefact: ClassVar[bool] = False
     has_angles: ClassVar[bool] = True
-    keys: ClassVar[tuple[Key, ...]] = ()
+    keys: ClassVar[tuple[Field, ...]] = ()
     unit: ClassVar[Literal["mm", "px"]] = "mm"
     place: ClassVar[str] = ""
     place_unknown: ClassVar[str] = ""
@@ -115,7 +114,7 @@ class Term(ABC):
     mark: ClassVar[str] = ""
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
-    simulation_keys: ClassVar[tuple[Key, ...]] = ()
+    simulation_keys: ClassVar[tuple[Field, ...]] = ()
     measured_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
     chance: ClassVar[float] = 1.0
@@ -245,19 +244,13 @@ class Term(ABC):
         return term
 
     @classmethod
-    def required_keys(cls) -> tuple[str, ...]:
-        """Names of those of its own `keys` that a row of a job must say."""
-        return tuple(key.name for key in cls.keys if key.required)
-
-    @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
         """The values of the kind's own `keys` and `simulation_keys` in a row or a set, in SI.
 
         Raises:
             InputError: one cannot be used; names the line and the key.
         """
-        del row
-        return {}
+        return Fields(*cls.keys, *cls.simulation_keys).values(row)
 
     @classmethod
     def touches(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from contextlib import suppress
 from pathlib import Path
 
@@ -151,14 +150,6 @@ def test_files_are_those_of_all_patterns_each_once(tmp_path: Path) -> None:
     assert [path.name for path in section.files("several")] == ["b.csv", "a.csv"]
     with pytest.raises(JobError, match=r"file\.yaml:3: none: found no file that matches '\*\.tsv'"):
         section.files("none")
-
-
-def test_an_optional_number_is_converted_by_its_unit(tmp_path: Path) -> None:
-    path = write(tmp_path, "length_mm: 250\nangle_deg: 180\n")
-    section = YamlSection(read_yaml(path, JobError), JobError)
-    assert section.optional_number("length_mm", unit="m") == 0.25
-    assert section.optional_number("angle_deg", unit="rad") == pytest.approx(math.pi)
-    assert section.optional_number("width_mm", unit="m") is None
 
 
 def test_a_file_that_says_little_and_means_much_is_refused(tmp_path: Path) -> None:

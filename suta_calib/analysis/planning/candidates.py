@@ -19,46 +19,77 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.measurements.keys import POSE, POSITION, Key, Keys
+from suta_calib.measurements.fields import (
+    DIRECTION,
+    POSE,
+    POSITION,
+    Field,
+    Fields,
+    Value,
+    cone,
+    whole,
+)
 from suta_calib.model.arm import ArmModel
-from suta_calib.units import Unit, deg, from_deg, from_mm, key, stored
+from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
 FLAT: Final = from_deg(1.0)
-# Of ``candidates.yaml``.
-GRID_KEYS: Final = Keys(
-    *(Key(f"{axis}_mm", "mm, or a list", f"Along {axis}.", required=True) for axis in "xyz"),
-    Key("yaw_deg", "deg, or a list", "Turned about the vertical; 0 without it."),
-    Key("tilt_deg", "deg, or a list", "Leaned away from the vertical; 0 without it."),
-    Key("towards_deg", "deg, or a list", "Direction in the base it leans to; 0 without it."),
-)
-POINT_KEYS: Final = Keys(
-    POSITION,
-    Key("directions", "whole number", "From how many directions it is touched."),
-    Key("axis", "x, y, z", "Middle of the tip's z axes, in the base; downwards without it."),
-    Key("cone_deg", "deg", "Largest angle between a tip's z axis and the axis; 60 without it."),
-)
-POSTURE_KEYS: Final = Keys(
-    Key("posture_deg", "by joint, deg", "Readings of the revolute joints."),
-    Key("posture_mm", "by joint, mm", "Readings of the prismatic joints."),
-)
-KEYS: Final = Keys(
-    Key("repeats", "whole number", "How often every placement would be gone through."),
-    Key("placements", "by name", "Where the artefact could be put down.", inside=POSE),
-    Key(
-        "grids",
-        "by name",
-        "Placements of the artefact: every combination of the values.",
-        inside=GRID_KEYS,
-    ),
-    Key("points", "by name", "Points that could be touched.", inside=POINT_KEYS),
-    Key("poses", "by name", "Postures in which something could be seen.", inside=POSTURE_KEYS),
-)
 _MOST: Final = 5000
-# As the command's option has it.
-_MOST_REPEATS: Final = 100
 DEFAULT_CONE: Final = from_deg(60.0)
 DOWN: Final = (0.0, 0.0, -1.0)
+
+
+def _values(takes: str) -> Value:
+    """A number, or a list of them of any length, as the file has them."""
+
+    def read(section: YamlSection, key: str) -> list[float]:
+        value: Any = section.data[key]
+        if not isinstance(value, list):
+            return [section.number(key)]
+        if not value:
+            raise section.refuse("an empty list", "at least one number", at=(key,))
+        return section.numbers(key, len(value))
+
+    return Value(takes, read)
+
+
+# Of ``candidates.yaml``.
+GRID_KEYS: Final = Fields(
+    *(Field(f"{axis}_mm", _values("mm, or a list"), f"Along {axis}.", True) for axis in "xyz"),
+    Field("yaw_deg", _values("deg, or a list"), "Turned about the vertical; 0 without it."),
+    Field("tilt_deg", _values("deg, or a list"), "Leaned away from the vertical; 0 without it."),
+    Field(
+        "towards_deg", _values("deg, or a list"), "Direction in the base it leans to; 0 without it."
+    ),
+)
+POINT_KEYS: Final = Fields(
+    POSITION,
+    Field("directions", whole(2, _MOST), "From how many directions it is touched."),
+    Field("axis", DIRECTION, "Middle of the tip's z axes, in the base; downwards without it."),
+    Field(
+        "cone_deg",
+        cone("positive"),
+        "Largest angle between a tip's z axis and the axis; 60 without it.",
+    ),
+)
+POSTURE_KEYS: Final = Fields(
+    Field("posture_deg", Value("by joint, deg"), "Readings of the revolute joints."),
+    Field("posture_mm", Value("by joint, mm"), "Readings of the prismatic joints."),
+)
+KEYS: Final = Fields(
+    # At most as the command's option has it.
+    Field("repeats", whole(1, 100), "How often every placement would be gone through."),
+    Field("placements", Value("by name", inside=POSE), "Where the artefact could be put down."),
+    Field(
+        "grids",
+        Value("by name", inside=GRID_KEYS),
+        "Placements of the artefact: every combination of the values.",
+    ),
+    Field("points", Value("by name", inside=POINT_KEYS), "Points that could be touched."),
+    Field(
+        "poses", Value("by name", inside=POSTURE_KEYS), "Postures in which something could be seen."
+    ),
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,7 +220,7 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
             line and the key.
     """
     top = YamlSection(read_yaml(Path(path), JobError), JobError)
-    KEYS.check(top)
+    values = KEYS.read(top)
     found: list[Place] = []
     readers: dict[str, Callable[[str, YamlSection], Sequence[Place]]] = {
         "placements": lambda name, section: [_placement(name, section)],
@@ -209,8 +240,7 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
     for name, count in Counter(place.name for place in found).items():
         if count > 1:
             raise top.refuse(f"two candidates named {name!r}", "each name once")
-    repeats = top.integer("repeats", 1, 1, _MOST_REPEATS) if "repeats" in top else None
-    return CandidateFile(Path(path), tuple(found), repeats)
+    return CandidateFile(Path(path), tuple(found), values.get("repeats"))
 
 
 def tilted(yaw: float, tilt: float, towards: float) -> FloatArray:
@@ -225,32 +255,20 @@ def tilted(yaw: float, tilt: float, towards: float) -> FloatArray:
     return rotation_from_vector(lean) @ rotation_from_rpy([0.0, 0.0, yaw])
 
 
-def _position(section: YamlSection) -> FloatArray:
+def _check_unit(section: YamlSection) -> None:
     if "position" in section:
         raise section.refuse("a position without a unit", "position_mm", at=("position",))
-    return from_mm(np.array(section.numbers("position_mm", 3)))
 
 
 def _placement(name: str, section: YamlSection) -> Placement:
-    position = _position(section)
-    POSE.check(section)
-    turned = "rotation_rpy_deg" in section
-    rpy = np.array(section.numbers("rotation_rpy_deg", 3)) if turned else np.zeros(3)
-    return Placement(name, position, rotation_from_rpy(from_deg(rpy)), section.line)
+    _check_unit(section)
+    return Placement(name, **{"rotation": np.eye(3), **POSE.read(section)}, line=section.line)
 
 
 def _point(name: str, section: YamlSection, directions: int) -> Point:
-    position = _position(section)
-    POINT_KEYS.check(section)
-    axis = np.array(section.numbers("axis", 3) if "axis" in section else DOWN)
-    if not np.linalg.norm(axis) > 0:
-        raise section.refuse("a vector without direction", "a direction", at=("axis",))
-    cone = section.optional_number("cone_deg", "positive", from_deg(1.0))
-    if cone is not None and cone > math.pi:
-        raise section.refuse(f"{deg(cone):g}", "at most 180 degrees", at=("cone_deg",))
-    count = section.integer("directions", directions, 2, _MOST)
-    unit = axis / np.linalg.norm(axis)
-    return Point(name, position, count, unit, cone or DEFAULT_CONE, section.line)
+    _check_unit(section)
+    defaults = {"directions": directions, "axis": np.array(DOWN), "cone": DEFAULT_CONE}
+    return Point(name, **{**defaults, **POINT_KEYS.read(section)}, line=section.line)
 
 
 def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
@@ -276,8 +294,8 @@ def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
 
 
 def _grid(name: str, section: YamlSection) -> list[Place]:
-    GRID_KEYS.check(section)
-    axes = [_values(section, each.name, None if each.required else 0.0) for each in GRID_KEYS]
+    values = GRID_KEYS.read(section)
+    axes = [values.get(field.name, [0.0]) for field in GRID_KEYS]
     count = math.prod(len(values) for values in axes)
     if count > _MOST:
         raise section.refuse(f"{count} placements", f"at most {_MOST}", hint="use a coarser grid")
@@ -287,13 +305,3 @@ def _grid(name: str, section: YamlSection) -> list[Place]:
         where = from_mm(np.array([x, y, z]))
         found.append(Placement(f"{name}_{len(found) + 1}", where, turned, section.line))
     return found
-
-
-def _values(section: YamlSection, key: str, default: float | None) -> list[float]:
-    """A number, or a list of them of any length."""
-    value: Any = section.data.get(key, default)
-    if not isinstance(value, list):
-        return [section.number(key)] if key in section else [float(value)]
-    if not value:
-        raise section.refuse("an empty list", "at least one number", at=(key,))
-    return section.numbers(key, len(value))
