@@ -85,7 +85,7 @@ def arrays_of(term: Term) -> dict[str, Any]:
     }
     attributes = {name: getattr(term, name) for name in attributes_of(type(term))}
     known = {name: array for name, array in found.items() if array is not None}
-    return {**attributes, **known, **samples.labels, **samples.lengths}
+    return {**attributes, **known, **samples.labels, **samples.numbers}
 
 
 @pytest.mark.parametrize("name", AVAILABLE)

@@ -9,8 +9,8 @@ from repository_pages import ROOT
 from yaml_pages import key_tables
 
 from suta_calib.certification import read_raw_points
-from suta_calib.measurements import pose_files, read_corners
-from suta_calib.measurements.csv_table import length_columns, position_columns, rotation_columns
+from suta_calib.measurements import NumberColumn, pose_files, read_corners
+from suta_calib.measurements.csv_table import position_columns, rotation_columns
 from suta_calib.measurements.fields import Fields
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS, Term
@@ -47,7 +47,8 @@ def observations_page() -> Iterator[str]:
 def column_rows(kind: type[Term]) -> Iterator[tuple[str, str]]:
     """The columns of a kind's samples beside the joints', and what they hold."""
     columns = kind.columns
-    optional = {*columns.common_labels, *columns.common_lengths, *columns.optional_labels}
+    optional = {*columns.common_labels, *columns.optional_labels}
+    optional |= {number.name for number in columns.numbers if not number.required}
     position, rotation = ", ".join("xyz"), ", ".join(rotation_columns())
     if columns.orientation == "optional":
         optional.add(rotation)
@@ -56,12 +57,18 @@ def column_rows(kind: type[Term]) -> Iterator[tuple[str, str]]:
         shown[position] = f"`{position}` in m, or `{', '.join(position_columns()[3:])}`"
     if columns.orientation != "none":
         shown[rotation] = f"`{rotation}`"
-    for name in columns.common_lengths:
-        shown[name] = " in m, or ".join(f"`{each}`" for each in length_columns(name))
+    for number in columns.numbers:
+        shown[number.name] = number_columns(number)
     shown |= {n: f"`{n}`" for n in (*columns.common_labels, *columns.optional_labels)}
     for name, text in shown.items():
         about = columns.about.get(name, "")
         yield text, f"{about} May be left out." if name in optional else about
+
+
+def number_columns(number: NumberColumn) -> str:
+    """The names that a column of numbers may have."""
+    names = [f"`{name}`" for name in number.names]
+    return f" in {number.unit}, or ".join(names) if number.unit != "1" else names[0]
 
 
 # CSV files that are no samples: by name, what they are, what reads them, a shipped one.

@@ -40,7 +40,7 @@ def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArr
     """
     rotation, position = term.poses.at(values)
     if term.medium == "touch":
-        target = term.observed(values, term.poses).position
+        target = term.observed(values, term.poses).place
         return target, position - target
     block = term.blocks[0]
 

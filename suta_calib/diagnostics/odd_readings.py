@@ -100,7 +100,7 @@ def read_again(terms: Sequence[Term]) -> Iterator[str]:
             # What has another label may be another target, or seen from elsewhere.
             alike = grouped_rows(np.column_stack([alike, place]))[0]
             again = _scattered(alike, samples.position, APART)
-        elif term.medium == "touch" and not samples.lengths and not may_read_alike(samples):
+        elif term.medium == "touch" and not samples.numbers and not may_read_alike(samples):
             again = _extent(alike, place[:, None].astype(float)) > 0
         else:
             continue

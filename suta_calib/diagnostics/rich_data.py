@@ -65,10 +65,11 @@ class Sort:
     @classmethod
     def of(cls, term: Term) -> Sort:
         """What a term is."""
-        noise = {block.unit: block.noise for block in reversed(term.blocks)}
-        oriented, seating = "rad" in noise, getattr(term, "seating", None)
-        angular = noise.get("rad", LEARNT)
-        return cls(type(term), oriented, term.marked, noise["m"], angular, seating, term.settings)
+        angular = next((b.noise for b in term.blocks if b.unit == "rad"), None)
+        noise = next((b.noise for b in term.blocks if b.unit != "rad"), LEARNT)
+        oriented, seating = angular is not None, getattr(term, "seating", None)
+        levels = noise, angular or LEARNT
+        return cls(type(term), oriented, term.marked, *levels, seating, term.settings)
 
 
 @dataclass(eq=False)
@@ -87,13 +88,17 @@ class _Exact:
         return poses.with_samples(replace(poses.samples, q=found.q))
 
     def seen(
-        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
+        self, poses: PoseSource, seen: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
         del relative
         if seen.pixels is not None:
             return poses.with_samples(replace(poses.samples, pixels=seen.pixels))
-        rotation = seen.rotation if len(noise) > 1 else None
-        again = replace(poses.samples, position=seen.position, rotation=rotation)
+        again = replace(
+            poses.samples,
+            position=seen.position,
+            rotation=seen.rotation if "rotation" in noise else None,
+            numbers=seen.numbers,
+        )
         return poses.with_samples(again)
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
@@ -252,6 +257,7 @@ class RichData:
             label: tells its places and instruments from others.
         """
         kind, random = sort.kind, np.random.default_rng(0)
+        touches = kind.medium == "touch"
         n = math.ceil(PLACES * ROWS / kind.chance)
         place, row = np.divmod(np.arange(n) % (PLACES * ROWS), ROWS)
         artefact = _artefact(oriented=sort.oriented)
@@ -269,15 +275,15 @@ class RichData:
             rotation=np.tile(np.eye(3), (n, 1, 1))
             if sort.oriented and kind.columns.orientation != "none"
             else None,
+            numbers={} if touches else {c.name: np.zeros(n) for c in kind.columns.numbers},
         )
         poses: PoseSource = ArmPoses(self._known, samples)
-        touches = kind.medium == "touch"
         if touches:
             _, centre = self._known.forward(q[:PLACES])
             about = centre[place] + random.uniform(-APART, APART, (n, 3))
             poses = _Exact(self._kinematics, random).touched(poses, about, 0.0)
-            lengths = kind.measured(centre[place], poses.at({})[1], sort.settings)
-            poses = poses.with_samples(replace(poses.samples, lengths=lengths))
+            numbers = kind.measured(centre[place], poses.at({})[1], sort.settings)
+            poses = poses.with_samples(replace(poses.samples, numbers=numbers))
         noise = sort.noise, sort.angular_noise
         term = kind.over(poses, Setup(artefact, *noise, label, sort.seating, sort.settings))
         anywhere = {p.name: random.uniform(-0.5, 0.5) for p in term.own}

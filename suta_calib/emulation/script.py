@@ -278,6 +278,6 @@ def _every_landmark_reached(
     assert tips.rotation is not None
     targets = (
         Targets(p[None], R[None], "position" if mark.rotation is None else "pose")
-        for mark, p, R in zip(marks, tips.position, tips.rotation, strict=True)
+        for mark, p, R in zip(marks, tips.place, tips.rotation, strict=True)
     )
     return all(kinematics.solve(target, start, rng, _STARTS).reached[0] for target in targets)

@@ -85,7 +85,12 @@ def new_job(
         check_joint_names(arm.joints, columns)
         oriented = rotation_columns() if columns.orientation == "required" else ()
         measured = (*"xyz", *oriented) if columns.position else ()
-        names = (*columns.labels, *measured, *columns.common_lengths, *arm.joints)
+        names = (
+            *columns.labels,
+            *measured,
+            *(number.name for number in columns.numbers),
+            *arm.joints,
+        )
         csv.writer(header, lineterminator="\n").writerow(names)
         files += [Template(folder / e / "samples.csv", header.getvalue()) for e in ends if e]
     return tuple(files)
@@ -141,7 +146,7 @@ def _job(
 def _row(kind: str, folder: str, *, explain: bool) -> str:
     artefact = ", artefact: artefact.yaml" if KINDS[kind].needs_artefact else ""
     named = "".join(f", {Path(name).stem}: {name}" for name in KINDS[kind].files)
-    huber = f", huber_{KINDS[kind].unit}: 1.35" if explain else ""
+    huber = f", {f'huber_{KINDS[kind].unit}'.rstrip('_')}: 1.35" if explain else ""
     row = f"  - {{kind: {kind}{artefact}{named}, samples: '{folder}/*.csv'{huber}}}"
     comment = textwrap.wrap(
         f"{kind}: {KINDS[kind].about}",

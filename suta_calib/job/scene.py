@@ -72,7 +72,7 @@ def _places(terms: Sequence[Term], values: Mapping[str, float]) -> dict[str, dic
                 known.add(label)
         if term.medium == "touch" and term.place:
             names, which = term.places
-            target = term.observed(values, term.poses).position
+            target = term.observed(values, term.poses).place
             rows = np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
             rest = {
                 name: np.median(target[some], axis=0)

@@ -188,7 +188,8 @@ def _observation(row: YamlSection) -> ObservationSpec:
     kind = _kind(row)
     files = row.texts("samples"), row.files("samples")
     values = COMMON_KEYS.values(row)
-    levels = ("sigma_px",) if kind.unit == "px" else ("sigma_mm", "sigma_deg")
+    own = f"sigma_{kind.unit}".rstrip("_")
+    levels = ("sigma_mm", "sigma_deg") if kind.unit == "mm" else (own,)
     if values.get("sigma_fixed") and not any(level in row for level in levels):
         raise row.refuse(
             "fixed: true without a noise level", f"{' or '.join(levels)} beside it", at=("fixed",)

@@ -17,6 +17,7 @@ from .corners import corners_of as corners_of
 from .corners import read_corners as read_corners
 from .corners import write_corners as write_corners
 from .csv_table import CsvTable as CsvTable
+from .csv_table import NumberColumn as NumberColumn
 from .csv_table import has_rotations as has_rotations
 from .csv_table import positions as positions
 from .csv_table import read_csv_table as read_csv_table

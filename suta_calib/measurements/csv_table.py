@@ -24,7 +24,7 @@ from suta_calib.errors import SamplesError, SutaCalibWarning, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
-from suta_calib.units import FARTHEST, from_mm
+from suta_calib.units import FARTHEST, SHOWN, Unit, from_mm, stored
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 # Standard deviation of every measured coordinate, and of each.
@@ -321,7 +321,7 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
 
 def position_sigma_columns() -> tuple[str, ...]:
     """Names of the columns that `position_sigmas` may read."""
-    return tuple(each for name in (SIGMA, *SIGMAS) for each in length_columns(name))
+    return tuple(each for name in (SIGMA, *SIGMAS) for each in _sigma(name).names)
 
 
 def position_sigmas(table: CsvTable) -> FloatArray:
@@ -333,35 +333,61 @@ def position_sigmas(table: CsvTable) -> FloatArray:
     Raises:
         SamplesError: no such columns, a cell that is no positive number, or both m and mm.
     """
-    by_axis = any(each in table.columns for name in SIGMAS for each in length_columns(name))
+    by_axis = any(each in table.columns for name in SIGMAS for each in _sigma(name).names)
     names = SIGMAS if by_axis else (SIGMA,) * 3
-    return np.stack([lengths(table, name) for name in names], axis=1)
+    return np.stack([numbers(table, _sigma(name)) for name in names], axis=1)
 
 
-def length_columns(name: str) -> tuple[str, str]:
-    """Names of the columns that `lengths` may read: in m, and in mm."""
-    return name, f"{name}_mm"
+@dataclass(frozen=True)
+class NumberColumn:
+    """A column with one measured number for each row: a length, an angle, or a plain number.
+
+    Attributes:
+        name: of the column that holds it in its SI unit. The same with the suffix of `SHOWN`, such
+            as ``length_mm`` or ``roll_deg``, holds it as people read it.
+        unit: m, rad, …; 1 for a plain number.
+        required: whether it must be there; otherwise all files of a term have it, or none.
+        positive: whether it must be greater than zero.
+    """
+
+    name: str
+    unit: Unit = "1"
+    required: bool = True
+    positive: bool = False
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names that the column may have, that of the SI unit first."""
+        suffix = SHOWN[self.unit].suffix
+        return (self.name, f"{self.name}{suffix}") if suffix else (self.name,)
 
 
-def lengths(table: CsvTable, name: str) -> FloatArray:
-    """Measured lengths, (n,) in m, all of them positive.
+def _sigma(name: str) -> NumberColumn:
+    return NumberColumn(name, "m", positive=True)
+
+
+def numbers(table: CsvTable, column: NumberColumn) -> FloatArray:
+    """Measured numbers, (n,) in SI.
 
     Raises:
-        SamplesError: no such column, a cell that is no positive number, or both m and mm.
+        SamplesError: no such column, a cell that is no number, or not a positive one where it must
+            be, or the column in both units.
     """
-    metres, millimetres = length_columns(name)
-    if metres in table.columns and millimetres in table.columns:
+    there = [name for name in column.names if name in table.columns]
+    if len(there) > 1:
         raise SamplesError(
-            f"columns {metres} and {millimetres}",
-            f"either {metres} (m) or {millimetres}",
+            f"columns {' and '.join(there)}",
+            f"either {there[0]} ({column.unit}) or {there[1]}",
             file=table.path,
             line=table.header_line,
         )
-    chosen = millimetres if millimetres in table.columns else metres
-    read = table.numbers(chosen, f"column {metres} in m, or {millimetres}")
-    for row in np.flatnonzero(read <= 0.0):
-        raise table.refuse(int(row), chosen, f"{read[row]:g}", "a length greater than 0")
-    return from_mm(read) if chosen == millimetres else read
+    chosen = there[0] if there else column.name
+    unit = "" if column.unit == "1" else f" in {column.unit}"
+    read = table.numbers(chosen, f"column {f'{unit}, or '.join(column.names)}")
+    what = "length" if column.unit == "m" else "number"
+    for row in np.flatnonzero(read <= 0.0) if column.positive else ():
+        raise table.refuse(int(row), chosen, f"{read[row]:g}", f"a {what} greater than 0")
+    return read if chosen == column.name else stored(read, column.unit)
 
 
 def has_rotations(table: CsvTable, prefix: str = "") -> bool:

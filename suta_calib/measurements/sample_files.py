@@ -21,9 +21,9 @@ from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import (
     SIGMAS,
     CsvTable,
+    NumberColumn,
     has_rotations,
-    length_columns,
-    lengths,
+    numbers,
     position_columns,
     position_sigma_columns,
     position_sigmas,
@@ -82,8 +82,7 @@ class SampleColumns:
         labels: label columns, such as ``("placement", "repeat", "landmark")``.
         optional_labels: label columns that are read where every file has them.
         common_labels: label columns that all the files have, or none of them.
-        common_lengths: columns of measured lengths, m, or in mm with ``_mm`` after their name,
-            that all the files have, or none of them.
+        numbers: columns of measured lengths, angles and plain numbers.
         pixels: whether points of a board are seen in pictures, which have a file of their own.
         position: whether ``x, y, z`` (m), or ``x_mm, y_mm, z_mm``, are required.
         position_sigma: whether their standard deviations, ``sigma_x, sigma_y, sigma_z`` or one
@@ -98,7 +97,7 @@ class SampleColumns:
     orientation: Literal["none", "optional", "required"] = "none"
     optional_labels: tuple[str, ...] = ()
     common_labels: tuple[str, ...] = ()
-    common_lengths: tuple[str, ...] = ()
+    numbers: tuple[NumberColumn, ...] = ()
     about: Mapping[str, str] = field(default_factory=dict)
     pixels: bool = False
 
@@ -130,8 +129,8 @@ def read_samples(
     tables = [read_csv_table(path) for path in paths]
     there = [n for n in columns.optional_labels if all(n in table.columns for table in tables)]
     there += [name for name in columns.common_labels if _everywhere(tables, name)]
-    lengths = [n for n in columns.common_lengths if _everywhere(tables, *length_columns(n))]
-    columns = replace(columns, labels=(*columns.labels, *there), common_lengths=tuple(lengths))
+    there_too = [n for n in columns.numbers if n.required or _everywhere(tables, *n.names)]
+    columns = replace(columns, labels=(*columns.labels, *there), numbers=tuple(there_too))
     told = {j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)}
     warm = TEMPERATURE not in {j.name for j in joints} and _everywhere(tables, TEMPERATURE)
     weighed = columns.position_sigma and _everywhere(tables, *position_sigma_columns())
@@ -184,7 +183,7 @@ def _samples(
         [joint.name for joint in joints],
         _readings(table, joints),
         labels={name: table.labels(name, needed) for name in columns.labels},
-        lengths={name: lengths(table, name) for name in columns.common_lengths},
+        numbers={column.name: numbers(table, column) for column in columns.numbers},
         position=positions(table) if columns.position else None,
         rotation=rotations(table) if oriented else None,
         origin=table.origin,
@@ -348,7 +347,7 @@ def check_joint_names(joints: Sequence[str], columns: SampleColumns) -> None:
         SamplesError: names the joint, and the columns.
     """
     taken = {*columns.labels, *columns.common_labels}
-    taken |= {each for name in columns.common_lengths for each in length_columns(name)}
+    taken |= {name for column in columns.numbers for name in column.names}
     taken |= {*position_columns()} if columns.position else set()
     taken |= {*position_sigma_columns()} if columns.position_sigma else set()
     taken |= {*rotation_columns()} if columns.orientation != "none" else set()
@@ -362,7 +361,7 @@ def check_joint_names(joints: Sequence[str], columns: SampleColumns) -> None:
 
 
 def write_samples(path: Path, samples: Samples) -> None:
-    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, lengths, labels, what is told.
+    """Write a samples CSV: joints, ``x,y,z`` in m, ``qx,qy,qz,qw``, numbers, labels, what is told.
 
     Standard deviations of coordinates are ``sigma_x, sigma_y, sigma_z``, m.
 
@@ -380,7 +379,7 @@ def write_samples(path: Path, samples: Samples) -> None:
         columns += zip(rotation_columns(), quaternion.T, strict=True)
     if samples.position_sigma is not None:
         columns += zip(SIGMAS, samples.position_sigma.T, strict=True)
-    columns += samples.lengths.items()
+    columns += samples.numbers.items()
     columns += samples.labels.items()
     if samples.direction is not None:
         sides = samples.direction.astype(int)

@@ -70,7 +70,7 @@ class Samples(Shown):
             numbers; NaN for those that were not; or None.
         origin: where each row came from, such as ``file.csv:12``; ``row 0``, ``row 1``, … where
             nobody says.
-        lengths: measured lengths by name, each (n,), m, such as ``length``.
+        numbers: other measured numbers by name, each (n,), in SI: lengths in m, angles in rad.
         direction: (n, n_joints) of each joint's last motion before it was read, 1 towards larger
             readings, -1 towards smaller ones, 0 where nobody says; None where nobody ever says.
         temperature: (n,) of the arm, °C; None where nobody says.
@@ -85,7 +85,7 @@ class Samples(Shown):
     rotation: FloatArray | None = None
     origin: Sequence[str] = ()
     pixels: FloatArray | None = None
-    lengths: Mapping[str, FloatArray] = field(default_factory=dict)
+    numbers: Mapping[str, FloatArray] = field(default_factory=dict)
     direction: FloatArray | None = None
     temperature: FloatArray | None = None
     position_sigma: FloatArray | None = None
@@ -118,7 +118,7 @@ class Samples(Shown):
         position: ArrayLike | None = None,
         rotation: ArrayLike | None = None,
         origin: Sequence[str] | None = None,
-        lengths: Mapping[str, ArrayLike] | None = None,
+        numbers: Mapping[str, ArrayLike] | None = None,
         direction: ArrayLike | None = None,
         temperature: ArrayLike | None = None,
         position_sigma: ArrayLike | None = None,
@@ -136,7 +136,7 @@ class Samples(Shown):
             position: (n, 3).
             rotation: (n, 3, 3) orthonormal, right-handed.
             origin: (n,); ``row 0``, ``row 1``, … where not given.
-            lengths: each (n,).
+            numbers: each (n,).
             direction: (n, n_joints) of -1, 0 and 1.
             temperature: (n,).
             position_sigma: (n, 3), all of them positive.
@@ -163,12 +163,12 @@ class Samples(Shown):
             None if rotation is None else _rotations(rotation, n),
             origin,
             pixels=None if pixels is None else _pixels(pixels, n),
-            lengths={name: _positive(name, v, (n,)) for name, v in (lengths or {}).items()},
+            numbers={name: _finite(name, v, (n,)) for name, v in (numbers or {}).items()},
             direction=None if direction is None else _directions(direction, (n, len(joints))),
             temperature=None if temperature is None else _temperatures(temperature, n),
             position_sigma=None
             if position_sigma is None
-            else _positive("position_sigma", position_sigma, (n, 3)),
+            else positive("position_sigma", position_sigma, (n, 3)),
         )
 
     def scene(self, arm: Posable) -> Scene:
@@ -223,7 +223,7 @@ class Samples(Shown):
         also = [
             name for name in ("position", "rotation", "pixels") if getattr(self, name) is not None
         ]
-        told = ", ".join((*self.labels, *self.lengths, *also))
+        told = ", ".join((*self.labels, *self.numbers, *also))
         return f"{len(self)} of {len(self.joints)} joints" + (f" with {told}" if told else "")
 
     def as_keys(self) -> list[bytes]:
@@ -259,7 +259,7 @@ class Samples(Shown):
             parts.append(self.rotation.reshape(-1, 9))
         if self.pixels is not None:
             parts.append(self.pixels.reshape(len(self), -1))
-        parts += [each[:, None] for each in self.lengths.values()]
+        parts += [each[:, None] for each in self.numbers.values()]
         return np.hstack(parts)
 
     @classmethod
@@ -272,7 +272,7 @@ class Samples(Shown):
         """
         kinds = {
             (
-                *(part.joints, frozenset(part.labels), frozenset(part.lengths)),
+                *(part.joints, frozenset(part.labels), frozenset(part.numbers)),
                 *(part.position is None, part.rotation is None),
                 *(part.direction is None, part.temperature is None),
                 part.position_sigma is None,
@@ -293,7 +293,7 @@ class Samples(Shown):
             _joined([part.rotation for part in parts]),
             tuple(origin for part in parts for origin in part.origin),
             _joined([part.pixels for part in parts]),
-            {n: _frozen(np.concatenate([p.lengths[n] for p in parts])) for n in first.lengths},
+            {n: _frozen(np.concatenate([p.numbers[n] for p in parts])) for n in first.numbers},
             _joined([part.direction for part in parts]),
             _joined([part.temperature for part in parts]),
             _joined([part.position_sigma for part in parts]),
@@ -310,7 +310,7 @@ class Samples(Shown):
             None if self.rotation is None else _frozen(self.rotation[rows]),
             tuple(self.origin[row] for row in rows),
             None if self.pixels is None else _frozen(self.pixels[rows]),
-            {name: _frozen(values[rows]) for name, values in self.lengths.items()},
+            {name: _frozen(values[rows]) for name, values in self.numbers.items()},
             None if self.direction is None else _frozen(self.direction[rows]),
             None if self.temperature is None else _frozen(self.temperature[rows]),
             None if self.position_sigma is None else _frozen(self.position_sigma[rows]),
@@ -364,7 +364,8 @@ def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     return _frozen(array)
 
 
-def _positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+def positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Read-only copy as positive floats of the given shape, or the error that it is not."""
     array = _finite(name, values, shape)
     for index in np.argwhere(array <= 0.0):
         place = f"{name}[{', '.join(map(str, index))}]"

@@ -27,7 +27,7 @@ from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import GAIN
 from suta_calib.terms.synthetic import random_directions
-from suta_calib.units import from_mm
+from suta_calib.units import Unit, from_mm
 
 
 @dataclass(frozen=True)
@@ -51,6 +51,18 @@ class NoiseLevels:
         quantity("px", "non-negative"), "Of a corner in a picture, in each coordinate.", 0.0
     )
     artefact: bool = keyed(FLAG, "Whether landmarks are off by their own sigma_mm.", False)
+    instrument_number: float = keyed(
+        quantity(sign="non-negative"),
+        "Of what an instrument reads beside lengths and angles, in SI.",
+        0.0,
+        "instrument",
+    )
+
+    def of_instrument(self, unit: Unit) -> float:
+        """Of what an external instrument reports in a unit."""
+        return {"m": self.instrument, "rad": self.instrument_angle}.get(
+            unit, self.instrument_number
+        )
 
 
 def _read_fraction(section: YamlSection, key: str) -> float:

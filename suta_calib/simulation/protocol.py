@@ -36,7 +36,7 @@ class Visits:
         oriented: (n,) whether what is touched fixes the tip's orientation too.
         start: (n, joints) readings that reach the targets.
         line: where the placement or point stands in the simulation's file.
-        lengths: what is measured beside the touches, each (n,), m, before any noise.
+        numbers: what is measured beside the touches, each (n,), in SI, before any noise.
     """
 
     name: str
@@ -45,7 +45,7 @@ class Visits:
     oriented: BoolArray
     start: FloatArray
     line: int | None = None
-    lengths: dict[str, FloatArray] = field(default_factory=dict)
+    numbers: dict[str, FloatArray] = field(default_factory=dict)
 
     def what(self, row: int) -> str:
         """What a row touches, for messages."""
@@ -81,7 +81,7 @@ class Visitor:
         names = [mark.name for mark in landmarks]
         sits = seated(truth, names, pose.rotation, pose.position, plan.seating[:2], plan.seating[2])
         assert sits.rotation is not None
-        targets = Targets(sits.position, sits.rotation)
+        targets = Targets(sits.place, sits.rotation)
         oriented = np.array([mark.rotation is not None for mark in landmarks])
         # How an arm of few joints sits matters only to a kind that looks at it.
         oriented &= plan.term.has_angles or self.kinematics.attainable["pose"]
@@ -143,9 +143,9 @@ class Visitor:
         targets = Targets(touched[:n], np.tile(np.eye(3), (n, 1, 1)))
         # Whatever the direction, the place is touched: it alone has to be met again with noise.
         unoriented = np.zeros(n, dtype=bool)
-        lengths = plan.term.measured(pose.position, touched[:n], plan.settings)
+        numbers = plan.term.measured(pose.position, touched[:n], plan.settings)
         labels = {plan.term.place: [label] * n}
-        return Visits(label, labels, targets, unoriented, q[:n], pose.line, lengths)
+        return Visits(label, labels, targets, unoriented, q[:n], pose.line, numbers)
 
     def reach(
         self,

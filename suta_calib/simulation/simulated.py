@@ -225,8 +225,8 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     displacement = outlier_displacements(gross, plan.outliers, n)
     position = visits.targets.position + plan.noise.seating * rng.standard_normal((n, 3))
     instrument = stream(visitor.seed, plan.name, visits.name, "instrument")
-    if plan.term.columns.common_lengths and not visits.lengths:
-        # Nobody reads the length that the instrument keeps: it scatters as a reading would.
+    if plan.term.columns.numbers and not visits.numbers:
+        # Nobody reads the number that the instrument keeps: it scatters as a reading would.
         position += plan.noise.instrument * instrument.standard_normal((n, 3))
     tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
     targets = Targets(position + displacement, visits.targets.rotation @ tilt)
@@ -238,19 +238,23 @@ def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     noise = stream(visitor.seed, plan.name, visits.name, "encoders")
     readings = encoder_readings(noise, plan.noise, visitor.kinematics.true, q)
     path = f"{plan.name}/{visits.name}.csv"
-    lengths = {
-        name: length + plan.noise.instrument * instrument.standard_normal(n)
-        for name, length in visits.lengths.items()
-    }
     samples = Samples.from_arrays(
         arm.joints,
         readings,
         labels=visits.labels,
         origin=_origins(path, n),
-        lengths=lengths,
+        numbers=_read_numbers(plan, visits.numbers, instrument),
         direction=sides,
     )
     return SimulatedFile(path, samples, displacement)
+
+
+def _read_numbers(
+    plan: SetSpec, ideal: Mapping[str, FloatArray], rng: np.random.Generator
+) -> dict[str, FloatArray]:
+    """Numbers by name, (n,) in SI, as an instrument reads them: with noise."""
+    level = {c.name: plan.noise.of_instrument(c.unit) for c in plan.term.columns.numbers}
+    return {name: v + level[name] * rng.standard_normal(len(v)) for name, v in ideal.items()}
 
 
 def _sighted_samples(
@@ -281,11 +285,16 @@ def _sighted_samples(
     rng = stream(seed, plan.name, "instrument")
     gross = stream(seed, plan.name, label, "outliers")
     displacement = outlier_displacements(gross, plan.outliers, n)
-    position = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
+    position = None
+    if ideal.position is not None:
+        position = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
     turned = scattered_rotations(rng, noise.instrument_angle, n)
     if ideal.rotation is not None:
         turned = ideal.rotation @ turned
-    oriented = plan.orientation or plan.term.columns.orientation == "required"
+    oriented = ideal.rotation is not None and (
+        plan.orientation or plan.term.columns.orientation == "required"
+    )
+    numbers = _read_numbers(plan, ideal.numbers, rng)
     encoders = stream(seed, plan.name, "encoders")
     readings = encoder_readings(encoders, noise, kinematics.true, rests)
     path = f"{plan.name}/{label}.csv"
@@ -298,6 +307,7 @@ def _sighted_samples(
         position=position,
         rotation=turned if oriented else None,
         origin=_origins(path, n),
+        numbers=numbers,
         **conditions,
     )
     return SimulatedFile(path, samples, displacement)
@@ -393,6 +403,7 @@ def _ideal(
         labels=labels,
         position=np.zeros((n, 3)),
         rotation=np.tile(np.eye(3), (n, 1, 1)),
+        numbers={number.name: np.zeros(n) for number in plan.term.columns.numbers},
         **conditions,
     )
     poses = ArmPoses(arm, blank)

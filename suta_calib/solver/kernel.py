@@ -18,6 +18,7 @@ from scipy import sparse
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import MANY, Batched
+from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Block, Pose, Residual, flat, summed
 from suta_calib.terms.poses import ArmPoses
@@ -263,6 +264,7 @@ class _BlockResiduals:
             block.samples.shape[1],
             block.own.shape[1],
             block.data.shape[1],
+            block.size,
             len(block) >= MANY,
         )
         self._taken = [(place % 2, _rows(block.samples[:, place // 2])) for place in used]
@@ -357,9 +359,8 @@ def _compiled(
         Pose(R + ca.skew(velocity[6 * k + 3 : 6 * k + 6]) @ R, p + velocity[6 * k : 6 * k + 3])
         for k, (R, p) in enumerate(zip(rotations, positions, strict=True))
     ]
-    value, first, ahead = residual(moved, own_symbol, data_symbol), list[Symbol](), None
-    if value.shape != (size, 1):
-        raise ValueError(f"{residual} gives {value.shape} numbers; its block says {size}")
+    value = residual_value(residual, moved, own_symbol, data_symbol, size)
+    first, ahead = list[Symbol](), None
     # Of no parameters nothing is made.
     made, of_own, rest = _made_of(value, own_symbol if apart else ca.SX.sym("none", 0))
     if made is None:
@@ -376,12 +377,39 @@ def _compiled(
     outputs = [at_rest[0], by_pose.T, *(each.T for each in at_rest[2:])]
     used = _looked_at(symbols, ca.veccat(*outputs))
     function = ca.Function(
-        residual.__name__.strip("_") or "residual",
+        "residual",
         [*(symbols[k] for k in used), *first, own_symbol, data_symbol],
         [ca.densify(o) for o in outputs],
         {"cse": many},
     )
     return function, columns, used, ahead
+
+
+def residual_value(
+    residual: Residual, poses: Sequence[Pose], own: Symbol, data: Symbol, size: int
+) -> Symbol:
+    """A residual in symbols (size, 1).
+
+    Raises:
+        SamplesError: its author's function raises, or gives something else than ``size`` numbers.
+    """
+    name = getattr(residual, "__qualname__", repr(residual))
+    try:
+        value = residual(poses, own, data)
+        value = ca.vertcat(*value) if isinstance(value, (list, tuple)) else ca.SX(value)
+    except Exception as problem:  # whatever a function of other people raises
+        reason = str(problem).strip().partition("\n")[0]
+        raise SamplesError(
+            f"a residual that cannot be evaluated on CasADi symbols ({type(problem).__name__}: "
+            f"{reason})",
+            "sums, products and functions of casadi, such as casadi.sin, and no if",
+            where=name,
+        ) from problem
+    if value.shape != (size, 1):
+        raise SamplesError(
+            f"a residual of shape {value.shape}", f"({size}, 1), as its block says", where=name
+        )
+    return value
 
 
 def _made_of(value: Symbol, own: Symbol) -> tuple[Symbol, Symbol, Symbol]:
@@ -414,12 +442,12 @@ def _looked_at(symbols: Sequence[Symbol], values: Symbol) -> tuple[int, ...]:
 
 @lru_cache(maxsize=64)
 def _residual(
-    residual: Residual, poses: int, own: int, data: int, many: bool
+    residual: Residual, poses: int, own: int, data: int, size: int, many: bool
 ) -> tuple[Any, tuple[int, ...]]:
     """CasADi function (R₁, p₁, …, own, data) → residual, and which poses it has, as `_compiled`."""
     tools = [Pose(ca.SX.sym(f"R{k}", 3, 3), ca.SX.sym(f"p{k}", 3)) for k in range(poses)]
     own_symbol, data_symbol = ca.SX.sym("own", own), ca.SX.sym("data", data)
-    value = ca.densify(residual(tools, own_symbol, data_symbol))
+    value = ca.densify(residual_value(residual, tools, own_symbol, data_symbol, size))
     symbols = [symbol for tool in tools for symbol in (tool.R, tool.p)]
     used = _looked_at(symbols, value)
     inputs = [*(symbols[k] for k in used), own_symbol, data_symbol]

@@ -9,6 +9,7 @@ import numpy as np
 
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.solver.evaluation import BlockView
+from suta_calib.solver.kernel import residual_value
 from suta_calib.solver.losses import symbolic_huber
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.block import Pose
@@ -75,7 +76,7 @@ def _row_cost(view: BlockView, poses: int) -> Symbol:
     precision, threshold = ca.SX.sym("precision"), ca.SX.sym("threshold")
     pairs = list(zip(rotations, positions, strict=True))
     tools = [Pose(ca.reshape(R, 3, 3), p) for R, p in pairs]
-    r = block.residual(tools, own, data)
+    r = residual_value(block.residual, tools, own, data, block.size)
     squared = ca.dot(r, r) * precision
     robust = squared if np.isinf(view.threshold) else symbolic_huber(squared, threshold)
     inputs = [s for pair in pairs for s in pair]

@@ -485,8 +485,8 @@ class CameraView(FramedTerm):
         if seen is not None:
             pixels = np.where(np.isfinite(seen), self._sight(values, self.poses).everywhere, np.nan)
             ideal = replace(ideal, pixels=pixels)
-        sigma, (block,) = [noise[0] / self.pixel], self.blocks
-        return self.over_poses(again.seen(self.poses, ideal, sigma, block.relative))
+        sigma = {"pixels": noise[0] / self.pixel}
+        return self.over_poses(again.seen(self.poses, ideal, sigma, self.blocks[0].relative))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Poses of the board by every picture, and the closed form of those that agree."""

@@ -144,7 +144,7 @@ class FixedPoint(Term):
         turned = cls(MeasuredPoses(R, np.zeros((len(R), 3)), samples))
         truth = named(turned, (t, *c))
         scattered = (spread or EXACT).scattered(
-            noise, (R, turned.observed(truth, turned.poses).position)
+            noise, (R, turned.observed(truth, turned.poses).place)
         )
         poses, outliers = contaminated(
             errors, scattered, gross or NO_OUTLIERS, swap_orientation=False

@@ -21,7 +21,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements import SampleColumns, Samples
-from suta_calib.measurements.samples import numbers_of
+from suta_calib.measurements.samples import numbers_of, positive
 from suta_calib.measurements.scale import LengthScale
 from suta_calib.terms.given import GivenPose
 from suta_calib.terms.poses import ArmPoses
@@ -69,9 +69,11 @@ def columns_of(kind: SampleColumns) -> dict[str, Column]:
     if kind.position_sigma:
         said = "Standard deviation of each coordinate."
         found["position_sigma"] = Column("(n, 3) in m, or (n,), or one for all", about=said)
-    lengths = {name: Column("(n,) in m", about=about.get(name, "")) for name in kind.common_lengths}
+    for number in kind.numbers:
+        takes = "(n,)" if number.unit == "1" else f"(n,) in {number.unit}"
+        found[number.name] = Column(takes, number.required, about.get(number.name, ""))
     more = (*kind.common_labels, *kind.optional_labels)
-    found |= lengths | {name: Column(_LABELS, about=about.get(name, "")) for name in more}
+    found |= {name: Column(_LABELS, about=about.get(name, "")) for name in more}
     side = "1 (it came from smaller readings), -1 (from larger ones) or 0, of each joint's reading"
     return found | {
         "direction": Column(f"(n, joints) of {side}"),
@@ -191,7 +193,13 @@ def _samples(kind: SampleColumns, arm: ArmModel, q: ArrayLike, given: Mapping[st
     labels = {name: _labels(name, given[name], n) for name in names if name in given}
     if kind.pixels:
         labels = {name: [f"row {k}" for k in range(n)] for name in kind.labels} | labels
-    lengths = {name: numbers_of(name, given[name]) for name in kind.common_lengths if name in given}
+    numbers = {
+        column.name: positive(column.name, given[column.name], (n,))
+        if column.positive
+        else given[column.name]
+        for column in kind.numbers
+        if column.name in given
+    }
     sigma, turned = given.get("position_sigma"), given.get("orientation")
     warm = given.get("temperature")
     return Samples.from_arrays(
@@ -201,7 +209,7 @@ def _samples(kind: SampleColumns, arm: ArmModel, q: ArrayLike, given: Mapping[st
         position=given.get("position"),
         rotation=None if turned is None else _rotations(turned),
         origin=given.get("origin"),
-        lengths=lengths,
+        numbers=numbers,
         direction=given.get("direction"),
         temperature=None if warm is None else _spread("temperature", warm, (n,)),
         position_sigma=None if sigma is None else _spread("position_sigma", sigma, (n, 3)),

@@ -191,7 +191,7 @@ class HandEye(SeenTerm):
         moved = MeasuredPoses(*(hand or EXACT).scattered(noise, (R, p)), samples)
         ideal = exact.observed(truth, exact.poses)
         assert ideal.rotation is not None
-        seen = (eye or EXACT).scattered(noise, (ideal.rotation, ideal.position))
+        seen = (eye or EXACT).scattered(noise, (ideal.rotation, ideal.place))
         (R_seen, p_seen), outliers = contaminated(errors, seen, gross or NO_OUTLIERS)
         samples = replace(samples, position=p_seen, rotation=R_seen)
         return Simulated(exact.over_poses(moved.with_samples(samples)), truth, outliers)

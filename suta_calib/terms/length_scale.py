@@ -56,7 +56,7 @@ def scale_carrier(term: Term) -> ScaleCarrier | None:
     if (board := term.board_seen) is not None:
         free = board.stretch is not None
         return ScaleCarrier("board", getattr(term, "target", ""), board.length_scale, free)
-    if samples.position is None and not samples.lengths:
+    if not term.measures_lengths() or (samples.position is None and not samples.numbers):
         return None
     if term.scale is None and not isinstance(term.poses, ArmPoses):
         return None
@@ -93,9 +93,10 @@ def lengthened(term: Term, factors: ArrayLike) -> Term:
     if term.board_seen is not None:
         longer = {"board": term.board_seen.scaled(most)}
         return replace(term, **longer)
-    if samples.position is None and not samples.lengths:
+    if not term.measures_lengths():
         return term
     position = None if samples.position is None else samples.position * np.asarray(factors)
-    lengths = {name: each * most for name, each in samples.lengths.items()}
-    samples = replace(samples, position=position, lengths=lengths)
+    lengths = {column.name for column in term.columns.numbers if column.unit == "m"}
+    numbers = {n: most * v if n in lengths else v for n, v in samples.numbers.items()}
+    samples = replace(samples, position=position, numbers=numbers)
     return term.over_poses(term.poses.with_samples(samples))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -41,23 +41,32 @@ class Observed:
 
     Attributes:
         position: (n, 3), m: of what is seen, in the instrument or the camera; of a tip that
-            touches, in the base.
+            touches, in the base. None for an instrument that sees no position.
         rotation: (n, 3, 3) of the same, or None where the observation says nothing of it.
         pixels: (n, points, 2) where a camera sees the points of a board, px, NaN for those that it
             does not; None for who sees no points. What is seen is then these.
         camera: in whose picture they are.
+        numbers: what is measured beside these, by name of `SampleColumns.numbers`, (n,) in SI.
     """
 
-    position: FloatArray
+    position: FloatArray | None = None
     rotation: FloatArray | None = None
     pixels: FloatArray | None = None
     camera: Camera | None = None
+    numbers: Mapping[str, FloatArray] = field(default_factory=dict)
+
+    @property
+    def place(self) -> FloatArray:
+        """`position` of who has one: of what touches, and of what is seen somewhere."""
+        assert self.position is not None
+        return self.position
 
     @property
     def in_sight(self) -> BoolArray:
         """(n,) whether something is seen: of a board, half of its points."""
         if self.pixels is None:
-            return np.ones(len(self.position), dtype=np.bool_)
+            parts = (self.position, self.rotation, *self.numbers.values())
+            return np.ones(next(len(p) for p in parts if p is not None), dtype=np.bool_)
         return np.asarray(np.isfinite(self.pixels[..., 0]).mean(axis=1) >= 0.5)
 
 
@@ -78,16 +87,16 @@ class Resimulation(Protocol):
         """
 
     def seen(
-        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
+        self, poses: PoseSource, seen: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
         """The same poses with what an instrument sees in their samples, plus noise.
 
         Args:
             poses: as they were measured.
             seen: without noise.
-            noise: standard deviation of a coordinate, m, and, where orientations are seen, of a
-                component of their turn, rad; of pixels, px.
-            relative: factor on the first of them, of each coordinate (n, 3), or of all (1, 1).
+            noise: standard deviations: of a coordinate of the ``position``, m; of a component of
+                the turn of the ``rotation``, rad; of ``pixels``, px; of each number by its name.
+            relative: factor on that of the position, of each coordinate (n, 3), or of all (1, 1).
         """
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:

@@ -250,7 +250,7 @@ class PairwiseDistance(Term):
         landmarks = poses.samples.labels["landmark"]
         sits = seated_at(self.own, values)
         artefact = self.artefact.stretched(stretch_factors(self.own, values))
-        marks = seated(artefact, landmarks, np.eye(3), np.zeros(3), *sits).position
+        marks = seated(artefact, landmarks, np.eye(3), np.zeros(3), *sits).place
         _, position = poses.at(values)
         names, which = grouped(self._sets(poses))
         R, p = registered(marks, position, which, len(names))

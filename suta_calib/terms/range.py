@@ -13,7 +13,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.measurements import SampleColumns, YamlSection
+from suta_calib.measurements import NumberColumn, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Value
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
@@ -62,7 +62,7 @@ class MeasuredRange(Term):
     )
     columns: ClassVar[SampleColumns] = SampleColumns(
         labels=("anchor",),
-        common_lengths=("length",),
+        numbers=(NumberColumn("length", "m", required=False, positive=True),),
         about={
             "anchor": "From which point the distance was measured.",
             "length": "The distance; without the column all from one anchor are one unknown.",
@@ -144,7 +144,7 @@ class MeasuredRange(Term):
 
     @property
     def _lengths(self) -> FloatArray | None:
-        return self.poses.samples.lengths.get("length")
+        return self.poses.samples.numbers.get("length")
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
@@ -170,7 +170,7 @@ class MeasuredRange(Term):
         """The tips as they are, shifted along the line to the anchor."""
         names, which = grouped(poses.samples.labels["anchor"])
         anchor = np.array([point_named(values, f"anchor[{n}]") for n in names])[which]
-        length = poses.samples.lengths.get("length")
+        length = poses.samples.numbers.get("length")
         if length is None:
             length = np.array([values[f"radius[{n}]"] for n in names])[which]
         away = poses.at(values)[1] - anchor

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
 
@@ -72,7 +72,8 @@ class Term(ABC):
         needs_artefact: whether an artefact is touched.
         has_angles: whether it looks at orientations, so that their noise means something.
         keys: what else a row of a job may say, read by `read_settings`.
-        unit: of the noise of its lengths in a job: ``mm``, or ``px`` where they are in pictures.
+        unit: of the noise of its first block in a job: ``mm``, or ``px`` where lengths are in
+            pictures; ``deg`` of angles alone, empty of plain numbers.
         place: label column of what stands somewhere unknown and is touched; empty where nothing is.
         place_unknown: name of the unknowns of one such place, before its label in brackets.
         place_more: names of what else is unknown of it, before its label in brackets.
@@ -106,7 +107,7 @@ class Term(ABC):
     needs_artefact: ClassVar[bool] = False
     has_angles: ClassVar[bool] = True
     keys: ClassVar[tuple[Field, ...]] = ()
-    unit: ClassVar[Literal["mm", "px"]] = "mm"
+    unit: ClassVar[Literal["mm", "px", "deg", ""]] = "mm"
     place: ClassVar[str] = ""
     place_unknown: ClassVar[str] = ""
     place_more: ClassVar[tuple[str, ...]] = ()
@@ -134,6 +135,10 @@ class Term(ABC):
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self.poses)} samples>"
+
+    def __getstate__(self) -> dict[str, Any]:
+        """What it was made of: all else follows, residuals too, which may be a `lambda`."""
+        return {each.name: getattr(self, each.name) for each in fields(self)}
 
     @property
     @abstractmethod
@@ -217,12 +222,14 @@ class Term(ABC):
     @cached_property
     def places(self) -> tuple[list[str], IntArray]:
         """Labels of the places that are touched, and which of them each sample has, (n,)."""
+        if not self.place:
+            return [], np.zeros(len(self.poses), dtype=np.intp)
         return grouped(self.poses.samples.labels[self.place])
 
     @classmethod
     def measures_lengths(cls) -> bool:
         """Whether an instrument of this kind measures positions or lengths."""
-        return cls.columns.position or bool(cls.columns.common_lengths)
+        return cls.columns.position or any(number.unit == "m" for number in cls.columns.numbers)
 
     @classmethod
     @abstractmethod
@@ -278,7 +285,7 @@ class Term(ABC):
     def measured(
         cls, place: FloatArray, tips: FloatArray, settings: Mapping[str, Any]
     ) -> dict[str, FloatArray]:
-        """Lengths that are measured, with nothing wrong, while the tip touches a place.
+        """Numbers that are measured, with nothing wrong, while the tip touches a place.
 
         Args:
             place: (3,) or (n, 3) where it is in the base, m.
@@ -286,7 +293,7 @@ class Term(ABC):
             settings: as `read_settings`, or `settings`, gives them.
 
         Returns:
-            By name of `SampleColumns.common_lengths`, (n,), m; empty where nothing is measured.
+            By name of `SampleColumns.numbers`, (n,), in SI; empty where nothing is measured.
         """
         del place, tips, settings
         return {}
@@ -344,9 +351,15 @@ class Term(ABC):
         """
         ideal = self.observed(values, self.poses)
         if self.medium != "touch":
-            return self.over_poses(again.seen(self.poses, ideal, noise, self.blocks[0].relative))
+            by_unit = dict[str, float]()
+            for block, level in zip(self.blocks, noise, strict=True):
+                by_unit.setdefault(block.unit, level)
+            units = {number.name: number.unit for number in self.columns.numbers}
+            units |= {"position": "m", "rotation": "rad"}
+            levels = {name: by_unit[unit] for name, unit in units.items() if unit in by_unit}
+            return self.over_poses(again.seen(self.poses, ideal, levels, self.blocks[0].relative))
         sigma = noise[0] / self.noise_factor
-        return self.over_poses(again.touched(self.poses, ideal.position, sigma))
+        return self.over_poses(again.touched(self.poses, ideal.place, sigma))
 
     @property
     def settings(self) -> Mapping[str, Any]:

@@ -262,7 +262,7 @@ class TrackedPoint(SeenTerm):
         samples = Samples.from_arrays([], np.zeros((count, 0)), position=points)
         exact = cls(MeasuredPoses(upright, points, samples))
         truth = named(exact, (pose_values(*T),))
-        ideal = exact.observed(truth, exact.poses).position
+        ideal = exact.observed(truth, exact.poses).place
         seen, outliers = contaminated(
             errors, (spread or EXACT).scattered(noise, (upright, ideal)), gross or NO_OUTLIERS
         )

@@ -55,8 +55,12 @@ def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Ter
         for pose in ((rotation, position), moved)
     )
     if samples.position is not None:
-        changed["position"] = samples.position + after.position - before.position
+        changed["position"] = samples.position + after.place - before.place
     if samples.rotation is not None and before.rotation is not None and after.rotation is not None:
         turn = np.swapaxes(before.rotation, 1, 2) @ after.rotation
         changed["rotation"] = samples.rotation @ turn
+    changed["numbers"] = {
+        name: value + after.numbers.get(name, 0.0) - before.numbers.get(name, 0.0)
+        for name, value in samples.numbers.items()
+    }
     return term.over_poses(term.poses.with_samples(replace(samples, **changed)))

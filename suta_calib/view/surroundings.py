@@ -39,7 +39,7 @@ def surroundings(
         yield from _board(term, values, np.array(list(board.points.values())), size)
     if term.medium != "touch":
         return
-    ideal = term.observed(values, term.poses).position
+    ideal = term.observed(values, term.poses).place
     names, place = term.places
     for k, name in enumerate(names):
         touched = ideal[place == k]

@@ -129,7 +129,7 @@ def test_an_instrument_scatters_whether_or_not_somebody_reads_it(
     samples = all_samples(made)
     _, tip = made.arm.forward(samples.q, made.values)
     distance = np.linalg.norm(tip - [0.4, -0.05, 0.03], axis=1)
-    expected = samples.lengths.get("length", np.full(len(distance), 0.3))
+    expected = samples.numbers.get("length", np.full(len(distance), 0.3))
     scatter = 1e3 * float(np.std(distance - expected))
     # 150 numbers tell their scatter to 6 %.
     assert scatter == pytest.approx(noise, rel=4 * 0.06, abs=1e-6)

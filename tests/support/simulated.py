@@ -166,7 +166,7 @@ class Scene:
         return self.term(self.samples()[0], noise, angular)
 
     def _observed(self, q: FloatArray, position: FloatArray, rotation: FloatArray) -> Samples:
-        measured: dict[str, Any] = {"lengths": self.lengths}
+        measured: dict[str, Any] = {"numbers": self.lengths}
         if "position" in self.seen:
             measured["position"] = position
         if self.stated is not None:

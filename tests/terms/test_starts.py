@@ -65,7 +65,7 @@ def test_distances_that_tell_nothing_are_refused(factor: float, rows: int, messa
     q = random_readings(arm, np.random.default_rng(2), rows)
     length = factor * np.linalg.norm(arm.forward(q)[1] - [0.2, 0.1, -0.5], axis=1)
     samples = Samples.from_arrays(
-        arm.joints, q, labels={"anchor": ["A"] * rows}, lengths={"length": length}
+        arm.joints, q, labels={"anchor": ["A"] * rows}, numbers={"length": length}
     )
     with pytest.raises(SamplesError, match=message):
         MeasuredRange(ArmPoses(arm, samples)).check_enough()

@@ -171,7 +171,11 @@ class Situation:
             rotation = ideal.rotation if oriented else None
             position = None if self.seen.poses.samples.position is None else ideal.position
             samples = replace(
-                poses.samples, position=position, rotation=rotation, pixels=ideal.pixels
+                poses.samples,
+                position=position,
+                rotation=rotation,
+                pixels=ideal.pixels,
+                numbers=ideal.numbers,
             )
             return self.seen.over_poses(ArmPoses(self.arm, samples))
         if isinstance(place, Point):
@@ -179,10 +183,10 @@ class Situation:
             kind = self.places
             settings = kind.settings if isinstance(kind, Term) else {}
             tips = self.arm.forward(q, self.values)[1]
-            lengths = kind.measured(place.position, tips, settings)
+            numbers = kind.measured(place.position, tips, settings)
             poses = ArmPoses(
                 self.arm,
-                Samples.from_arrays(self.arm.joints, q, labels=labels, lengths=lengths),
+                Samples.from_arrays(self.arm.joints, q, labels=labels, numbers=numbers),
             )
             return kind.over_poses(poses) if isinstance(kind, Term) else kind.over(poses, Setup())
         labels = {

@@ -27,7 +27,7 @@ from joblib.externals.loky import get_reusable_executor
 from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from suta_calib.analysis.study.trial import StudyData, Trial, run_trial
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, SamplesError
 from suta_calib.extras import load
 
 Task = tuple[int, int]  # size, number
@@ -226,8 +226,20 @@ def _client(distributed: Any, address: str) -> Iterator[Any]:
 
 
 def _packed(data: StudyData) -> tuple[bytes, str]:
-    """The study's data as bytes, and a name for them."""
-    content = pickle.dumps(data, protocol=pickle.HIGHEST_PROTOCOL)
+    """The study's data as bytes, and a name for them.
+
+    Raises:
+        SamplesError: a kind of another package holds something that cannot be written as bytes.
+    """
+    try:
+        content = pickle.dumps(data, protocol=pickle.HIGHEST_PROTOCOL)
+    except (pickle.PicklingError, AttributeError, TypeError) as problem:
+        raise SamplesError(
+            f"a term that other processes cannot read ({problem})",
+            "fields of arrays, numbers and texts, and functions of a module",
+            where="observations",
+            hint="or use one process: --jobs 1",
+        ) from None
     return content, hashlib.sha256(content).hexdigest()
 
 

@@ -252,16 +252,19 @@ class _Noisy:
         return poses.with_samples(replace(poses.samples, q=found.q))
 
     def seen(
-        self, poses: PoseSource, seen: Observed, noise: Sequence[float], relative: FloatArray
+        self, poses: PoseSource, seen: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
+        samples, normal = poses.samples, self.random.standard_normal
         if seen.pixels is not None:
-            pixels = seen.pixels + noise[0] * self.random.standard_normal(seen.pixels.shape)
-            return poses.with_samples(replace(poses.samples, pixels=pixels))
-        scatter = noise[0] * relative * self.random.standard_normal(seen.position.shape)
-        samples = replace(poses.samples, position=seen.position + scatter)
-        if len(noise) > 1 and seen.rotation is not None:
-            samples = replace(samples, rotation=self.turned(seen.rotation, noise[1]))
-        return poses.with_samples(samples)
+            pixels = seen.pixels + noise["pixels"] * normal(seen.pixels.shape)
+            return poses.with_samples(replace(samples, pixels=pixels))
+        if seen.position is not None:
+            scatter = noise["position"] * relative * normal(seen.position.shape)
+            samples = replace(samples, position=seen.position + scatter)
+        if seen.rotation is not None and "rotation" in noise:
+            samples = replace(samples, rotation=self.turned(seen.rotation, noise["rotation"]))
+        numbers = {n: v + noise[n] * normal(v.shape) for n, v in seen.numbers.items()}
+        return poses.with_samples(replace(samples, numbers={**samples.numbers, **numbers}))
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
         return np.asarray(rotation @ scattered_rotations(self.random, sigma, len(rotation)))
