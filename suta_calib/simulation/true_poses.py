@@ -49,7 +49,9 @@ def true_poses(
 
 
 def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
-    """True values, m or rad, of the own unknowns that are poses; frames not stated coincide.
+    """True values, m or rad, of the own unknowns; frames that are not stated coincide.
+
+    An unknown that no key states is at its nominal value.
 
     Args:
         plan: the set.
@@ -58,7 +60,7 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
     here = PoseSpec(np.eye(3), np.zeros(3))
     stated = {frame.own: plan.frames.get(frame.key, here) for frame in term.frames}
     stated |= {f"{term.mark}[{label}]": pose for label, pose in plan.marks.items()}
-    values: dict[str, float] = {}
+    values = {p.name: p.nominal for p in term.own}
     for owner, pose in stated.items():
         six = pose_values(pose.rotation, pose.position).tolist()
         values |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}

@@ -273,8 +273,12 @@ def _jitter(
     for term, source in zip(problem.terms, sources, strict=True):
         mine = [line for line in lines if any(line.view.block is b for b in term.blocks)]
         if isinstance(source, ArmPoses):
-            share = _levels(mine)["m"] * np.sqrt(3.0) / source.reach
-            shifts.append(share * random.standard_normal(source.samples.q.shape))
+            shape, level = source.samples.q.shape, _levels(mine).get("m")
+            if level is not None:
+                share = level * np.sqrt(3.0) / source.reach
+            else:  # Nothing tells how far the tip moves, but how far it turns.
+                share = _pose_noise(mine)[5] * np.sqrt(3.0 / max(shape[1], 1))
+            shifts.append(share * random.standard_normal(shape))
         else:
             judged = not isinstance(source, MeasuredPoses) or source.judged
             noise = _pose_noise(mine) if judged else np.zeros(6)
@@ -295,12 +299,16 @@ def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
         squares = np.einsum("ndc,ndc->c", line.by_pose, line.by_pose)
         moved, turned = (np.sqrt(squares[c].sum()) for c in (~angular, angular))
         if "rad" not in level and turned > 0:
-            turn = min(level["m"] * float(moved / turned) * np.sqrt(2.0 / 3.0), WORST_TURN)
-    return np.repeat([level["m"], turn], 3)
+            if "m" in level:
+                turn = level["m"] * float(moved / turned) * np.sqrt(2.0 / 3.0)
+            else:  # Plain numbers: as much as explains them, shared by the three axes.
+                turn = _median(line.sigma) * np.sqrt(line.residual.size) / float(turned)
+            turn = min(turn, WORST_TURN)
+    return np.repeat([level.get("m", 0.0), turn], 3)
 
 
 def _levels(lines: Sequence[Linearised]) -> dict[Unit, float]:
-    """Noise of one component of a term's residuals by unit; every kind has lengths among them."""
+    """Noise of one component of a term's residuals by unit."""
     return {line.view.block.unit: _median(line.sigma) for line in lines}
 
 

@@ -7,6 +7,7 @@ with Huber's ρ per block and x within its bounds. `Problem` is data: `solve` mi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
@@ -22,10 +23,13 @@ from suta_calib.solver.evaluation import BlockView, Evaluation, Linearised
 from suta_calib.terms.block import Block, grouped_rows
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
+from suta_calib.units import Unit
 
 # Noise of one component where a job does not say: half a millimetre, as optical trackers and seated
-# plugs scatter, and a tenth of a degree. It only matters against priors and between kinds.
-DEFAULT_SIGMA: Final = {"m": 0.5e-3, "rad": np.radians(0.1)}
+# plugs scatter, and a tenth of a degree; of other numbers a thousandth, as of the components of a
+# direction. It only matters against priors and between kinds.
+DEFAULT_SIGMA: Final[dict[Unit, float]] = {"m": 0.5e-3, "rad": math.radians(0.1)}
+PLAIN_SIGMA: Final = 1e-3
 
 
 # Samples of a term of which what is true on average of all is asked, where there are twice as many:
@@ -125,9 +129,7 @@ class Problem:
 
     def assumed_sigmas(self) -> list[float]:
         """Noise level of each block as the job gives it, or `DEFAULT_SIGMA`."""
-        return [
-            DEFAULT_SIGMA[b.unit] if b.noise.sigma is None else b.noise.sigma for b in self.blocks
-        ]
+        return [b.noise.sigma or DEFAULT_SIGMA.get(b.unit, PLAIN_SIGMA) for b in self.blocks]
 
     def prior_precision(self) -> FloatArray:
         """1/prior² per parameter (n,), zero where nothing is known beforehand."""
