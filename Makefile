@@ -26,6 +26,9 @@ INSTALLED_DOCS := $(VENV)/.installed-docs
 VENV_LOWEST := .venv-lowest
 INSTALLED_LOWEST := $(VENV_LOWEST)/.installed
 
+# What another package adds by entry points; the tests use it.
+OUTSIDE := tests/support/outside_package
+
 # What `make measured` compares with; further jobs for it.
 VENV_FIGAROH := .venv-figaroh
 INSTALLED_FIGAROH := $(VENV_FIGAROH)/.installed
@@ -133,9 +136,9 @@ $(INSTALLED): pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@
 
 # Not compiled file by file, half a minute on one core: what is used of it is, when it is imported.
-$(INSTALLED_DEV): pyproject.toml constraints.txt | $(BIN)/python
+$(INSTALLED_DEV): pyproject.toml constraints.txt $(OUTSIDE)/pyproject.toml | $(BIN)/python
 	@echo "Installing suta_calib and its developer tools into $(VENV); the first time this takes a few minutes."
-	$(INSTALL) --no-compile -e ".[dev,robots]"
+	$(INSTALL) --no-compile -e ".[dev,robots]" -e $(OUTSIDE)
 	@touch $@ $(INSTALLED)
 
 # The benchmarks run without the peers too, and say so.
@@ -149,9 +152,9 @@ $(INSTALLED_DOCS): pyproject.toml constraints.txt | $(INSTALLED)
 	$(INSTALL) -e ".[docs]"
 	@touch $@
 
-$(INSTALLED_LOWEST): pyproject.toml constraints-lowest.txt | $(VENV_LOWEST)/bin/python
+$(INSTALLED_LOWEST): pyproject.toml constraints-lowest.txt $(OUTSIDE)/pyproject.toml | $(VENV_LOWEST)/bin/python
 	@echo "Installing suta_calib and the oldest versions it allows into $(VENV_LOWEST)."
-	$(VENV_LOWEST)/bin/python $(PIP_INSTALL) -c constraints-lowest.txt -e ".[test,robots]"
+	$(VENV_LOWEST)/bin/python $(PIP_INSTALL) -c constraints-lowest.txt -e ".[test,robots]" -e $(OUTSIDE)
 	@touch $@
 
 $(INSTALLED_FIGAROH): | $(VENV_FIGAROH)/bin/python

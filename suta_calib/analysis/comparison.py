@@ -64,7 +64,7 @@ class ArmComparison:
     def assessment(self) -> Assessment:
         """Care where the other arm is worse, or the data cannot tell; it is of use in any case."""
         gain = self.gain
-        own, this = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+        own, this = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
         care = []
         if gain.worse:
             care.append("The URDF is worse than the job's own on these data.")

@@ -111,19 +111,20 @@ class TermAccuracy:
 
 @dataclass(frozen=True)
 class Gain:
-    """What the calibrated arm is better than the nominal one, in held-out lengths, and how surely.
+    """What the calibrated arm is better than the nominal one, in held-out errors, and how surely.
 
     The same rows judge both arms, so their squared errors are compared row by row, and rows that
     err together count once. An arm that was right before gets worse by what its estimates are
     unsure of: that alone is no reason not to use it.
 
     Attributes:
-        before, after: root mean square errors with either arm, m.
-        mean: of the squares before less those after, m².
-        std: of that mean, from its scatter among the witnesses, m².
+        before, after: root mean square errors with either arm, in ``unit``.
+        mean: of the squares before less those after, in its square, as all that follow.
+        std: of that mean, from its scatter among the witnesses.
         witnesses: how many there are.
-        unsure: mean square that the estimates' covariance adds to the errors, m².
-        unsure_std: of that, because all rows see the same estimates, m².
+        unsure: mean square that the estimates' covariance adds to the errors.
+        unsure_std: of that, because all rows see the same estimates.
+        unit: SI unit of the errors.
     """
 
     before: float
@@ -133,6 +134,7 @@ class Gain:
     witnesses: int
     unsure: float = 0.0
     unsure_std: float = 0.0
+    unit: Unit = "m"
 
     @property
     def significance(self) -> float:
@@ -292,7 +294,8 @@ def gain_of(
     variance *= witnesses / max(witnesses - 1, 1)
     before, after = (Accuracy.overall(terms, which).rms for which in ("before", "after"))
     std = math.sqrt(variance) / rows
-    return Gain(before, after, mean, std, witnesses, unsure, unsure_std)
+    unit = same[0].term.error_unit
+    return Gain(before, after, mean, std, witnesses, unsure, unsure_std, unit)
 
 
 def _variance_of_sum(values: FloatArray, members: IntArray) -> float:

@@ -140,7 +140,7 @@ def _on_gain(accuracy: Accuracy) -> list[str]:
     gain = accuracy.gain
     if gain is None or gain.better or gain.worse:
         return []
-    before, after = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+    before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
     return [
         f"The validation data cannot tell the calibrated arm ({after}) from the nominal one "
         f"({before}): it may have been right before."
@@ -357,7 +357,7 @@ def _like_geometry(examined: CalibrationExamination, fewer: CalibrationExaminati
 
 def _with_it(gain: ExtensionGain) -> str:
     """What estimating it as well does to the errors of rows that were left out."""
-    before, after = (text(rms, "m", with_unit=True) for rms in (gain.before, gain.after))
+    before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
     return (
         "With that estimated too, the error of rows left out of the fit changes from "
         f"{after} to {before}"

@@ -22,6 +22,7 @@ from suta_calib.diagnostics.accuracy import (
 )
 from suta_calib.diagnostics.cross_validation import CrossValidation, limited_rms
 from suta_calib.diagnostics.linearised import LinearModels, ModelFit
+from suta_calib.units import Unit
 
 # Share of the squared held-out errors that an error must explain: less changes the RMS by less than
 # 5 %, which nobody notices.
@@ -34,12 +35,14 @@ class ExtensionGain:
 
     Attributes:
         names: the parameters.
-        before, after: RMS of the held-out errors, m, none counted beyond its Huber threshold.
+        before, after: RMS of the held-out errors, none counted beyond its Huber threshold.
+        unit: SI unit of these.
     """
 
     names: tuple[str, ...]
     before: float
     after: float
+    unit: Unit
 
 
 def best_extension(
@@ -66,7 +69,8 @@ def best_extension(
             best = errors, fit
     if best is None:
         return None
-    return ExtensionGain(best[1].added, job.rms, best[0].rms)
+    unit = linear.problem.terms[0].error_unit
+    return ExtensionGain(best[1].added, job.rms, best[0].rms, unit)
 
 
 def _holds_on(validation: Sequence[TermAccuracy], linear: LinearModels, fit: ModelFit) -> bool:

@@ -77,20 +77,21 @@ def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
     return np.geomspace(low, top * 1.001, count + 1), True
 
 
-def grouped_errors(groups: Mapping[str, FloatArray], grouping: str) -> Chart:
-    """Box plot of errors, one box a group, worst median first, mm.
+def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, unit: Unit = "m") -> Chart:
+    """Box plot of errors, one box a group, worst median first.
 
     Args:
-        groups: errors, m, by the group's name; those beyond `MOST_GROUPS` are left out.
+        groups: errors, in SI, by the group's name; those beyond `MOST_GROUPS` are left out.
         grouping: what the groups are, e.g. ``landmark``.
+        unit: SI unit of the errors.
     """
     ranked = sorted(groups.items(), key=lambda item: -float(np.median(item[1])))[:MOST_GROUPS]
-    errors = [shown(e, "m") for _, e in ranked]
+    errors = [shown(e, unit) for _, e in ranked]
     names = [(k, shortened(f"{name}  ({len(e)})")) for k, (name, e) in enumerate(ranked)]
     return Chart(
         _boxes(errors),
         Axis(
-            "error after calibration, mm (in brackets: number of errors)",
+            f"error after calibration, {unit_name(unit)} (in brackets: number of errors)",
             *ends(np.concatenate(errors), least=0.0),
             grid=True,
         ),

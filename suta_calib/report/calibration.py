@@ -62,6 +62,7 @@ from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.units import Unit
 from suta_calib.words import combination
 
 NAME: Final = "result"
@@ -310,14 +311,15 @@ def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
             rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
-            found.append(Figure(partial(_boxes, of[label], label, svg_name), title))
+            unit = terms[0].term.error_unit
+            found.append(Figure(partial(_boxes, of[label], label, svg_name, unit), title))
     if found:
         yield Text("Where the remaining errors are", place="page", look="heading")
         yield from found
 
 
-def _boxes(errors: Mapping[str, FloatArray], label: str, name: str) -> str:
-    return plots.groups_svg(errors, label, name)
+def _boxes(errors: Mapping[str, FloatArray], label: str, name: str, unit: Unit) -> str:
+    return plots.groups_svg(errors, label, name, unit)
 
 
 def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:

@@ -54,15 +54,16 @@ def histogram_svg(
     return chart_svg([chart], name, description, _HISTOGRAM)
 
 
-def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str) -> str:
-    """Box plot of the errors after calibration, one box a group, worst median first; mm.
+def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str, unit: Unit = "m") -> str:
+    """Box plot of the errors after calibration, one box a group, worst median first.
 
     Args:
-        groups: errors, m, by the group's name; not empty.
+        groups: errors, in SI, by the group's name; not empty.
         grouping: what the groups are, e.g. ``landmark``.
         name: id of the plot on its page.
+        unit: SI unit of the errors.
     """
-    chart = grouped_errors(groups, grouping)
+    chart = grouped_errors(groups, grouping, unit)
     height = max(_BOX_ROW * (chart.y.first - chart.y.last), _LEAST_BOXES)
     return chart_svg([chart], name, f"Errors after calibration by {grouping}", height)
 

@@ -179,6 +179,8 @@ def _of_kind(found: Sequence[KindErrors], which: int) -> Json:
     for errors in found:
         part = metrics_json(errors.metrics[which], errors.unit)
         content |= {key: value for key, value in part.items() if key not in content}
+    if found and found[0].unit == "rad":
+        return content
     # Orientations are told by one figure beside the positions.
     return {k: v for k, v in content.items() if not k.endswith("_deg") or k == "rms_deg"}
 
@@ -242,14 +244,15 @@ def groupings() -> tuple[str, ...]:
 
 
 def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray]:
-    """Errors after calibration of the terms' first blocks by a label or by ``file``, m.
+    """Errors after calibration of the terms' first blocks by a label or by ``file``, in SI.
 
-    An error that belongs to two landmarks, as a distance does, counts for both.
+    Terms whose errors have another unit than those of the first are left out. An error that
+    belongs to two landmarks, as a distance does, counts for both.
     """
     found: dict[str, list[FloatArray]] = {}
     for term in terms:
         names = _names(term, grouping)
-        if names is None:
+        if names is None or term.blocks[0].unit != terms[0].blocks[0].unit:
             continue
         block, (different, which) = term.blocks[0], grouped(names)
         # Each error once for every name that it belongs to, name by name, in the order of rows.

@@ -18,12 +18,12 @@ from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.solver.solution import Estimate
 from suta_calib.trust.extended import LOOKS_LIKE
-from suta_calib.units import mm, shown, text, unit_name
+from suta_calib.units import key, shown, text, unit_name
 
 NAME: Final = "extend"
 TITLE: Final = "Errors beside geometry"
 CAPTION: Final = (
-    "RMS in mm, each error counted up to the Huber threshold. Change: of the held-out variance "
+    "RMS{unit}, each error counted up to the Huber threshold. Change: of the held-out variance "
     "against the job's model, with its standard error over the folds."
 )
 MOST_TESTS: Final = 6
@@ -79,13 +79,13 @@ def model_selection_document(choice: ModelSelection) -> Document:
         Figure(partial(models_plot, choice)),
         ShownOnly(models.of(best, title), "console"),
         ShownOnly(models.of(choice.tried), "page"),
-        Text(CAPTION),
+        Text(CAPTION.format(unit=f" in {name}" if (name := unit_name(choice.unit)) else "")),
         Text(f"Left out each time: {'; '.join(choice.folds)}.", place="page"),
     ]
     if choice.validated is not None:
-        job, chosen = (text(rms, "m") for rms in choice.validated)
+        job, chosen = (text(rms, choice.unit, with_unit=True) for rms in choice.validated)
         parts.append(
-            Text(f"On the validation data: RMS {job} mm with the job's model, {chosen} mm chosen.")
+            Text(f"On the validation data: RMS {job} with the job's model, {chosen} chosen.")
         )
     estimates = choice.solution.estimates
     parts.append(ADDED.of(estimates[name] for name in choice.added))
@@ -123,7 +123,7 @@ def wrapped(row: str) -> str:
 
 
 def models_plot(choice: ModelSelection) -> str:
-    """An SVG: fitted and held-out RMS of the best models that were tried, mm."""
+    """An SVG: fitted and held-out RMS of the best models that were tried."""
     models = sorted(_best(choice), key=lambda c: c.held_out.rms)
     names = [f"→ {short(m.name)}" if m is choice.chosen else short(m.name) for m in models]
     places = np.arange(len(models))
@@ -133,12 +133,12 @@ def models_plot(choice: ModelSelection) -> str:
             ([m.fitted for m in models], ORANGE, "s", "fitted data"),
             ([m.held_out.rms for m in models], BLUE, "o", "data left out"),
         ):
-            axes.plot(mm(np.array(values)), places, mark, color=colour, label=label)
+            axes.plot(shown(np.array(values), choice.unit), places, mark, color=colour, label=label)
         axes.set_yticks(places, names, fontsize=8)
         axes.invert_yaxis()
         axes.grid()
         axes.set_xlim(left=0)
-        axes.set_xlabel("RMS, mm (arrow: chosen)")
+        axes.set_xlabel(f"RMS, {unit_name(choice.unit)} (arrow: chosen)")
         axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
         return svg_text(figure, NAME, "Fitted and held-out errors of the models that were tried")
 
@@ -176,8 +176,8 @@ def _models(choice: ModelSelection) -> Listing[ModelCandidate]:
     return Listing(
         "Models, cross-validated",
         Column("name", "unknowns beside the job's", cell=name),
-        Column("fitted_rms", "fitted", lambda m: m.fitted, "m"),
-        Column("held_out_rms", "held out", lambda m: m.held_out.rms, "m"),
+        Column("fitted_rms", "fitted", lambda m: m.fitted, choice.unit),
+        Column("held_out_rms", "held out", lambda m: m.held_out.rms, choice.unit),
         against_job("held_out_variance_change", "change, %", 0, -1.0),
         against_job("standard_error", "± error", 1, 1.0),
         Column("unknowns", None, lambda m: len(m.parameters)),
@@ -192,8 +192,8 @@ def _models(choice: ModelSelection) -> Listing[ModelCandidate]:
 def _data(choice: ModelSelection) -> Json:
     validated = None
     if choice.validated is not None:
-        job, chosen = (mm(rms) for rms in choice.validated)
-        validated = {"job_rms_mm": job, "chosen_rms_mm": chosen}
+        job, chosen = (shown(rms, choice.unit) for rms in choice.validated)
+        validated = {key("job_rms", choice.unit): job, key("chosen_rms", choice.unit): chosen}
     return {
         "chosen": choice.chosen.name,
         "added": list(choice.added),

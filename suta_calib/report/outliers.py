@@ -21,12 +21,12 @@ from suta_calib.analysis.outliers import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.analysis.outliers.plots import PANEL, TOLD, metric_charts
+from suta_calib.analysis.outliers.plots import PANEL, metric_charts, told
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.report.chart_svg import Row, rows_svg
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
-from suta_calib.units import NOTHING, key, shown, text, unit_name
+from suta_calib.units import NOTHING, Unit, key, shown, text, unit_name
 
 NAME: Final = "outliers"
 # Larger figures have no place in a column.
@@ -48,13 +48,16 @@ OWN_FIT: Final = (
 )
 
 
-def _key(metric: Metric) -> str:
-    return key(metric, TOLD[metric][0])
+def _key(metric: Metric, unit: Unit) -> str:
+    return key(metric, told(metric, unit)[0])
 
 
-def _column(metric: Metric, *, judged: bool) -> Column[Group]:
-    """A metric as it is judged, with a mark where it is flagged; or that of the job's own fit."""
-    unit, head, _ = TOLD[metric]
+def _column(metric: Metric, errors: Unit, *, judged: bool) -> Column[Group]:
+    """A metric as it is judged, with a mark where it is flagged; or that of the job's own fit.
+
+    ``errors`` is the unit of the observation's errors.
+    """
+    unit, head, _ = told(metric, errors)
 
     def value(group: Group) -> float:
         return (group.values if judged else group.as_calibrated)[metric]
@@ -68,21 +71,32 @@ def _column(metric: Metric, *, judged: bool) -> Column[Group]:
     return Column(metric, head, value, unit, cell=cell)
 
 
-AS_CALIBRATED: Final = tuple(_column(metric, judged=False) for metric in METRICS)
-HELD_OUT: Final = Listing[HeldOut](
-    "",
-    Column("rms_before", None, lambda effect: effect.before, "m"),
-    Column("rms_after", None, lambda effect: effect.after, "m"),
-    Column("change", unit="%"),
-    Column("rms_all_after", None, lambda effect: effect.everything, "m"),
-    Column("count"),
-)
-TOUCHES: Final = Listing[GrossTouch](
-    "Single touches set aside for these figures",
-    Column("row", "row", lambda touch: touch.origin),
-    Column("what", "what"),
-    Column("size", "residual, mm", unit="m", form=".2f"),
-)
+def _as_calibrated(term: TermOutliers) -> tuple[Column[Group], ...]:
+    return tuple(_column(metric, term.unit, judged=False) for metric in METRICS)
+
+
+def _held_out(term: TermOutliers) -> Listing[HeldOut]:
+    return Listing(
+        "",
+        Column("rms_before", None, lambda effect: effect.before, term.unit),
+        Column("rms_after", None, lambda effect: effect.after, term.unit),
+        Column("change", unit="%"),
+        Column("rms_all_after", None, lambda effect: effect.everything, term.unit),
+        Column("count"),
+    )
+
+
+def _touches(term: TermOutliers) -> Listing[GrossTouch]:
+    return Listing(
+        "Single touches set aside for these figures",
+        Column("row", "row", lambda touch: touch.origin),
+        Column("what", "what"),
+        Column(
+            "size", f"residual, {unit_name(term.unit)}".rstrip(", "), unit=term.unit, form=".2f"
+        ),
+    )
+
+
 MOVES: Final = Listing[Move](
     "Moved between its rows",
     Column("what", "what"),
@@ -106,14 +120,15 @@ def outliers_document(found: Outliers) -> Document:
     parts: list[Part] = [Text(explained, place="page"), *_figures(found)]
     for term in found.terms:
         for level in term.levels:
-            parts += [_groups(term, level).of(_shown(level)), Text(_limits_text(level))]
+            shown_groups = _groups(term, level).of(_shown(level))
+            parts += [shown_groups, Text(_limits_text(level, term.unit))]
     for term in found.terms:
         if term.levels:
             level, noun = term.levels[0], GROUPING_NOUN[term.levels[0].name]
             title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
-            own = Listing(title, Column[Group]("label", noun), *AS_CALIBRATED)
+            own = Listing(title, Column[Group]("label", noun), *_as_calibrated(term))
             parts += [own.of(_shown(level)), Text(OWN_FIT)]
-    parts += [ShownOnly(TOUCHES.of(term.touches), "page") for term in found.terms]
+    parts += [ShownOnly(_touches(term).of(term.touches), "page") for term in found.terms]
     parts += [ShownOnly(MOVES.of(term.moves), "page") for term in found.terms]
     parts += advice(found)
     return Document(NAME, "Outliers", found.assessment, parts, _data(found))
@@ -139,10 +154,11 @@ def advice(found: Outliers) -> list[Text]:
                 if (effect := _effect(term, level, group)) is None:
                     continue
                 others = " of the others" if effect.count and noun == "landmark" else ""
-                before, after = text(effect.before, "m"), text(effect.after, "m")
+                before = text(effect.before, term.unit)
+                after = text(effect.after, term.unit, with_unit=True)
                 effect_said = (
                     f"Without {noun} {group.label} the held-out RMS{others} goes from {before} to "
-                    f"{after} mm ({shown(effect.change, '%'):+.1f} %, {term.method})."
+                    f"{after} ({shown(effect.change, '%'):+.1f} %, {term.method})."
                 )
                 said.append(Text(effect_said, bullet=True))
     return said
@@ -164,15 +180,15 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
     return Listing(
         f"{term.kind}, by {noun}",
         Column("label", noun),
-        *(_column(metric, judged=True) for metric in METRICS),
+        *(_column(metric, term.unit, judged=True) for metric in METRICS),
         Column("", "held-out %", cell=change, numeric=True),
         Column("", "", lambda g: "outlier" if g.outlier else "suspect" if g.suspect else ""),
-        Column("p", None, lambda group: {_key(metric): group.p[metric] for metric in METRICS}),
-        Column("flags", None, lambda group: [_key(metric) for metric in group.flags]),
+        Column("p", None, lambda g: {_key(metric, term.unit): g.p[metric] for metric in METRICS}),
+        Column("flags", None, lambda g: [_key(metric, term.unit) for metric in g.flags]),
         Column("outlier"),
         Column("suspect"),
         Column("samples"),
-        Column("as_calibrated", None, Listing("", *AS_CALIBRATED).record),
+        Column("as_calibrated", None, Listing("", *_as_calibrated(term)).record),
         named=True,
     )
 
@@ -185,10 +201,11 @@ def _shown(level: Level) -> Sequence[Group]:
     return [g for g in level.groups if g.label in kept]
 
 
-def _limits_text(level: Level) -> str:
+def _limits_text(level: Level, errors: Unit) -> str:
     limits = ", ".join(
         f"{head.split()[0]} {shown(level.thresholds[metric], unit):.3g} {unit_name(unit)}".rstrip()
-        for metric, (unit, head, _) in TOLD.items()
+        for metric in METRICS
+        for unit, head, _ in [told(metric, errors)]
     )
     rest = len(level.groups) - len(_shown(level))
     more = f"; {rest} more with smaller shares" if rest else ""
@@ -227,19 +244,19 @@ def _term_dict(term: TermOutliers) -> Json:
         **levels,
         "thresholds": {
             level.name: {
-                _key(metric): shown(limit, TOLD[metric][0])
+                _key(metric, term.unit): shown(limit, told(metric, term.unit)[0])
                 for metric, limit in level.thresholds.items()
             }
             for level in term.levels
         },
-        "touches": TOUCHES.records(term.touches),
+        "touches": _touches(term).records(term.touches),
         "moves": MOVES.records(term.moves),
         "samples": term.samples,
-        "noise_mm": plain(term.sigma, "m"),
+        key("noise", term.unit): plain(term.sigma, term.unit),
         "held_out": {
             "method": term.method,
             **{
-                level: {label: HELD_OUT.record(effect) for label, effect in effects.items()}
+                level: {label: _held_out(term).record(effect) for label, effect in effects.items()}
                 for level, effects in term.held_out.items()
             },
         },

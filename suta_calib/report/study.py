@@ -24,7 +24,7 @@ from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.svg import picture, svg_text
-from suta_calib.units import NOTHING, Unit, key, mm, shown, text, unit_name
+from suta_calib.units import NOTHING, Unit, key, shown, text, unit_name
 from suta_calib.words import listed
 
 TITLES: Final[dict[Kind, str]] = {
@@ -92,7 +92,7 @@ def study_document(study: Study) -> Document:
             "baseline_size": study.baseline,
             "tolerance_pct": shown(study.tolerance, "%"),
             "recommended_size": study.recommended,
-            "uncalibrated_mm": mm(study.uncalibrated),
+            key("uncalibrated", _unit_of(study)): shown(study.uncalibrated, _unit_of(study)),
         }
     else:
         sentences, figure = _scatter(study), Figure(partial(spread_plot, study))
@@ -104,6 +104,11 @@ def study_document(study: Study) -> Document:
     return Document(NAMES[kind], TITLES[kind], study.assessment, parts, _asked(study.plan) | data)
 
 
+def _unit_of(study: Study) -> Unit:
+    """Unit of the held-out errors."""
+    return study.plan.data.judged_by.error_unit
+
+
 def _sizes(study: SizeStudy) -> Listing[SizeResult]:
     def size_text(s: SizeResult) -> str:
         enough = study.levelled and s.size == study.recommended
@@ -112,13 +117,15 @@ def _sizes(study: SizeStudy) -> Listing[SizeResult]:
     def done_text(s: SizeResult) -> str:
         return f"{s.trials}" if not s.failed else f"{s.trials - s.failed} of {s.trials}"
 
+    unit = _unit_of(study)
+    of = f", {unit_name(unit)}".rstrip(", ")
     return Listing(
         TITLES["size"],
         Column("size", "sets", cell=size_text, numeric=True),
-        Column("mean", "mean, mm", unit="m"),
-        Column("std", "std, mm", unit="m"),
-        Column("min", "min, mm", lambda s: s.range[0], "m"),
-        Column("max", "max, mm", lambda s: s.range[1], "m"),
+        Column("mean", f"mean{of}", unit=unit),
+        Column("std", f"std{of}", unit=unit),
+        Column("min", f"min{of}", lambda s: s.range[0], unit),
+        Column("max", f"max{of}", lambda s: s.range[1], unit),
         Column("improvement", "improvement, %", unit="%"),
         Column("trials", "trials", cell=done_text, numeric=True),
         Column("failed"),
@@ -153,16 +160,16 @@ def _asked(plan: StudyPlan) -> Json:
 
 
 def _spreads(study: SpreadStudy) -> Json:
-    errors = study.validation
+    errors, unit = study.validation, _unit_of(study)
     return {
         "solved": study.solved,
         "parameters": {name: _parameter(p) for name, p in study.parameters.items()},
         "validation": {
-            "rms_mm": mm(study.full_rms),
+            key("rms", unit): shown(study.full_rms, unit),
             "trials": len(errors.values),
-            "mean_mm": mm(errors.mean),
-            "std_mm": mm(errors.std),
-            "interval_mm": plain(errors.interval, "m"),
+            key("mean", unit): shown(errors.mean, unit),
+            key("std", unit): shown(errors.std, unit),
+            key("interval", unit): plain(errors.interval, unit),
         },
     }
 
@@ -195,13 +202,14 @@ def _drawn(study: Study) -> str:
 
 
 def _errors(study: SizeStudy) -> str:
-    nominal = text(study.uncalibrated, "m", with_unit=True)
+    unit = _unit_of(study)
+    nominal = text(study.uncalibrated, unit, with_unit=True)
     found = f"Errors are RMS on {_held_out(study.plan)}"
     found += f"; uncalibrated {nominal}." if nominal != NOTHING else "."
     for chosen in study.sizes:
         if chosen.size == study.recommended and len(chosen.rms) > 1:
-            low, high = (text(error, "m") for error in chosen.range)
-            found += f" With {chosen.size}, single calibrations reach {low} to {high} mm."
+            low, high = text(chosen.range[0], unit), text(chosen.range[1], unit, with_unit=True)
+            found += f" With {chosen.size}, single calibrations reach {low} to {high}."
     return (
         f"{found} The scatter is between subsets of the same sets, which overlap the more the "
         "larger they are."
@@ -232,13 +240,15 @@ def _scatter(study: SpreadStudy) -> list[str]:
             "they count what the model lacks as well, which simulated noise does not contain."
         )
     if study.validation.enough:
-        low, high = (text(v, "m") for v in study.validation.interval)
-        full = text(study.full_rms, "m")
-        with_all = "" if full == NOTHING else f"{full} mm with all data, "
-        mean, std = text(study.validation.mean, "m"), text(study.validation.std, "m")
+        unit = _unit_of(study)
+        low, high = study.validation.interval
+        full = text(study.full_rms, unit, with_unit=True)
+        with_all = "" if full == NOTHING else f"{full} with all data, "
+        mean = text(study.validation.mean, unit)
+        std = text(study.validation.std, unit, with_unit=True)
         found.append(
-            f"RMS error on {_held_out(study.plan)}: {with_all}{mean} ± {std} mm over the trials, "
-            f"95 % of them {low} … {high} mm."
+            f"RMS error on {_held_out(study.plan)}: {with_all}{mean} ± {std} over the trials, "
+            f"95 % of them {text(low, unit)} … {text(high, unit, with_unit=True)}."
         )
     return found
 
@@ -247,14 +257,16 @@ def size_plot(study: SizeStudy) -> str:
     """An SVG element: mean, scatter and range of the held-out error over the number of sets."""
     name = NAMES["size"]
     with picture(name, (WIDTH, 4.2)) as figure:
-        axes = figure.subplots()
+        axes, unit = figure.subplots(), _unit_of(study)
         _bands(axes, study)
         for chosen in [s for s in study.sizes if study.levelled and s.size == study.recommended]:
             axes.axvline(chosen.size, color=ORANGE, ls="--", lw=1.6, label=f"enough: {chosen.size}")
-            axes.plot(chosen.size, mm(chosen.mean), "D", mfc="none", mec="black", mew=1.6, ms=11)
+            axes.plot(
+                chosen.size, shown(chosen.mean, unit), "D", mfc="none", mec="black", mew=1.6, ms=11
+            )
         axes.set_title("Error on held-out data by number of sets", pad=38)
         axes.set_xlabel(f"{study.plan.data.sets.unit}s calibrated with")
-        axes.set_ylabel("RMS error, mm")
+        axes.set_ylabel(_error_label(study))
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(axis="y")
         axes.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
@@ -276,11 +288,16 @@ def spread_plot(study: SpreadStudy) -> str:
         return svg_text(figure, name, "Scatter of the estimates between trials")
 
 
+def _error_label(study: Study) -> str:
+    return f"RMS error, {unit_name(_unit_of(study))}".rstrip(", ")
+
+
 def _bands(axes: Axes, study: SizeStudy) -> None:
     solved = [s for s in study.sizes if len(s.rms)]
     size = np.array([s.size for s in solved])
     figures = np.array([(s.mean, np.nan_to_num(s.std), *s.range) for s in solved])
-    mean, std, low, high = mm(figures).reshape(-1, 4).T
+    unit = _unit_of(study)
+    mean, std, low, high = shown(figures, unit).reshape(-1, 4).T
     axes.fill_between(
         size, low, high, facecolor="#e8e8e8", edgecolor=GREY, hatch="///", label="range", lw=0.6
     )
@@ -290,7 +307,7 @@ def _bands(axes: Axes, study: SizeStudy) -> None:
         size, lower, mean + std, facecolor="#a9cfe6", edgecolor=BLUE, label="± std", lw=0.6
     )
     axes.plot(size, mean, "o-", color="black", ms=4, lw=1.4, label="mean")
-    level = mm(solved[-1].mean) * (1 + study.tolerance) if solved else np.nan
+    level = shown(solved[-1].mean, unit) * (1 + study.tolerance) if solved else np.nan
     label = f"{shown(study.tolerance, '%'):g} % above the mean of {size[-1]}" if solved else ""
     axes.axhline(level, color="black", ls=":", lw=1.0, label=label)
 
@@ -321,11 +338,15 @@ def _intervals(axes: Axes, estimated: dict[str, ParameterSpread]) -> None:
 
 
 def _error_histogram(axes: Axes, study: SpreadStudy) -> None:
-    axes.hist(mm(study.validation.values), bins="auto", facecolor="#a9cfe6", edgecolor=BLUE, lw=0.8)
+    unit = _unit_of(study)
+    values = shown(study.validation.values, unit)
+    axes.hist(values, bins="auto", facecolor="#a9cfe6", edgecolor=BLUE, lw=0.8)
     if np.isfinite(study.full_rms):
-        axes.axvline(mm(study.full_rms), color=ORANGE, ls="--", lw=1.8, label="with all data")
+        axes.axvline(
+            shown(study.full_rms, unit), color=ORANGE, ls="--", lw=1.8, label="with all data"
+        )
         axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
     axes.set_title("Error on held-out data", pad=38)
-    axes.set_xlabel("RMS error, mm")
+    axes.set_xlabel(_error_label(study))
     axes.set_ylabel("trials")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))

@@ -32,6 +32,7 @@ from suta_calib.terms.given import check_in_mm, with_known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import OutsideFrame, frames_of
 from suta_calib.terms.poses import PoseSource
+from suta_calib.units import Unit
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
@@ -218,6 +219,11 @@ class Term(ABC):
     @abstractmethod
     def blocks(self) -> tuple[Block, ...]:
         """Its residuals: of lengths first, then of angles where there are any."""
+
+    @property
+    def error_unit(self) -> Unit:
+        """Unit of the errors that it is judged by: those of its first block."""
+        return self.blocks[0].unit
 
     @cached_property
     def places(self) -> tuple[list[str], IntArray]:

@@ -88,7 +88,9 @@ class TipErrors:
         samples = self.term.poses.samples
         for k, origin in enumerate(samples.origin):
             labels = " ".join(str(column[k]) for column in samples.labels.values())
-            said = (self.group, labels, origin, f"{mm(self.norm[k]):.3f} mm")
+            # Angles alone do not tell where the tip was.
+            size = f"{mm(self.norm[k]):.3f} mm" if self.norm.any() else ""
+            said = (self.group, labels, origin, size)
             yield ", ".join(filter(None, said))
 
     @property

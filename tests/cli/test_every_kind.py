@@ -13,7 +13,6 @@ import pytest
 from cli_job import cli
 from simulated import SUTA_URDF
 
-from suta_calib.registry import shipped
 from suta_calib.terms import KINDS, Term
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -55,6 +54,7 @@ class Case:
         row: keys of the job's row.
         told: a parameter of the arm that this kind tells.
         place: an own unknown that validation shares.
+        unit: of its errors.
     """
 
     kind: str
@@ -63,6 +63,7 @@ class Case:
     row: str = ""
     told: str = "joint_3.offset"
     place: str = ""
+    unit: str = "mm"
 
 
 def touching(kind: str, places: str, directions: int = 12, **more: str) -> Case:
@@ -123,9 +124,13 @@ CASES = {
         ),
         place="hand_eye.x",
     ),
+    # Of a package outside, tests/support/outside_package: angles alone.
+    "inclinometer": Case(
+        "inclinometer", "    samples: 40\n", "    samples: 15\n", place="sensor.rx", unit="deg"
+    ),
 }
 # Commands that take seconds are tried on all of them only where there is time.
-QUICK = ("range", "tracked_point with targets")
+QUICK = ("range", "tracked_point with targets", "inclinometer")
 AT_LENGTH = [
     name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in CASES
 ]
@@ -170,10 +175,10 @@ def answer(capsys: pytest.CaptureFixture[str], command: str, *arguments: object)
 
 def test_every_kind_has_a_scene() -> None:
     # Pictures have theirs beside the term: tests/terms/test_camera_view.py.
-    assert set(shipped(KINDS)) == {case.kind for case in CASES.values()} | {"camera_view"}
+    assert set(KINDS) == {case.kind for case in CASES.values()} | {"camera_view"}
 
 
-@pytest.mark.parametrize("kind", shipped(KINDS).values(), ids=shipped(KINDS))
+@pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
 def test_it_is_begun(kind: type[Term], tmp_path: Path) -> None:
     new = ("--tip", "tip", "--kind", kind.kind, "--out", tmp_path)
     assert cli("init", SUTA_URDF, *new) == 0
@@ -194,8 +199,8 @@ def test_it_is_calibrated_and_validated(job: Path, capsys: pytest.CaptureFixture
     case, out = case_of(job), job.parent / "results"
     found = answer(capsys, "calibrate", job, "--out", out)
     assert found["verdict"]["usable"], found["verdict"]
-    metrics = found["metrics"]["validation"]
-    assert metrics["after"]["rms_mm"] < 0.2 < metrics["before"]["rms_mm"]
+    metrics, rms = found["metrics"]["validation"], f"rms_{case.unit}"
+    assert metrics["after"][rms] < 0.2 < metrics["before"][rms]
     if case.place:
         assert found["parameters"][case.place]["state"] == "identified"
     again = answer(capsys, "validate", out / "calibrated.urdf", job)

@@ -44,7 +44,7 @@ from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.extended import offered_names
-from suta_calib.units import text
+from suta_calib.units import Unit, text
 from suta_calib.words import listed
 
 # Joints and families tried at each step, most suspicious first, and what is suspicious at all.
@@ -103,6 +103,11 @@ class ModelSelection:
     validated: tuple[float, float] | None = None
 
     @property
+    def unit(self) -> Unit:
+        """Unit of the errors."""
+        return self.solution.problem.terms[0].error_unit
+
+    @property
     def job(self) -> ModelCandidate:
         """The job's own model."""
         return self.tried[0]
@@ -134,12 +139,12 @@ class ModelSelection:
     def assessment(self) -> Assessment:
         """Whether anything should be added to the job, and what must be known."""
         before, after = (
-            text(each.held_out.rms, "m", with_unit=True) for each in (self.job, self.chosen)
+            text(each.held_out.rms, self.unit, with_unit=True) for each in (self.job, self.chosen)
         )
         gain = f"held-out RMS {before} → {after}"
         wider = self.chosen.geometry and not self.job.geometry
         if self.validated and not self.confirmed:
-            worse, better = (text(rms, "m", with_unit=True) for rms in self.validated[::-1])
+            worse, better = (text(rms, self.unit, with_unit=True) for rms in self.validated[::-1])
             sentence = (
                 "Leave the job as it is: with more unknowns the error of rows left out of the "
                 f"fit falls ({gain}), but that of the validation rows does not ({better} → "

@@ -11,10 +11,10 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.showing import Shown
-from suta_calib.solver.problem import DEFAULT_SIGMA
+from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import every_grouping
-from suta_calib.units import mm
+from suta_calib.terms import Term, every_grouping
+from suta_calib.units import Unit, mm, shown, unit_name
 
 Metric = Literal["contribution", "cooks_distance", "leave_one_out", "bias"]
 METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_one_out", "bias")
@@ -188,12 +188,13 @@ class TermOutliers:
         levels: its groups by sort.
         touches: single touches that were set aside.
         samples: how many touches there are.
-        sigma: noise of one coordinate of one touch, m.
+        sigma: noise of one coordinate of one touch, or of one angle or number.
         position: (n, 3) certified positions of the landmarks, m, in the order of the groups.
         held_out: by the name of the level and the label of the group.
         method: ``validation``, or how the rows were held out.
         exact: whether the fit leaves no errors, so that nothing was compared.
         moves: of what was moved between its rows.
+        unit: SI unit of its errors: of ``sigma``, of residuals and of the bias.
     """
 
     kind: str
@@ -206,6 +207,7 @@ class TermOutliers:
     method: str = ""
     exact: bool = False
     moves: tuple[Move, ...] = ()
+    unit: Unit = "m"
 
     @property
     def unexplained(self) -> float:
@@ -275,12 +277,13 @@ class Outliers(Shown):
             if t.exact
         ]
         bad += [
-            f"The samples of {t.kind} scatter by {mm(t.unexplained):.3g} mm per axis whatever the "
+            f"The samples of {t.kind} scatter by {_size(t.unexplained, t.unit, '.3g')} per axis "
+            "whatever the "
             "arm's geometry is: something is wrong with most of them (a joint's sign, a unit, rows "
             "that do not belong together), so none is unlike the others. suta-calib calibrate "
             "looks for the cause."
             for t, term in zip(terms, solution.problem.terms, strict=True)
-            if t.unexplained > STRANGE * (term.blocks[0].noise.sigma or DEFAULT_SIGMA["m"])
+            if t.unexplained > STRANGE * _expected(term)
         ]
         levels = [level for t in terms for level in t.levels]
         care = [
@@ -342,6 +345,17 @@ def _accused(level: str, group: Group) -> str:
     )
 
 
+def _size(value: float, unit: Unit, form: str) -> str:
+    """A number with its unit, as it is shown."""
+    return f"{shown(value, unit):{form}} {unit_name(unit)}".rstrip()
+
+
+def _expected(term: Term) -> float:
+    """Noise that the job states for the first block, or that is usual."""
+    block = term.blocks[0]
+    return block.noise.sigma or DEFAULT_SIGMA.get(block.unit, PLAIN_SIGMA)
+
+
 def _gross(term: TermOutliers) -> str:
     n = len(term.touches)
     worst = max(term.touches, key=lambda t: t.size)
@@ -350,7 +364,7 @@ def _gross(term: TermOutliers) -> str:
     )
     return (
         f"{n} of {term.samples} single touches {are} far beyond the noise of "
-        f"{mm(term.sigma):.2g} mm per axis and {were} set aside for these figures, not for the "
-        f"calibration, whose loss weighs {them} down: {first}{worst.what} "
-        f"({worst.origin}), {mm(worst.size):.1f} mm."
+        f"{_size(term.sigma, term.unit, '.2g')} per axis and {were} set aside for these figures, "
+        f"not for the calibration, whose loss weighs {them} down: {first}{worst.what} "
+        f"({worst.origin}), {_size(worst.size, term.unit, '.1f')}."
     )

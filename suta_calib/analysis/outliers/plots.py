@@ -16,7 +16,7 @@ from suta_calib.analysis.outliers.answer import (
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.plotting.chart import Axis, Chart, Lines, Points, Words, ends
 from suta_calib.plotting.look import BLACK, BLUE, GREY, ORANGE, shade
-from suta_calib.units import Unit, mm, shown
+from suta_calib.units import Unit, mm, shown, unit_name
 
 # Unit of each metric, the head of its column, and the title of its plot.
 TOLD: Final[dict[Metric, tuple[Unit, str, str]]] = {
@@ -25,6 +25,16 @@ TOLD: Final[dict[Metric, tuple[Unit, str, str]]] = {
     "leave_one_out": ("%", "l.o.o. %", "RMS falls when left out by, %"),
     "bias": ("m", "bias mm", "Bias after registration, mm"),
 }
+
+
+def told(metric: Metric, unit: Unit) -> tuple[Unit, str, str]:
+    """`TOLD`, where touches are off by angles or other numbers than lengths."""
+    if metric != "bias":
+        return TOLD[metric]
+    name = unit_name(unit)
+    return unit, f"bias {name}".rstrip(), f"Bias after registration, {name}".rstrip(", ")
+
+
 # Points: how high a panel is; how large its marks are, and how far below them words stand.
 PANEL: Final = 190.0
 SMALLEST, LARGEST = 5.5, 20.5
@@ -55,19 +65,19 @@ def metric_charts(term: TermOutliers) -> list[Chart]:
     landmarks = term.level("landmarks")
     if landmarks is not None and term.position is not None:
         return [_map(mm(term.position), landmarks, metric) for metric in METRICS]
-    return [_stems(term.levels[-1], metric) for metric in METRICS]
+    return [_stems(term.levels[-1], metric, term.unit) for metric in METRICS]
 
 
-def _values(level: Level, metric: Metric) -> tuple[FloatArray, float, BoolArray]:
+def _values(level: Level, metric: Metric, unit: Unit) -> tuple[FloatArray, float, BoolArray]:
     """The metric of every group, and its threshold, as they are shown; and who is flagged."""
-    unit = TOLD[metric][0]
+    unit = told(metric, unit)[0]
     values = shown(np.array([g.values[metric] for g in level.groups]), unit)
     flagged = np.array([metric in g.flags for g in level.groups])
     return values, shown(level.thresholds[metric], unit), flagged
 
 
 def _map(position: FloatArray, level: Level, metric: Metric) -> Chart:
-    values, limit, flagged = _values(level, metric)
+    values, limit, flagged = _values(level, metric, "m")
     # The two axes along which the landmarks spread most, in the artefact's order.
     chosen = sorted(np.argsort(-np.ptp(position, axis=0), kind="stable")[:2].tolist())
     x, y = position[:, chosen].T
@@ -94,13 +104,13 @@ def _map(position: FloatArray, level: Level, metric: Metric) -> Chart:
     return Chart(marks, across, up, title=title, equal=True)
 
 
-def _stems(level: Level, metric: Metric) -> Chart:
-    values, limit, flagged = _values(level, metric)
+def _stems(level: Level, metric: Metric, unit: Unit) -> Chart:
+    values, limit, flagged = _values(level, metric, unit)
     number = np.arange(1.0, len(values) + 1)
-    told = np.isfinite(values)
-    n, height = number[told], values[told]
+    known = np.isfinite(values)
+    n, height = number[known], values[known]
     low, high = ends(np.array([*height, limit, 0.0]))
-    named, everywhere = np.flatnonzero(flagged & told), np.array([[-np.inf, np.inf]])
+    named, everywhere = np.flatnonzero(flagged & known), np.array([[-np.inf, np.inf]])
     marks = (
         Lines(np.stack([n, n], axis=1), np.stack([0.0 * n, height], axis=1), 0.8, GREY),
         Points(n, height, 3.0, fill=BLUE, edge=BLUE),
@@ -116,7 +126,7 @@ def _stems(level: Level, metric: Metric) -> Chart:
         Lines(everywhere, np.full((1, 2), limit), dash="dashed", label="threshold"),
     )
     below = f"{GROUPING_NOUN[level.name]}, in the order of the files"
-    title = TOLD[metric][2] if metric != "bias" else "RMS residual, mm"
+    title = TOLD[metric][2] if metric != "bias" else f"RMS residual, {unit_name(unit)}"
     return Chart(
         marks,
         Axis(below, 0.0, len(values) + 1.0, whole=True),

@@ -182,6 +182,7 @@ class TermSearch:
             {level.name: self._held_out(g, level) for g, level in zip(levels, found, strict=True)},
             self.judge.method,
             moves=find_moves(single, unknowns, linear, self.thresholds),
+            unit=self.own.term.error_unit,
         )
 
     def _levels(
@@ -261,7 +262,9 @@ class TermSearch:
 
 def not_searched(term: Term, *, exact: bool = False) -> TermOutliers:
     """A term of a calibration that did not converge or fits exactly: nothing to compare with."""
-    return TermOutliers(term.kind, (), (), len(term.poses), float("nan"), exact=exact)
+    return TermOutliers(
+        term.kind, (), (), len(term.poses), float("nan"), exact=exact, unit=term.error_unit
+    )
 
 
 def chosen_groups(grouping: Grouping, touches: Touches | None) -> list[int]:

@@ -109,7 +109,7 @@ class Trial:
         size: how many sets were drawn.
         number: of the trial among those of its size, from 0.
         problem: why there is no result; empty where there is one.
-        rms: of the held-out errors, m; NaN where there is no result or nothing was held out.
+        rms: of the held-out errors, in SI; NaN where there is no result or nothing was held out.
         estimates: value and standard deviation, m or rad, of each parameter of the arm that was
             told, relative to the same held ones as with all data.
     """
@@ -143,7 +143,7 @@ def run_trial(data: StudyData, size: int, number: int) -> Trial:
 
 
 def held_out_rms(solution: Solution, validation: Sequence[Term]) -> float:
-    """RMS of held-out errors, m, with the calibrated arm held; NaN without terms.
+    """RMS of held-out errors, in SI, with the calibrated arm held; NaN without terms.
 
     It is the figure `assess` finds after calibration, without those before.
     """
@@ -151,7 +151,7 @@ def held_out_rms(solution: Solution, validation: Sequence[Term]) -> float:
 
 
 def nominal_rms(data: StudyData) -> float:
-    """RMS of held-out errors, m, with the nominal arm; NaN where the job holds nothing out."""
+    """RMS of held-out errors, in SI, with the nominal arm; NaN where the job holds nothing out."""
     if not data.validation:
         return math.nan
     nominal = {p.name: p.nominal for p in data.parameters.values()}

@@ -29,7 +29,7 @@ class InclinometerGain(AddedVariable):
         """By how much."""
         gain, std = 100 * evidence.size[0], 100 * evidence.std[0]
         return (
-            f"The inclinometer seems to read {gain:+.2f} ± {std:.2f} % too little. Check its "
+            f"The inclinometer seems to read {gain:.3f} ± {std:.3f} % too little. Check its "
             "sensitivity against a sine bar."
         )
 
