@@ -20,7 +20,7 @@ from tables import number_table
 
 from suta_calib import CalibrationJob, PairwiseDistance, Problem, SolverOptions, solve
 from suta_calib.model import ParameterSet
-from suta_calib.solver import RobustNlp, start_points
+from suta_calib.solver import GaussNewton, RobustNlp, start_points
 
 JOB = Path(__file__).parents[1] / "data" / "suta" / "calibration.yaml"
 STARTS = 8
@@ -62,8 +62,9 @@ class Race:
     def as_posed(self) -> float:
         """Everything let free, nothing checked and nothing held."""
         fresh = Problem(self.terms, self.parameters)
-        nlp = RobustNlp(fresh, np.arange(len(fresh.names)), [self.sigma], SolverOptions())
-        return min(each.cost for each in nlp.minimise_all(self.starts)) * self.sigma**2
+        nlp = RobustNlp(fresh, np.arange(len(fresh.names)), [self.sigma])
+        ends = GaussNewton().minimise_all(nlp, self.starts)
+        return min(end.cost for end in ends) * self.sigma**2
 
     def scipy(self, kind: type[NumpyDistances], names: list[str], count: int = STARTS) -> float:
         """SciPy's TRF with 2-point differences."""

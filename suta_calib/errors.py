@@ -112,6 +112,10 @@ class ParameterError(InputError):
     """A parameter name, bound or prior that the arm and the terms do not support."""
 
 
+class SolverError(InputError):
+    """A solver that somebody gave raises, or answers something that cannot be used."""
+
+
 class NotUsableError(InputError):
     """An answer that was written with the word that it must not be used is read back."""
 

@@ -127,7 +127,7 @@ def test_what_did_not_converge_stays_unusable(
     result: CalibrationResult, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     breaks(monkeypatch, f"{ASSESSMENT}._cause")
-    minimum = replace(result.solution.minimum, status="Maximum_Iterations_Exceeded")
+    minimum = replace(result.solution.minimum, converged=False)
     stopped = replace(result.solution, minimum=minimum)
     examined = CalibrationExamination.of(stopped, result.job.validation)
     with pytest.warns(NotExplainedWarning):

@@ -15,9 +15,9 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import attempt
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
+from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import whitened_rows
-from suta_calib.solver.ipopt import RobustNlp
-from suta_calib.solver.options import SolverOptions
+from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.poses import together
 from suta_calib.terms.term import Term
@@ -356,8 +356,8 @@ def fit_own(
         if k >= problem.arm_count and p.free and p.name not in known
     ]
     free = np.array(unknown, dtype=np.intp)
-    nlp = RobustNlp(problem, free, problem.assumed_sigmas(), SolverOptions())
-    return dict(known) | problem.values(nlp.minimise(x).x)
+    nlp = RobustNlp(problem, free, problem.assumed_sigmas())
+    return dict(known) | problem.values(GaussNewton(confirm=False).minimise(nlp, x).x)
 
 
 def block_residuals(

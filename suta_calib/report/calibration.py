@@ -59,8 +59,8 @@ from suta_calib.report.observability import (
 )
 from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
 from suta_calib.solver.identifiability import WEAK
-from suta_calib.solver.ipopt import Minimum
 from suta_calib.solver.solution import Solution
+from suta_calib.solver.solver import Minimum
 from suta_calib.terms import Term
 from suta_calib.units import Unit
 from suta_calib.words import combination

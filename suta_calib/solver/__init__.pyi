@@ -1,13 +1,14 @@
 from .covariance import predicted_covariance as predicted_covariance
+from .gauss_newton import GaussNewton as GaussNewton
 from .identifiability import Combination as Combination
 from .identifiability import Identification as Identification
 from .identifiability import identify as identify
 from .information import Information as Information
 from .information import predicted_information as predicted_information
 from .information import whitened_rows as whitened_rows
-from .ipopt import Minimum as Minimum
-from .ipopt import RobustNlp as RobustNlp
+from .ipopt import Ipopt as Ipopt
 from .losses import huber_threshold as huber_threshold
+from .nlp import RobustNlp as RobustNlp
 from .options import SolverOptions as SolverOptions
 from .options import WeightOptions as WeightOptions
 from .problem import Problem as Problem
@@ -15,4 +16,7 @@ from .solution import Estimate as Estimate
 from .solution import Solution as Solution
 from .solve import identify_at as identify_at
 from .solve import start_points as start_points
+from .solver import Answer as Answer
+from .solver import Minimum as Minimum
+from .solver import Solver as Solver
 from .weights import Weights as Weights

@@ -112,7 +112,7 @@ def descend(
             if basin.holds(z, cost):
                 return Descent(basin.z, basin.cost, True, taken, joined=number)
         room = lower - z, upper - z
-        step = boxed_step(hessian, gradient, *room)
+        step = bounded_step(hessian, gradient, *room)
         left = promised = _promised(hessian, gradient, step)
         there = np.clip(z + step, lower, upper)
         if left <= settled * cost:
@@ -120,7 +120,7 @@ def descend(
             return Descent(there, cost, True, taken, basin=Basin(there, cost, gradient, hessian))
         if damping:
             damped = hessian + damping * np.diag(np.diag(hessian))
-            step = boxed_step(damped, gradient, *room)
+            step = bounded_step(damped, gradient, *room)
             promised = _promised(hessian, gradient, step)
             there = np.clip(z + step, lower, upper)
         for number, basin in enumerate(known):
@@ -153,7 +153,7 @@ def _promised(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> fl
     return -float(gradient @ step + 0.5 * step @ hessian @ step)
 
 
-def boxed_step(
+def bounded_step(
     hessian: FloatArray, gradient: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """The step d (n,) that minimises gᵀd + ½ dᵀHd over lower ≤ d ≤ upper, which zero is within.

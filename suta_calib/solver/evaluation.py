@@ -232,6 +232,32 @@ class Evaluation:
             hessian[part, part] += curvature
         return cost, gradient, hessian
 
+    def least_squares(
+        self, x: FloatArray, sigmas: Sequence[float]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Whitened residuals (m,) whose squares are the ρ of all rows, and derivatives (m, n).
+
+        A row beyond Huber's threshold is shortened to √ρ, in its own direction.
+        """
+        rows, columns = list[FloatArray](), list[FloatArray]()
+        for line in self.linearise(x, sigmas):
+            arm, own = self.columns(line, line.by_pose, line.by_own)
+            none = np.zeros((line.residual.size, self.own_count))
+            both = np.hstack([arm, none if own is None else dense(own)])
+            jacobian = both.reshape(*line.residual.shape, -1) / line.sigma[:, None, None]
+            residual, weight = line.residual / line.sigma[:, None], line.weight
+            shorter = np.sqrt(weight * (2.0 - weight))
+            outer = np.flatnonzero(weight < 1.0)
+            if len(outer):
+                unit, along = radial(residual[outer], jacobian[outer])
+                change = (weight / shorter - shorter)[outer, None, None]
+                jacobian *= shorter[:, None, None]
+                jacobian[outer] += change * unit[:, :, None] * along[:, None, :]
+                residual = residual * shorter[:, None]
+            rows.append(residual.reshape(-1))
+            columns.append(jacobian.reshape(len(rows[-1]), -1))
+        return np.concatenate(rows), np.vstack(columns)
+
     def _normal_equations(self, line: Linearised, arm_moves: bool) -> tuple[FloatArray, FloatArray]:
         """Gradient and Gauss-Newton matrix of one block, by the arm's parameters, then own ones.
 

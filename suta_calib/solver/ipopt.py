@@ -1,266 +1,265 @@
-"""The problem as a nonlinear program: Gauss-Newton steps, and CasADi's IPOPT from where they end.
+"""IPOPT, by CasADi, with the Gauss-Newton matrix or with exact second derivatives.
 
-Both work on x divided by the parameters' scales, within their bounds.
+With the former it is made once for each number of variables, and asks for cost, gradient and
+matrix by three CasADi callbacks that share one evaluation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
 from threading import get_ident
-from typing import Any, Final
+from typing import Any, ClassVar, Final, final
 
 import casadi as ca
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.solver.callbacks import ipopt_options, kept_ipopt, run_ipopt
-from suta_calib.solver.descent import NEGLIGIBLE, Basin, Descent, descend
-from suta_calib.solver.options import SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.symbolic import symbolic_cost
+from suta_calib.arrays import FloatArray
+from suta_calib.solver.descent import NEGLIGIBLE, Evaluate
+from suta_calib.solver.nlp import RobustNlp
+from suta_calib.solver.solver import SETTLED, Answer, Minimum, Solver
 
-# Whitened costs that differ by less are the same minimum.
-SAME_COST: Final = 1e-3
-# Of that, what a start may lack that leads to a minimum which another one has found.
-JOINS: Final = 0.1
+# Iterations that lower the cost by no more than this share in all are for nothing: what a robust
+# cost has for a slope at a fold never vanishes, and a line search there takes fifty evaluations.
+_IDLE: Final = 20
+_LOWERED: Final = 1e-8
 # Residuals up to which the cost is minimised as it is.
-FULL_SIZE: Final = 2000
-# Share by which the costs of two ends that are no minimum differ at most to be the same.
-SAME_DEAD_END: Final = 1e-4
+_FULL_SIZE: Final = 2000
 STALLED: Final = "User_Requested_Stop"
-GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
-# What Gauss-Newton steps come to: a minimum, or one that an earlier start has found.
-SETTLED: Final = "Gauss_Newton_Settled"
-JOINED: Final = "Joined_Earlier_Start"
+_INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
+_GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
 
 
-@dataclass(frozen=True, eq=False)
-class Minimum:
-    """Where a start ended.
+@final
+@dataclass(frozen=True)
+class Ipopt(Solver):
+    """IPOPT (Wächter and Biegler 2006, doi:10.1007/s10107-004-0559-y) from every start.
 
     Attributes:
-        x: the whole parameter vector, fixed entries included.
-        cost: robust cost with priors.
-        status: `SETTLED`, `JOINED`, or IPOPT's own word where it went on from there.
-        iterations: how many it took, of both methods.
+        exact: whether the Hessian is exact, by automatic differentiation of the whole cost, in
+            place of the Gauss-Newton matrix.
+        max_iterations: per start.
     """
 
-    x: FloatArray
-    cost: float
-    status: str
-    iterations: int
+    name: ClassVar[str] = "IPOPT"
+    checks_itself: ClassVar[bool] = True
 
-    @property
-    def solver(self) -> str:
-        """Who stopped there."""
-        return "Gauss-Newton" if self.status in (SETTLED, JOINED) else "IPOPT"
+    exact: bool = False
+    max_iterations: int = 200
 
-    @property
-    def joined(self) -> bool:
-        """Whether it came to an earlier start's minimum, and was not carried on."""
-        return self.status == JOINED
-
-    @property
-    def converged(self) -> bool:
-        """Whether it is a minimum."""
-        return self.status in (SETTLED, JOINED, *GOOD)
-
-
-class RobustNlp:
-    """min ½ Σ ρ + ½ Σ ((x - nominal)/prior)² over the free entries of x, within bounds.
-
-    Args:
-        problem: what to minimise.
-        free: (n,) which entries of x may move; the others keep their value in the start.
-        sigmas: noise level of each block.
-        options: Hessian and iteration limit.
-    """
-
-    def __init__(
-        self, problem: Problem, free: IntArray, sigmas: Sequence[float], options: SolverOptions
-    ) -> None:
-        self._problem, self._free, self._sigmas = problem, free, list(sigmas)
-        self._scale = problem.parameters.array("scale")[free]
-        lower, upper = (problem.parameters.array(key)[free] for key in ("lower", "upper"))
-        self._bounds = lower, upper
-        self._lower, self._upper = lower / self._scale, upper / self._scale
-        self._precision = problem.prior_precision()
-        self._of_free, self._units = np.ix_(free, free), np.outer(self._scale, self._scale)
-        self._nominal = problem.parameters.array("nominal")
-        self._arm_moves = bool(np.any(free < problem.arm_count))
-        self._options = options
-        self._base = self._nominal.copy()
-        self._symbolic: Any = None
-
-    def cost_gradient_hessian(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
-        """Cost and derivatives by the scaled free variables."""
-        x = self._base.copy()
-        x[self._free] = z * self._scale
-        cost, gradient, hessian = self._problem.evaluation.cost_gradient_hessian(
-            x, self._sigmas, arm_moves=self._arm_moves
-        )
-        deviation = x - self._nominal
-        cost += 0.5 * float(np.sum(self._precision * deviation**2))
-        gradient = (gradient + self._precision * deviation)[self._free] * self._scale
-        hessian = hessian[self._of_free]
-        hessian.flat[:: len(hessian) + 1] += self._precision[self._free]
-        return cost, gradient, hessian * self._units
-
-    def minimise(self, start: FloatArray, settled: float = NEGLIGIBLE) -> Minimum:
-        """The minimum beside one start (n,), clipped into the bounds.
-
-        Args:
-            start: where to begin.
-            settled: share of the cost that steps may promise to lose where the next is the last.
-        """
-        return self._minimise(start, (), settled)[0]
-
-    def descended(self, start: FloatArray) -> Minimum | None:
-        """The minimum beside one start (n,) where steps downhill alone come to it; else None."""
-        there = self._descend(start)
-        if not there.settled:
-            return None
-        return Minimum(self._filled(start, there.z), there.cost, SETTLED, there.steps)
-
-    def minimise_all(
-        self, starts: Sequence[FloatArray], done: Callable[[int], None] = lambda _: None
-    ) -> list[Minimum]:
-        """What each start (n,) ends in.
-
-        A start that comes to a minimum which one before it has found, or would by its next step,
-        has that minimum: what would follow is known. Where two have ended nowhere at the same
-        cost, no others are tried.
-
-        Args:
-            starts: clipped into the bounds.
-            done: called with how many have ended, after each.
-        """
-        found: list[Minimum] = []
-        known: list[tuple[FloatArray, Basin]] = []
-        held = np.delete(np.arange(len(self._nominal)), self._free)
-        for start in starts:
-            # Over other values of what is held it is another cost.
-            same = [basin for x, basin in known if np.array_equal(x[held], start[held])]
-            minimum, basin = self._minimise(start, same)
-            if basin is not None:
-                known.append((start, basin))
-            found.append(minimum)
-            if hopeless(found):
-                done(len(starts))
-                break
-            done(len(found))
-        return found
-
-    def minimise_by_ipopt(self, start: FloatArray) -> Minimum:
-        """IPOPT alone from one start (n,), clipped into the bounds; with its last digits."""
-        # Most refits do without.
-
-        z = np.clip(start[self._free] / self._scale, self._lower, self._upper)
-        where = {"x0": z, "lbx": self._lower, "ubx": self._upper}
-        if self._options.hessian == "exact":
-            answer, stats = run_ipopt(self._exact(start), where)
+    def search(self, nlp: RobustNlp, z: FloatArray) -> Answer:
+        """IPOPT's minimum, with its last digits."""
+        rows = sum(len(block) * block.size for block in nlp.problem.blocks)
+        # Rounding grows with the cost, so a large problem is scaled down to one of full size.
+        limits = self.max_iterations, min(1.0, _FULL_SIZE / rows)
+        where = {"x0": z, "lbx": nlp.lower, "ubx": nlp.upper}
+        if self.exact:
+            answer, stats = _run(_exact(nlp, limits), where)
         else:
-            self._base = start.copy()
-            solver = kept_ipopt(len(z), self._limits, get_ident())
-            answer, stats = solver(self.cost_gradient_hessian, where)
-        x = self._filled(start, answer["x"].full().reshape(-1))
-        status, iterations = str(stats["return_status"]), int(stats["iter_count"])
-        found = Minimum(x, float(answer["f"]), status, iterations)
-        if found.converged:
+            solver = cached_ipopt(len(z), limits, get_ident())
+            answer, stats = solver(nlp.cost_gradient_hessian, where)
+        status, count = str(stats["return_status"]), int(stats["iter_count"])
+        there, cost = answer["x"].full().reshape(-1), float(answer["f"])
+        converged = status in _GOOD
+        if converged:
             # IPOPT stops where its line search is still above rounding; without noise there are
             # digits left, and with noise this changes nothing that matters.
-            last = self._descend(x)
-            if last.cost <= found.cost:
-                found = replace(found, x=self._filled(x, last.z), cost=last.cost)
-        return found
+            last = nlp.descend(there, settled=NEGLIGIBLE, steps=self.max_iterations)
+            if last.cost <= cost:
+                there, cost = last.z, last.cost
+        return Answer(there, converged, status, count, self.name, cost)
 
-    def confirmed(self, minimum: Minimum) -> Minimum:
-        """The same minimum with IPOPT's word for it, or the lower one that IPOPT went on to.
+    def nearby(self, nlp: RobustNlp, start: FloatArray) -> Minimum | None:
+        """Where Gauss-Newton steps alone come to; None where they do not settle."""
+        z = nlp.begin(start)
+        there = nlp.descend(z, settled=NEGLIGIBLE, steps=self.max_iterations)
+        if not there.settled:
+            return None
+        x = nlp.unscaled(there.z)
+        return Minimum(x, there.cost, SETTLED, there.steps, True, "Gauss-Newton")
 
-        Left as it is where it is IPOPT's already, or where rounding alone keeps IPOPT from an
-        answer: one that goes on to lower costs without an end says that it was no minimum.
-        """
-        if not len(self._free) or minimum.status != SETTLED:
-            return minimum
-        found = self.minimise_by_ipopt(minimum.x)
-        if not found.converged and not found.cost < minimum.cost - SAME_COST:
-            return minimum
-        lower = found if found.cost < minimum.cost else minimum
-        steps = minimum.iterations + found.iterations
-        return replace(lower, status=found.status, iterations=steps)
 
-    def _minimise(
-        self, start: FloatArray, known: Sequence[Basin], settled: float = NEGLIGIBLE
-    ) -> tuple[Minimum, Basin | None]:
-        if not len(self._free):
-            self._base = start.copy()
-            cost, *_ = self.cost_gradient_hessian(np.zeros(0))
-            return Minimum(start, cost, SETTLED, 0), None
-        if self._options.hessian == "exact":
-            return self.minimise_by_ipopt(start), None
-        there = self._descend(start, known, settled)
-        x = self._filled(start, there.z)
-        if there.settled:
-            status = SETTLED if there.joined is None else JOINED
-            return Minimum(x, there.cost, status, there.steps), there.basin
-        return self.minimise_by_ipopt(x), None
+def _exact(nlp: RobustNlp, limits: tuple[int, float]) -> Any:
+    """IPOPT over the symbolic cost, made again where other values are held."""
+    key = nlp.held.tobytes()
+    if key not in nlp.compiled:
+        z: Any = ca.MX.sym("z", len(nlp.free))
+        cost = {"x": z, "f": nlp.symbolic_cost(z)}
+        nlp.compiled[key] = ca.nlpsol("calibration", "ipopt", cost, _options(*limits))
+    return nlp.compiled[key]
 
-    def _descend(
-        self, start: FloatArray, known: Sequence[Basin] = (), settled: float = NEGLIGIBLE
-    ) -> Descent:
-        self._base = start.copy()
-        return descend(
-            self.cost_gradient_hessian,
-            start[self._free] / self._scale,
-            (self._lower, self._upper),
-            settled=settled,
-            steps=self._options.max_iterations,
-            known=known,
-            joins=JOINS * SAME_COST,
+
+def _options(max_iterations: int, scaling: float) -> dict[str, Any]:
+    """CasADi's and IPOPT's, of every solve."""
+    return {
+        "print_time": False,
+        "show_eval_warnings": False,
+        "ipopt.print_level": 0,
+        "ipopt.sb": "yes",
+        "ipopt.max_iter": max_iterations,
+        # In units of the whitened cost per scaled parameter: a thousandth of a standard
+        # deviation, and still above rounding, where a line search would go on for nothing.
+        "ipopt.nlp_scaling_method": "none",
+        "ipopt.obj_scaling_factor": scaling,
+        "ipopt.tol": 1e-2,
+        "ipopt.acceptable_tol": 1e-1,
+        # The nominal geometry is feasible and a good start: do not push it off its bounds,
+        # and do not begin with a barrier that outweighs the data.
+        "ipopt.bound_push": 1e-8,
+        "ipopt.bound_frac": 1e-8,
+        "ipopt.mu_init": 1e-6,
+        # Nor with multipliers of one, which no bound asks for: at a minimum it would go on until
+        # they have vanished, and its line search would look for what rounding leaves of the cost.
+        "ipopt.bound_mult_init_method": "mu-based",
+        "ipopt.bound_relax_factor": 0.0,
+    }
+
+
+def _run(
+    solver: Any, where: Mapping[str, FloatArray], shared: _Shared | None = None
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """What IPOPT answers and how it went."""
+    answer = solver(**where)
+    stats = solver.stats()
+    if str(stats["return_status"]) == _INTERRUPTED:
+        # CasADi swallows what is raised inside a solve, Ctrl-C among it.
+        raise (shared and shared.error) or KeyboardInterrupt
+    return answer, stats
+
+
+class AnyIpopt:
+    """IPOPT over ``n`` variables, whatever they are: what is minimised is said solve by solve."""
+
+    def __init__(self, n: int, limits: tuple[int, float]) -> None:
+        self._shared: _Shared | None = None
+        z: Any = ca.MX.sym("z", n)
+        cost = _Callback("cost", n, ("x",), ("f",), lambda arg: [self._at(arg[0])[0]])
+        gradient = _Callback(
+            "nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x"), lambda arg: [*self._at(arg[0])[:2]]
         )
+        hessian = _Callback(
+            "nlp_hess_l",
+            n,
+            ("x", "p", "lam_f", "lam_g"),
+            ("triu_hess_gamma_x_x",),
+            lambda arg: [ca.triu(ca.DM(float(arg[2]) * self._at(arg[0])[2]))],
+        )
+        progress = _Callback(
+            "progress",
+            n,
+            ("x", "f", "g", "lam_x", "lam_g", "lam_p"),
+            ("stop",),
+            lambda arg: [self._stalled(float(arg[1]))],
+        )
+        # CasADi does not keep Python callbacks alive: the solver must.
+        self._callbacks = (cost, gradient, hessian, progress)
+        options = {
+            "grad_f": gradient,
+            "hess_lag": hessian,
+            "no_nlp_grad": True,
+            "iteration_callback": progress,
+        }
+        nlp = {"x": z, "f": cost(z)}
+        self._solver = ca.nlpsol("calibration", "ipopt", nlp, _options(*limits) | options)
 
-    def _filled(self, x: FloatArray, z: FloatArray) -> FloatArray:
-        """The vector with other free entries, given in their scales."""
-        found = x.copy()
-        # A bound in its scale and back again may be off by the last digit.
-        found[self._free] = np.clip(z * self._scale, *self._bounds)
-        return found
+    def __call__(
+        self, evaluate: Evaluate, where: Mapping[str, FloatArray]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Minimise this; the start and the bounds are ``x0``, ``lbx`` and ``ubx``."""
+        self._shared = _Shared(evaluate)
+        try:
+            return _run(self._solver, where, self._shared)
+        finally:
+            self._shared = None
 
-    @property
-    def _limits(self) -> tuple[int, float]:
-        """Most iterations, and what the cost is scaled with.
+    def _at(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
+        assert self._shared is not None
+        return self._shared(z)
 
-        Rounding grows with the cost, so a large problem is scaled down to one of full size.
-        """
-        rows = sum(len(block) * block.size for block in self._problem.blocks)
-        return self._options.max_iterations, min(1.0, FULL_SIZE / rows)
-
-    def _exact(self, start: FloatArray) -> Any:
-        """The solver of the symbolic cost, made again where other fixed values are given."""
-        fixed = np.delete(np.arange(len(start)), self._free)
-        if self._symbolic is None or not np.array_equal(self._base[fixed], start[fixed]):
-            self._base = start.copy()
-            z: Any = ca.MX.sym("z", len(self._free))
-            nlp = {"x": z, "f": self._exact_cost(z)}
-            self._symbolic = ca.nlpsol("calibration", "ipopt", nlp, ipopt_options(*self._limits))
-        return self._symbolic
-
-    def _exact_cost(self, z: Any) -> Any:
-        select = ca.DM(len(self._base), len(self._free))
-        for column, row in enumerate(self._free):
-            select[int(row), column] = self._scale[column]
-        rest = self._base.copy()
-        rest[self._free] = 0.0
-        x = ca.mtimes(select, z) + ca.DM(rest)
-        deviation = x - ca.DM(self._nominal)
-        prior = ca.dot(ca.DM(self._precision), deviation**2) / 2
-        return symbolic_cost(self._problem, x, self._sigmas) + prior
+    def _stalled(self, cost: float) -> bool:
+        assert self._shared is not None
+        return self._shared.stalled(cost)
 
 
-def hopeless(tried: Sequence[Minimum]) -> bool:
-    """Whether all starts, and more than one, have ended nowhere, and there at the same cost."""
-    if len(tried) < 2 or any(each.converged for each in tried):
-        return False
-    least, next_ = sorted(each.cost for each in tried)[:2]
-    return next_ - least < SAME_DEAD_END * next_
+@lru_cache(maxsize=32)
+def cached_ipopt(n: int, limits: tuple[int, float], thread: int) -> AnyIpopt:
+    """One that is made already: that takes as long as many a solve. Each thread has its own."""
+    del thread
+    return AnyIpopt(n, limits)
+
+
+class _Shared:
+    """Remembers the last point, because IPOPT asks for the same one three times."""
+
+    def __init__(self, evaluate: Evaluate) -> None:
+        self._evaluate = evaluate
+        self._key = b""
+        self.error: BaseException | None = None
+        self._least, self._idle = math.inf, 0
+        self._value: tuple[float, FloatArray, FloatArray]
+
+    def __call__(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
+        point = np.array(z).reshape(-1)
+        key = point.tobytes()
+        if key != self._key:
+            try:
+                self._value = self._evaluate(point)
+            except BaseException as error:
+                self.error = error
+                raise
+            self._key = key
+        return self._value
+
+    def stalled(self, cost: float) -> bool:
+        """Whether no iteration has lowered the cost for long; told the cost of each."""
+        if cost < self._least - _LOWERED * abs(self._least) or math.isinf(self._least):
+            self._least, self._idle = cost, 0
+        else:
+            self._idle += 1
+        return self._idle >= _IDLE
+
+
+class _Callback(ca.Callback):
+    """One of IPOPT's questions, answered from the shared evaluation."""
+
+    def __init__(
+        self,
+        name: str,
+        n: int,
+        inputs: tuple[str, ...],
+        outputs: tuple[str, ...],
+        answer: Callable[[Any], list[Any]],
+    ) -> None:
+        ca.Callback.__init__(self)
+        self._n, self._inputs, self._outputs, self._answer = n, inputs, outputs, answer
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        return len(self._inputs)
+
+    def get_n_out(self) -> int:
+        return len(self._outputs)
+
+    def get_name_in(self, i: int) -> str:
+        return self._inputs[i]
+
+    def get_name_out(self, i: int) -> str:
+        return self._outputs[i]
+
+    def get_sparsity_in(self, i: int) -> Any:
+        one, each = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(self._n, 1)
+        sizes = {"x": each, "lam_x": each, "f": one, "lam_f": one}
+        return sizes.get(self._inputs[i], ca.Sparsity(0, 0))
+
+    def get_sparsity_out(self, i: int) -> Any:
+        return {
+            "f": ca.Sparsity.dense(1, 1),
+            "stop": ca.Sparsity.dense(1, 1),
+            "grad_f_x": ca.Sparsity.dense(self._n, 1),
+            "triu_hess_gamma_x_x": ca.Sparsity.upper(self._n),
+        }[self._outputs[i]]
+
+    def eval(self, arg: Any) -> list[Any]:
+        return self._answer(arg)

@@ -5,6 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
+from suta_calib.errors import ParameterError, did_you_mean
+from suta_calib.solver.gauss_newton import GaussNewton
+from suta_calib.solver.ipopt import Ipopt
+from suta_calib.solver.solver import Solver
+
 
 @dataclass(frozen=True)
 class WeightOptions:
@@ -34,7 +39,8 @@ class SolverOptions:
     Attributes:
         starts: number of starting points; the first is nominal.
         seed: of the other starting points.
-        hessian: ``gauss-newton`` or ``exact``.
+        solver: what minimises, whatever ``hessian``, ``max_iterations`` and ``confirm`` say.
+        hessian: ``gauss-newton`` or ``exact``, second derivatives by automatic differentiation.
         max_iterations: of each method, per start.
         weights: how far learned noise levels and prior sizes may be from given ones; None to take
             what was given.
@@ -48,3 +54,22 @@ class SolverOptions:
     max_iterations: int = 200
     weights: WeightOptions | None = field(default_factory=WeightOptions)
     confirm: bool = True
+    solver: Solver | None = None
+
+    def build_solver(self) -> Solver:
+        """The solver that these options ask for; there is no other place that makes one.
+
+        Raises:
+            ParameterError: an unknown Hessian, or something else than a solver.
+        """
+        if self.solver is not None:
+            if not isinstance(self.solver, Solver):
+                raise ParameterError(repr(self.solver), "a solver: an object of a class of Solver")
+            return self.solver
+        if self.hessian == "exact":
+            return Ipopt(exact=True, max_iterations=self.max_iterations)
+        if self.hessian != "gauss-newton":
+            known = ("gauss-newton", "exact")
+            hint = did_you_mean(self.hessian, known)
+            raise ParameterError(f"the Hessian {self.hessian!r}", " or ".join(known), hint=hint)
+        return GaussNewton(self.max_iterations, self.confirm)

@@ -16,8 +16,10 @@ from suta_calib.model.parameters import Parameter
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.ipopt import SAME_COST, STALLED, Minimum
+from suta_calib.solver.ipopt import STALLED
+from suta_calib.solver.nlp import SAME_COST
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.solver import Minimum
 from suta_calib.terms.length_scale import scale_carriers
 from suta_calib.terms.term import Term
 from suta_calib.units import Unit
@@ -146,7 +148,7 @@ class Solution(Shown):
                 "that turns the other way"
             )
         if not self.converged:
-            stopped = f"IPOPT said {self.minimum.status}"
+            stopped = f"{self.minimum.solver} said {self.minimum.status}"
             if self.minimum.status == STALLED:
                 stopped = "the cost fell no further, nor did its slope vanish,"
             return (

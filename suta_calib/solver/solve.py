@@ -16,11 +16,12 @@ from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
-from suta_calib.solver.ipopt import Minimum, RobustNlp
 from suta_calib.solver.mount_start import FreeMount
+from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
+from suta_calib.solver.solver import Minimum
 from suta_calib.solver.weights import learn_weights
 from suta_calib.threads import single_threaded
 
@@ -159,7 +160,7 @@ def _from_there(problem: Problem, like: Solution, options: SolverOptions) -> Sol
     began, sigmas = perf_counter(), problem.assumed_sigmas()
     free = _asked(problem, like.identification.fixed)
     # Where steps downhill do not come to it, what can be found is another than before.
-    minimum = RobustNlp(problem, free, sigmas, options).descended(like.x)
+    minimum = options.build_solver().nearby(RobustNlp(problem, free, sigmas), like.x)
     if minimum is None:
         return None
     verdicts = like.before, like.identification
@@ -245,6 +246,7 @@ def _fit(
     """
     fixed = set(identification.fixed.tolist())
     attempts: tuple[Minimum, ...] = ()
+    solver = options.build_solver()
     levels = [math.inf] * len(sigmas)
 
     def tell(done: int) -> None:
@@ -253,12 +255,10 @@ def _fit(
 
     for revision in range(MAX_REVISIONS):
         free = _asked(problem, fixed)
-        nlp = RobustNlp(problem, free, sigmas, options)
-        tried = nlp.minimise_all(starts, tell if revision == 0 else lambda _: None)
+        nlp = RobustNlp(problem, free, sigmas)
+        tried = solver.minimise_all(nlp, starts, tell if revision == 0 else lambda _: None)
         attempts = attempts or tuple(tried)
-        minimum = _best(tried)
-        if options.confirm:
-            minimum = nlp.confirmed(minimum)
+        minimum = solver.confirmed(nlp, _best(tried))
         # What is held adds misfit, which is not noise: the freest fit tells the noise best.
         noise = noise_levels(problem, minimum.x, sigmas)
         levels = list(np.minimum(levels, noise))

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares, lsq_linear
 
 from suta_calib.arrays import FloatArray
-from suta_calib.solver.descent import Basin, boxed_step, descend
+from suta_calib.solver.descent import Basin, bounded_step, descend
 
 EVERYWHERE = (np.full(2, -np.inf), np.full(2, np.inf))
 
@@ -22,7 +22,7 @@ def test_a_step_is_the_minimum_over_the_box(seed: int) -> None:
     size = np.abs(np.linalg.lstsq(a, b, rcond=None)[0])
     lower, upper = (-size * random.uniform(0, 1.5, n), size * random.uniform(0, 1.5, n))
     lower[random.random(n) < 0.2] = -np.inf
-    step = boxed_step(a.T @ a, -a.T @ b, lower, upper)
+    step = bounded_step(a.T @ a, -a.T @ b, lower, upper)
     assert np.all((step >= lower) & (step <= upper))
     witness = lsq_linear(a, b, (lower, upper), method="bvls", tol=1e-14).x
     np.testing.assert_allclose(step / size, witness / size, atol=1e-7)
@@ -32,23 +32,25 @@ def test_a_bound_that_is_met_is_left_where_the_gradient_leads_away() -> None:
     """The whole step's first bound is none of the minimum's."""
     hessian = np.array([[1.0, 0.9], [0.9, 1.0]])
     # Without bounds at (4, -3): the second component is stopped, then the first goes on.
-    step = boxed_step(hessian, -hessian @ [4.0, -3.0], np.array([-1.0, -0.5]), np.array([2.0, 9.0]))
+    step = bounded_step(
+        hessian, -hessian @ [4.0, -3.0], np.array([-1.0, -0.5]), np.array([2.0, 9.0])
+    )
     np.testing.assert_allclose(step, [1.75, -0.5])
 
 
 def test_where_every_bound_is_met_the_step_ends() -> None:
-    step = boxed_step(np.eye(2), np.array([-5.0, 7.0]), np.full(2, -1.0), np.full(2, 2.0))
+    step = bounded_step(np.eye(2), np.array([-5.0, 7.0]), np.full(2, -1.0), np.full(2, 2.0))
     np.testing.assert_array_equal(step, [2.0, -1.0])
     hessian = np.array([[1.0, 0.5], [0.5, 1.0]])
     nowhere = np.zeros(2)
-    np.testing.assert_array_equal(boxed_step(hessian, -np.ones(2), nowhere, nowhere), nowhere)
+    np.testing.assert_array_equal(bounded_step(hessian, -np.ones(2), nowhere, nowhere), nowhere)
 
 
 def test_what_nothing_is_known_of_stays() -> None:
     hessian, gradient = np.diag([2.0, 0.0, 1e-12]), np.array([-4.0, 0.0, -1e-12])
     far = np.full(3, np.inf)
-    np.testing.assert_allclose(boxed_step(hessian, gradient, -far, far), [2.0, 0.0, 1.0])
-    np.testing.assert_allclose(boxed_step(np.ones((2, 2)), -np.ones(2), *EVERYWHERE), [0.5, 0.5])
+    np.testing.assert_allclose(bounded_step(hessian, gradient, -far, far), [2.0, 0.0, 1.0])
+    np.testing.assert_allclose(bounded_step(np.ones((2, 2)), -np.ones(2), *EVERYWHERE), [0.5, 0.5])
 
 
 @pytest.mark.parametrize("seed", range(10))
@@ -58,11 +60,11 @@ def test_where_all_are_held_a_step_ends_in_the_corner(seed: int) -> None:
     hessian, gradient = np.diag(10.0 ** random.uniform(-4, 4, n)), random.standard_normal(n)
     near = np.abs(gradient) / np.diag(hessian) / 2.0
     np.testing.assert_array_equal(
-        boxed_step(hessian, gradient, -near, near), -np.sign(gradient) * near
+        bounded_step(hessian, gradient, -near, near), -np.sign(gradient) * near
     )
     # Nor does one begin where there is no room at all.
     nowhere = np.zeros(n)
-    np.testing.assert_array_equal(boxed_step(hessian, gradient, nowhere, nowhere), nowhere)
+    np.testing.assert_array_equal(bounded_step(hessian, gradient, nowhere, nowhere), nowhere)
 
 
 def test_what_is_let_go_does_not_depend_on_units() -> None:
@@ -70,7 +72,7 @@ def test_what_is_let_go_does_not_depend_on_units() -> None:
     hessian = np.array([[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
     whole, low, up = np.array([4.0, -3.0, 1.0]), [-1.0, -0.5, -5.0], [2.0, 9.0, 5.0]
     unit = np.array([1.0, 1.0, 1e-10])
-    step = boxed_step(
+    step = bounded_step(
         hessian / np.outer(unit, unit), -hessian @ whole / unit, low * unit, up * unit
     )
     np.testing.assert_allclose(step / unit, [1.75, -0.5, 1.0])

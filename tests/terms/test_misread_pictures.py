@@ -182,9 +182,7 @@ def test_a_third_of_all_boards_turned_is_named_picture_by_picture() -> None:
 def test_what_nothing_converges_with_is_named_too() -> None:
     term = changed(lambda pixels: pixels[:, ::-1], slice(None, None, 3))
     solution = solve(Problem([term], dh_parameters(ARM)))
-    lost = replace(
-        solution, minimum=replace(solution.minimum, status="Maximum_Iterations_Exceeded")
-    )
+    lost = replace(solution, minimum=replace(solution.minimum, converged=False))
     answer = assess_calibration(CalibrationExamination.of(lost))
     assert answer.level == "bad"
     assert any("turned by half a turn" in note for note in answer.notes)

@@ -22,15 +22,15 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import (
     noise_levels,
     robust_jacobian,
     scaled_inverse,
     whitened_rows,
 )
-from suta_calib.solver.ipopt import RobustNlp
 from suta_calib.solver.kernel import term_residuals
-from suta_calib.solver.options import SolverOptions
+from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
@@ -218,8 +218,8 @@ class ReferenceFit:
         start = np.array([values.get(n, float(s)) for n, s in zip(names, start, strict=True)])
         free = np.array([k for k, n in enumerate(names) if n in self.estimated], dtype=np.intp)
         sigmas = self.block_sigmas(terms)
-        nlp = RobustNlp(problem, free, sigmas, SolverOptions())
-        minimum = nlp.minimise(start, SETTLED)
+        solver = GaussNewton(confirm=False, settled=SETTLED)
+        minimum = solver.minimise(RobustNlp(problem, free, sigmas), start)
         found, block = problem.values(minimum.x), mine.blocks[0]
         return Refit(
             kept,

@@ -1,0 +1,146 @@
+"""What a solver minimises: a robust cost over the free unknowns, in their scales, within bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.solver.descent import Basin, Descent, descend
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.symbolic import symbolic_cost
+
+# Whitened costs that differ by less are the same minimum.
+SAME_COST = 1e-3
+# Of that, what a start may lack that leads to a minimum which another one has found.
+_JOINS = 0.1
+
+
+class RobustNlp:
+    """min ½ Σ ρ + ½ Σ ((x - nominal)/prior)² over the free entries of x, within bounds.
+
+    A solver works on z (k,): the free entries, each divided by its parameter's scale.
+
+    Args:
+        problem: what to minimise.
+        free: (k,) which entries of x may move; the others keep their value in the start.
+        sigmas: noise level of each block.
+
+    Attributes:
+        lower, upper: (k,) bounds of z; infinite where there are none.
+        compiled: what a solver has made of the cost; it lives as long as this.
+    """
+
+    def __init__(self, problem: Problem, free: IntArray, sigmas: Sequence[float]) -> None:
+        self.problem, self.free, self.sigmas = problem, free, list(sigmas)
+        self._scale = problem.parameters.array("scale")[free]
+        self._bounds = [problem.parameters.array(key)[free] for key in ("lower", "upper")]
+        self.lower, self.upper = (bound / self._scale for bound in self._bounds)
+        self.compiled: dict[bytes, Any] = {}
+        self._precision = problem.prior_precision()
+        self._of_free, self._units = np.ix_(free, free), np.outer(self._scale, self._scale)
+        self._nominal = problem.parameters.array("nominal")
+        self._arm_moves = bool(np.any(free < problem.arm_count))
+        self._held = np.delete(np.arange(len(self._nominal)), free)
+        self._base = self._nominal.copy()
+        self._minima: list[tuple[FloatArray, Basin]] = []
+
+    def begin(self, start: FloatArray) -> FloatArray:
+        """The scaled variables of a start (n,), clipped into the bounds; it sets what is held."""
+        self._base = start.copy()
+        return np.clip(start[self.free] / self._scale, self.lower, self.upper)
+
+    @property
+    def held(self) -> FloatArray:
+        """Values of what is held."""
+        return self._base[self._held]
+
+    def unscaled(self, z: FloatArray) -> FloatArray:
+        """(n,) the whole vector with these scaled variables."""
+        x = self._base.copy()
+        # A bound in its scale and back again may be off by the last digit.
+        x[self.free] = np.clip(z * self._scale, *self._bounds)
+        return x
+
+    def cost(self, z: FloatArray) -> float:
+        """The cost alone."""
+        x = self._at(z)
+        return self.problem.evaluation.cost(x, self.sigmas) + self._prior_cost(x)
+
+    def cost_gradient_hessian(self, z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
+        """Cost, gradient (k,) and Gauss-Newton matrix (k, k) by the scaled variables."""
+        x = self._at(z)
+        cost, gradient, hessian = self.problem.evaluation.cost_gradient_hessian(
+            x, self.sigmas, arm_moves=self._arm_moves
+        )
+        cost += self._prior_cost(x)
+        gradient = (gradient + self._precision * (x - self._nominal))[self.free] * self._scale
+        hessian = hessian[self._of_free]
+        hessian.flat[:: len(hessian) + 1] += self._precision[self.free]
+        return cost, gradient, hessian * self._units
+
+    def residuals(self, z: FloatArray) -> FloatArray:
+        """(m,) numbers whose squares, halved and summed, are the cost."""
+        return self._least_squares(z)[0]
+
+    def jacobian(self, z: FloatArray) -> FloatArray:
+        """(m, k) derivatives of `residuals` by the scaled variables."""
+        return self._least_squares(z)[1]
+
+    def descend(self, z: FloatArray, *, settled: float, steps: int, join: bool = False) -> Descent:
+        """Gauss-Newton steps from z.
+
+        Args:
+            z: where to begin.
+            settled: share of the cost that steps may promise to lose where the next is the last.
+            steps: most of them.
+            join: end early at a minimum that an earlier call found, over the same held values.
+        """
+        known = [basin for held, basin in self._minima if np.array_equal(held, self.held)]
+        there = descend(
+            self.cost_gradient_hessian,
+            z,
+            (self.lower, self.upper),
+            settled=settled,
+            steps=steps,
+            known=known if join else (),
+            joins=_JOINS * SAME_COST,
+        )
+        if join and there.basin is not None:
+            self._minima.append((self.held, there.basin))
+        return there
+
+    def symbolic_cost(self, z: Symbol) -> Symbol:
+        """The cost as a CasADi expression of z."""
+        select = ca.DM(len(self._base), len(self.free))
+        for column, row in enumerate(self.free):
+            select[int(row), column] = self._scale[column]
+        rest = self._base.copy()
+        rest[self.free] = 0.0
+        x = ca.mtimes(select, z) + ca.DM(rest)
+        deviation = x - ca.DM(self._nominal)
+        prior = ca.dot(ca.DM(self._precision), deviation**2) / 2
+        return symbolic_cost(self.problem, x, self.sigmas) + prior
+
+    def _at(self, z: FloatArray) -> FloatArray:
+        x = self._base.copy()
+        x[self.free] = z * self._scale
+        return x
+
+    def _prior_cost(self, x: FloatArray) -> float:
+        return 0.5 * float(np.sum(self._precision * (x - self._nominal) ** 2))
+
+    def _least_squares(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
+        x = self._at(z)
+        rows, columns = self.problem.evaluation.least_squares(x, self.sigmas)
+        known = np.flatnonzero(self._precision[self.free])
+        root = np.sqrt(self._precision[self.free[known]])
+        prior = np.zeros((len(known), len(self.free)))
+        prior[np.arange(len(known)), known] = root * self._scale[known]
+        away = root * (x - self._nominal)[self.free[known]]
+        jacobian = np.vstack([columns[:, self.free] * self._scale, prior])
+        return np.concatenate([rows, away]), jacobian
