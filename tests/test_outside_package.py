@@ -27,7 +27,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.exchange import export_formats, import_formats, read_foreign
 from suta_calib.registry import shipped
 from suta_calib.terms import ArmPoses, Block, Setup
-from suta_calib.trust import Examination, examine, known_hypotheses
+from suta_calib.trust import CalibrationExamination, examine, known_hypotheses
 
 ARM = arm_named("suta")
 UNKNOWN: ParameterSet = ARM.select(Selection("joint_*.offset", bound_rad=0.1))
@@ -88,11 +88,11 @@ def test_its_hypothesis_names_its_fault_and_is_silent_on_sound_data() -> None:
     hypothesis = known_hypotheses()["inclinometer gain"]
     sound = tilts(seed=2, noise=5 * NOISE)
     spoilt = hypothesis.spoil(sound, TRUTH | OWN, np.random.default_rng(0))
-    first, *_ = examine(Examination.of(solve(Problem([spoilt.data], UNKNOWN))))
+    first, *_ = examine(CalibrationExamination.of(solve(Problem([spoilt.data], UNKNOWN))))
     assert first.hypothesis is hypothesis
     assert abs(first.evidence.size[0] - spoilt.size[0]) < 3 * first.evidence.std[0]
     assert "too little" in first.sentence
-    assert not examine(Examination.of(solve(Problem([sound], UNKNOWN))))
+    assert not examine(CalibrationExamination.of(solve(Problem([sound], UNKNOWN))))
 
 
 def test_its_reader_makes_samples_of_its_kind(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
-from suta_calib.solver.problem import DEFAULT_SIGMA, Problem
+from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA, Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Setup, Term, first_kind
 
@@ -208,7 +208,10 @@ class Situation:
             known.setdefault((own.kind, block.name), sigma)
             touch += [sigma / own.noise_factor] if block.unit == "m" else []
         other = {"m": [*touch, DEFAULT_SIGMA["m"]][0], "rad": DEFAULT_SIGMA["rad"]}
-        return [known.get((term.kind, block.name), other[block.unit]) for block in term.blocks]
+        return [
+            known.get((term.kind, block.name), other.get(block.unit, PLAIN_SIGMA))
+            for block in term.blocks
+        ]
 
 
 def _lacking(solution: Solution) -> float:

@@ -64,16 +64,9 @@ class Inclinometer(Term):
         return (Block.per_sample("tilt", "rad", 2, _across, own, data, self.noise, labels),)
 
     def start(self, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
-        """S and u of R_i S a_i = u for all rows i: linear in both, by singular values."""
+        """By `mount_and_up`."""
         numbers = self.poses.samples.numbers
-        seen = _directions(numbers["roll"], numbers["pitch"])[0]
-        by_mount = np.einsum("nij,nk->nijk", rotation, seen).reshape(-1, 9)
-        rows = np.hstack([by_mount, -np.tile(np.eye(3), (len(seen), 1))])
-        found = np.linalg.svd(rows)[2][-1][:9].reshape(3, 3)
-        U, _, Vt = np.linalg.svd(found * np.sign(np.linalg.det(found) or 1.0))
-        mount = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        up = np.mean(rotation @ mount @ seen[:, :, None], axis=0)[:, 0]
-        return np.concatenate([vector_from_rotation(mount), _tilt(up)])
+        return mount_and_up(rotation, _directions(numbers["roll"], numbers["pitch"])[0])
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The readings of an ideal sensor."""
@@ -81,6 +74,17 @@ class Inclinometer(Term):
         up = rotation_from_vector(np.array([own[3], own[4], 0.0]))[:, 2]
         x, y, z = (poses.at(values)[0] @ rotation_from_vector(own[:3])).transpose(2, 0, 1) @ up
         return Observed(numbers={"roll": np.arctan2(y, z), "pitch": np.arcsin(-x)})
+
+
+def mount_and_up(rotation: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """S and u of R_i S a_i = u for all rows i: linear in both, by singular values."""
+    by_mount = np.einsum("nij,nk->nijk", rotation, seen).reshape(-1, 9)
+    rows = np.hstack([by_mount, -np.tile(np.eye(3), (len(seen), 1))])
+    found = np.linalg.svd(rows)[2][-1][:9].reshape(3, 3)
+    U, _, Vt = np.linalg.svd(found * np.sign(np.linalg.det(found) or 1.0))
+    mount = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    up = np.mean(rotation @ mount @ seen[:, :, None], axis=0)[:, 0]
+    return np.concatenate([vector_from_rotation(mount), _tilt(up)])
 
 
 def _directions(roll: np.ndarray, pitch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
