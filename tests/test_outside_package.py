@@ -150,8 +150,9 @@ def test_a_lambda_as_residual_works_and_is_sent_to_other_processes() -> None:
         (lambda _poses, own, _data: np.arctan2(own[0], 1.0) * {}, "cannot be evaluated on CasADi"),
         (lambda _poses, own: own, "cannot be evaluated on CasADi symbols"),
         (lambda *_: None, "cannot be evaluated on CasADi symbols"),
+        (lambda *_: ca.SX.sym("drift", 2), "symbols of its own: drift_0, drift_1; expected one"),
     ],
-    ids=["size", "if", "type", "arguments", "nothing"],
+    ids=["size", "if", "type", "arguments", "nothing", "symbols"],
 )
 def test_a_residual_that_is_none_is_refused_in_words(residual: Any, says: str) -> None:
     term = Other(tilts().poses, residual=residual)

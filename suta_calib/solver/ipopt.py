@@ -17,6 +17,7 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import SolverError
 from suta_calib.solver.descent import NEGLIGIBLE, Evaluate
 from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.solver import SETTLED, Answer, Minimum, Solver
@@ -55,11 +56,15 @@ class Ipopt(Solver):
         # Rounding grows with the cost, so a large problem is scaled down to one of full size.
         limits = self.max_iterations, min(1.0, _FULL_SIZE / rows)
         where = {"x0": z, "lbx": nlp.lower, "ubx": nlp.upper}
-        if self.exact:
-            answer, stats = _run(_exact(nlp, limits), where)
-        else:
-            solver = cached_ipopt(len(z), limits, get_ident())
-            answer, stats = solver(nlp.cost_gradient_hessian, where)
+        try:
+            if self.exact:
+                answer, stats = _run(_exact(nlp, limits), where)
+            else:
+                solver = cached_ipopt(len(z), limits, get_ident())
+                answer, stats = solver(nlp.cost_gradient_hessian, where)
+        except RuntimeError as problem:
+            reason = str(problem).strip().splitlines()[-1]
+            raise SolverError(f"an error of CasADi ({reason})", where=self.name) from problem
         status, count = str(stats["return_status"]), int(stats["iter_count"])
         there, cost = answer["x"].full().reshape(-1), float(answer["f"])
         converged = status in _GOOD

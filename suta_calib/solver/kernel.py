@@ -409,6 +409,14 @@ def residual_value(
         raise SamplesError(
             f"a residual of shape {value.shape}", f"({size}, 1), as its block says", where=name
         )
+    given = ca.veccat(*(part for pose in poses for part in (pose.R, pose.p)), own, data)
+    inputs = {symbol.element_hash() for symbol in ca.symvar(given)}
+    if free := [s.name() for s in ca.symvar(value) if s.element_hash() not in inputs]:
+        raise SamplesError(
+            f"a residual with symbols of its own: {', '.join(free)}",
+            "one of the poses, the own unknowns and the data that it is given",
+            where=name,
+        )
     return value
 
 

@@ -117,6 +117,17 @@ def test_what_is_no_solver_is_refused(given: Any) -> None:
         solve(dirty_problem(), SolverOptions(hessian="exakt"))
 
 
+def test_an_error_of_casadi_is_told_in_words(monkeypatch: pytest.MonkeyPatch) -> None:
+    def breaks(*_: Any) -> None:
+        raise RuntimeError(
+            "Error in Function::call\n.../casadi/core/oracle_function.cpp: evaluation failed"
+        )
+
+    monkeypatch.setattr("suta_calib.solver.ipopt._run", breaks)
+    with pytest.raises(SolverError, match=r"IPOPT: found an error of CasADi \(.*evaluation failed"):
+        solve(dirty_problem(), SolverOptions(weights=None, hessian="exact"))
+
+
 def test_one_place_builds_a_solver() -> None:
     assert SolverOptions().build_solver() == GaussNewton(200, True)
     exact = SolverOptions(hessian="exact", max_iterations=7).build_solver()
