@@ -8,9 +8,9 @@ of priors are a quadratic of the step, and the rest happens on matrices of the p
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import numpy as np
 from scipy.special import chdtrc
@@ -213,7 +213,7 @@ def most_likely(evidence: MarginalLikelihood) -> tuple[Point, FloatArray]:
     return here, hessian
 
 
-def told_by_data(hessian: FloatArray, belief: FloatArray) -> FloatArray:
+def data_information(hessian: FloatArray, belief: FloatArray) -> FloatArray:
     """Information of the data in that of data and belief: no less than nothing.
 
     Where a model fits badly, the evidence is no parabola, and its curvature may be below belief's.
@@ -223,3 +223,39 @@ def told_by_data(hessian: FloatArray, belief: FloatArray) -> FloatArray:
     values, vectors = np.linalg.eigh(scaled)
     part = root @ vectors * np.sqrt(np.maximum(values, 0.0))
     return np.asarray(part @ part.T)
+
+
+class LevelEstimate(Protocol):
+    """The best step of the unknowns, and its covariance, at some levels."""
+
+    @property
+    def step(self) -> FloatArray:
+        """(p,) from where one is."""
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(p, p) of the step."""
+
+
+def covariance_of_levels(
+    at: Callable[[FloatArray], LevelEstimate], best: FloatArray, uncertainty: FloatArray
+) -> FloatArray:
+    """What the scatter of the levels adds to the covariance of the unknowns, (p, p).
+
+    The mean over levels that are likely (Kass and Steffey 1989,
+    doi:10.1080/01621459.1989.10478825), by points whose mean and covariance are theirs.
+
+    Args:
+        at: the estimate at some levels (k,).
+        best: (k,) levels.
+        uncertainty: (k, k) covariance of the levels.
+    """
+    here = at(best)
+    values, vectors = np.linalg.eigh(uncertainty * len(best))
+    added = np.zeros_like(here.covariance)
+    for offset in (vectors * np.sqrt(np.maximum(values, 0.0))).T:
+        for there in (at(best + offset), at(best - offset)):
+            moved = there.step - here.step
+            added += there.covariance - here.covariance + np.outer(moved, moved)
+    values, vectors = np.linalg.eigh(added / (2 * len(best)))
+    return np.asarray((vectors * np.maximum(values, 0.0)) @ vectors.T)

@@ -34,15 +34,15 @@ from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.solver.evidence import (
     SETTLED,
     MarginalLikelihood,
+    covariance_of_levels,
+    data_information,
     energies_of_rows,
     energy_of_prior,
     limit_of,
     most_likely,
     threshold_of,
-    told_by_data,
 )
 from suta_calib.solver.information import Rows, whitened_rows
-from suta_calib.solver.level_uncertainty import covariance_of_levels
 from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.block import grouped_rows, summed
@@ -199,7 +199,7 @@ def learn_weights(
         eta, step = eta + best.eta, best.step
         if np.max(np.abs(best.eta)) < SETTLED:
             break
-    data = told_by_data(hessian, belief)
+    data = data_information(hessian, belief)
     uncertainty = np.asarray(np.linalg.inv(data + belief), dtype=np.float64)
     values, stds = np.exp(eta), np.sqrt(np.diag(uncertainty))
     scale, added = np.ones(len(x)), np.zeros((len(x),) * 2)
