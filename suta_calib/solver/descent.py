@@ -16,25 +16,11 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 
-# Evaluations, beyond which creeping along is left to others.
-MAX_EVALUATIONS: Final = 40
 # Of the cost: what it could still fall by where the next step is the last: 1e-5 of a standard
 # deviation, of which that step leaves next to nothing.
 NEGLIGIBLE: Final = 1e-12
-# And what it could still fall by where rounding alone keeps it from falling.
-ROUNDED: Final = 1e-10
-# Damping, of the matrix's diagonal, where a full step fails for the first time, what a further
-# failure multiplies it with and, from one to the next, its factor; and below what it is none.
-FIRST_DAMPING: Final = 1e-2
-FIRST_GROWTH: Final = 2.0
-NO_DAMPING: Final = 1e-4
-# Whitened cost above a known minimum up to which a point may lie in its bowl, a standard deviation
-# or two away; and what share of that the quadratic there may miss: among outliers, Huber's loss is
-# flatter than the matrix that leads to its minimum.
-NEAR: Final = 1.0
-FORETOLD: Final = 0.5
-# Pivot of a matrix with unit diagonal, squared, that is rounding.
-SINGULAR: Final = 1e-12
+# Evaluations; a descent that needs more creeps along, and is left to IPOPT.
+_MOST_EVALUATIONS: Final = 40
 
 Evaluate = Callable[[FloatArray], tuple[float, FloatArray, FloatArray]]
 
@@ -56,7 +42,9 @@ class Basin:
     def holds(self, z: FloatArray, cost: float) -> bool:
         """Whether a point of this cost is about a standard deviation away, by both accounts."""
         rise, expected = cost - self.cost, self.cost_at(z) - self.cost
-        return 0.0 <= rise <= NEAR and abs(expected - rise) <= FORETOLD * rise
+        # A whitened cost of one is a standard deviation or two. Among outliers Huber's loss is
+        # flatter than the matrix says: the quadratic may miss half of the rise.
+        return 0.0 <= rise <= 1.0 and abs(expected - rise) <= 0.5 * rise
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +74,7 @@ def descend(
     bounds: tuple[FloatArray, FloatArray],
     *,
     settled: float = NEGLIGIBLE,
-    steps: int = MAX_EVALUATIONS,
+    steps: int = _MOST_EVALUATIONS,
     known: Sequence[Basin] = (),
     joins: float = 0.0,
 ) -> Descent:
@@ -104,10 +92,10 @@ def descend(
     lower, upper = bounds
     z = np.clip(start, lower, upper)
     cost, gradient, hessian = evaluate(z)
-    damping, growth, taken = 0.0, FIRST_GROWTH, 0
+    damping, growth, taken = 0.0, 2.0, 0
     if not _finite(cost, gradient, hessian):
         return Descent(z, cost, False, taken)
-    for _ in range(MAX_EVALUATIONS):
+    for _ in range(_MOST_EVALUATIONS):
         for number, basin in enumerate(known):
             if basin.holds(z, cost):
                 return Descent(basin.z, basin.cost, True, taken, joined=number)
@@ -131,16 +119,18 @@ def descend(
             break
         value, *derivatives = evaluate(there)
         if value < cost and _finite(*derivatives):
-            kept = (cost - value) / promised
+            foretold = (cost - value) / promised
             z, cost, taken = there, value, taken + 1
             gradient, hessian = derivatives
             # Nielsen (1999), IMM-REP-1999-05: by how well the quadratic foretold it.
-            damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(kept, 1.0) - 1.0) ** 3)
-            damping, growth = (damping if damping > NO_DAMPING else 0.0), FIRST_GROWTH
-        elif left <= ROUNDED * max(cost, 1.0):
+            damping *= max(1.0 / 3.0, 1.0 - (2.0 * min(foretold, 1.0) - 1.0) ** 3)
+            # So little damping is none.
+            damping, growth = (damping if damping > 1e-4 else 0.0), 2.0
+        elif left <= 1e-10 * max(cost, 1.0):  # Rounding alone keeps it from falling.
             return Descent(z, cost, True, taken, basin=Basin(z, cost, gradient, hessian))
         else:
-            damping, growth = max(growth * damping, FIRST_DAMPING), FIRST_GROWTH * growth
+            # A hundredth of the diagonal at first, then twice, eight, 64 times as much.
+            damping, growth = max(growth * damping, 1e-2), 2.0 * growth
     return Descent(z, cost, False, taken)
 
 
@@ -199,15 +189,16 @@ def _newton(hessian: FloatArray, gradient: FloatArray) -> FloatArray:
     """-H⁺ g, of a positive semidefinite matrix whose diagonal may span many magnitudes."""
     if not len(gradient):
         return np.zeros(0)  # Every bound is met.
+    singular = 1e-12  # a squared pivot of the matrix with unit diagonal that is rounding
     scale = _unit(hessian)
     unit, along = hessian / (scale[:, None] * scale), gradient / scale
     try:
         root = np.linalg.cholesky(unit)
-        if root.diagonal().min() ** 2 > SINGULAR:
+        if root.diagonal().min() ** 2 > singular:
             return np.asarray(-np.linalg.solve(unit, along) / scale)
     except np.linalg.LinAlgError:
         pass
-    return np.asarray(-np.linalg.lstsq(unit, along, rcond=SINGULAR)[0] / scale)
+    return np.asarray(-np.linalg.lstsq(unit, along, rcond=singular)[0] / scale)
 
 
 def _unit(hessian: FloatArray) -> FloatArray:

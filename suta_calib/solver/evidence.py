@@ -22,16 +22,8 @@ from suta_calib.terms.block import Block
 
 # Noise that is always there, m or rad per component: rounding is no information.
 FINEST: Final = 1e-6
-# Share of rows that may be blunders: beyond Huber's threshold they are then no surprise.
-BLUNDERS: Final = 0.1
 # Change of a logarithm from which on it has settled.
 SETTLED: Final = 1e-3
-NEWTON_STEPS: Final = 30
-HALVINGS: Final = 8
-# Curvature, relative to the largest, that rounding may have taken away.
-ROUNDING: Final = 1e-12
-# Longest step in a logarithm: the evidence is no parabola farther off.
-LONGEST: Final = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +129,7 @@ class MarginalLikelihood:
             whole = part.curvature.ndim == 2
             curvature += part.curvature if whole else np.diag(part.curvature)
         unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-        scaled = curvature * np.outer(unit, unit) + ROUNDING * np.eye(len(unit))
+        scaled = curvature * np.outer(unit, unit) + 1e-12 * np.eye(len(unit))
         cholesky = np.linalg.cholesky(scaled)
         covariance = np.linalg.inv(scaled) * np.outer(unit, unit)
         step = -covariance @ sum(part.slope for part in parts)
@@ -185,7 +177,8 @@ class MarginalLikelihood:
         for k, (rows, size, threshold) in enumerate(self.beyond):
             if rows:
                 limit = threshold * np.exp(-eta[k] - np.array([-width, 0.0, width]))
-                chance = BLUNDERS + (1.0 - BLUNDERS) * chdtrc(size, limit**2)
+                # A tenth of the rows may be blunders: beyond the threshold they are no surprise.
+                chance = 0.1 + 0.9 * chdtrc(size, limit**2)
                 low, here, high = -rows * np.log(chance)
                 found[k] = here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
         return found
@@ -195,13 +188,14 @@ def most_likely(evidence: MarginalLikelihood) -> tuple[Point, FloatArray]:
     """Newton's method with its Hessian kept positive: where it ends, and the Hessian there."""
     here = evidence.at(np.zeros(len(evidence.counts)))
     gradient, hessian = evidence.derivatives(here)
-    for _ in range(NEWTON_STEPS):
+    for _ in range(30):
         values, vectors = np.linalg.eigh(hessian)
         move = -vectors @ (vectors.T @ gradient / np.maximum(np.abs(values), 1e-2))
-        move *= min(1.0, LONGEST / max(float(np.abs(move).max()), 1e-300))
+        # Farther off than a step of one in a logarithm, the evidence is no parabola.
+        move *= min(1.0, 1.0 / max(float(np.abs(move).max()), 1e-300))
         if np.max(np.abs(move)) < SETTLED / 10:
             break
-        for _ in range(HALVINGS):
+        for _ in range(8):
             there = evidence.at(here.eta + move)
             if there.value <= here.value:
                 break

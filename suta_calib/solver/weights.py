@@ -51,11 +51,6 @@ from suta_calib.terms.block import grouped_rows, summed
 CAMERA: Final = "camera"
 # Logarithmic standard deviation of what must stay.
 FIXED: Final = 1e-6
-# Standard deviations, and the factor, from where on what was given is contradicted.
-SIGNIFICANT: Final = 3.0
-WORTH_A_WORD: Final = 2.0
-# Rows' weights, then noise and factors for them: so often at most, until they settle.
-ROUNDS: Final = 10
 
 
 @dataclass(frozen=True)
@@ -74,11 +69,11 @@ class Learned:
 
     @property
     def contradicted(self) -> bool:
-        """Whether the data contradict what was given: surely, and by a factor worth a word."""
+        """Whether what was given is off by three standard deviations, and by a factor of two."""
         if self.given is None or not self.log_std:
             return False
         off = abs(math.log(self.value / self.given))
-        return off > max(SIGNIFICANT * self.log_std, math.log(WORTH_A_WORD))
+        return off > max(3.0 * self.log_std, math.log(2.0))
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -180,7 +175,8 @@ def learn_weights(
     ) * (camera[:, None] == camera)
     belief = np.linalg.inv(covariance)
     eta, step = np.log(given), np.zeros(len(free))
-    for _ in range(ROUNDS):
+    # The weights of the rows, then noise and factors for them, until these settle.
+    for _ in range(10):
         energies, counts, beyond, held = [], [], [], [stays]
         for block, r, t, k, log_sigma in zip(blocks, rows, trust, known, eta[noise], strict=True):
             inside, outside, count = energies_of_rows(r, free, step, t, math.exp(log_sigma))
