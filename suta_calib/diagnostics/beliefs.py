@@ -1,7 +1,8 @@
 """Do the data speak against what a term was told to believe, such as a camera's intrinsics?
 
-What is believed is estimated too (`Term.freed`), from the same start and with hardly any prior,
-and held against what was believed (Wald 1943, doi:10.1090/S0002-9947-1943-0012401-3): a score test
+What is believed is estimated too (`Term.with_assumptions_estimated`), from the same start and with
+hardly any prior, and compared with what was believed (Wald 1943,
+doi:10.1090/S0002-9947-1943-0012401-3): a score test
 at the fit would need more pictures than a calibration has, for each is one witness. The test allows
 for how badly so few tell a covariance (`few_witnesses`).
 
@@ -87,10 +88,10 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
         solution: a converged one, of terms over an arm.
     """
     problem = solution.problem
-    freed = [term.freed for term in problem.terms]
+    estimated = [term.with_assumptions_estimated for term in problem.terms]
     believed = {
-        p.name: (p, term.freed_by)
-        for term in freed
+        p.name: (p, term.assumptions_key)
+        for term in estimated
         if term is not None
         for p in term.own
         if p.name not in problem.parameters
@@ -98,7 +99,7 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
     if not believed:
         return
 
-    terms = [more or term for more, term in zip(freed, problem.terms, strict=True)]
+    terms = [more or term for more, term in zip(estimated, problem.terms, strict=True)]
     try:
         again = solve(Problem(terms, problem.arm_parameters), SolverOptions(confirm=False))
     except SutaCalibError:  # Too few data for so many unknowns contradict nothing.

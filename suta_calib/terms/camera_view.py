@@ -136,7 +136,7 @@ class CameraView(FramedTerm):
         ),
     )
     chance: ClassVar[float] = 0.02
-    freed_by: ClassVar[str] = "intrinsics: free"
+    assumptions_key: ClassVar[str] = "intrinsics: free"
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "tool": (
             "moves the tip in the last link, and with it nothing that the camera sees: the "
@@ -368,7 +368,7 @@ class CameraView(FramedTerm):
         return self.board.stretch if isinstance(self.poses, ArmPoses) else None
 
     @property
-    def freed(self) -> Self | None:
+    def with_assumptions_estimated(self) -> Self | None:
         """The same with focal lengths and principal point estimated.
 
         Distortion stays: it would take much of what a principal point does upon itself.

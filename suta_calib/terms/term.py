@@ -89,7 +89,7 @@ class Term(ABC):
         measured_keys: keys of a row about what was measured, which a simulation does not take.
         frames: what a simulation may state of what sees or is seen.
         chance: rough part of an arm's postures in which what is looked at is in sight.
-        freed_by: what a job's row says for `freed`.
+        assumptions_key: what a job's row says for `with_assumptions_estimated`.
         files: what the files that a job names are begun with; each is called as its key.
         tested: what of an acceptance test after ISO 10360-12 its samples measure.
         leaves_open: by what is left open, why this kind alone cannot tell, and what to do then.
@@ -120,7 +120,7 @@ class Term(ABC):
     measured_keys: ClassVar[tuple[str, ...]] = ()
     frames: ClassVar[tuple[TrueFrame, ...]] = ()
     chance: ClassVar[float] = 1.0
-    freed_by: ClassVar[str] = ""
+    assumptions_key: ClassVar[str] = ""
     files: ClassVar[Mapping[str, str]] = {}
     tested: ClassVar[Literal["", "length", "articulation"]] = ""
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {}
@@ -373,10 +373,10 @@ class Term(ABC):
         return {}
 
     @property
-    def freed(self) -> Self | None:
+    def with_assumptions_estimated(self) -> Self | None:
         """The same with what it takes for certain estimated; None where it takes nothing so.
 
-        What its own unknowns have more then is what residuals are asked about; see `freed_by`.
+        Residuals are asked about what its own unknowns have more then; see `assumptions_key`.
         """
         return None
 
