@@ -30,7 +30,6 @@ from suta_calib.terms.synthetic import (
 from suta_calib.terms.term import Gap, Term
 
 if TYPE_CHECKING:
-    from suta_calib.terms.setup import Setup
     from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
@@ -75,11 +74,6 @@ class FixedPoint(Term):
     }
 
     noise: Noise = LEARNT
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> FixedPoint:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise)
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:

@@ -34,7 +34,6 @@ from suta_calib.terms.observed import Observed, Resimulation
 from suta_calib.terms.outside import pose_named, pose_parameters, pose_values
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.stretch import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.term import Term
 
@@ -112,12 +111,6 @@ class TouchedLandmark(Term):
     seating: Seating | None = None
     label: str = "default"
     seats: FloatArray | None = None
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> TouchedLandmark:
-        """Build it from a row of a job file."""
-        certified = setup.certified(cls.kind)
-        return cls(poses, certified, setup.noise, setup.angular_noise, setup.seating, setup.label)
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:

@@ -23,7 +23,6 @@ from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import OutsideFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Term
 
 # Two touches lie on some line whatever the arm is: the third is the first that tells.
@@ -95,11 +94,6 @@ class TouchedLine(Term):
     )
 
     noise: Noise = LEARNT
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> TouchedLine:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise)
 
     @classmethod
     def touches(

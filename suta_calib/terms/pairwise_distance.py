@@ -42,7 +42,6 @@ from suta_calib.terms.landmark import (
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.stretch import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.term import Term
 
@@ -108,12 +107,6 @@ class PairwiseDistance(Term):
     noise: Noise = LEARNT
     seating: Seating | None = None
     label: str = "default"
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> PairwiseDistance:
-        """Build it from a row of a job file."""
-        certified = setup.certified(cls.kind)
-        return cls(poses, certified, setup.noise, setup.seating, setup.label)
 
     @cached_property
     def own(self) -> tuple[Parameter, ...]:

@@ -23,7 +23,6 @@ from suta_calib.terms.given import GivenPose, Known
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import OutsideFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Term
 
 # Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
@@ -108,11 +107,6 @@ class TouchedPlane(Term):
             found, expected = f"{self.radius:g}", "a radius in m, 0 for a point"
             raise SamplesError(found, expected, where=f"{self.kind}: radius")
         super().__post_init__()
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> TouchedPlane:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.settings.get("radius", 0.0))
 
     @classmethod
     def touches(

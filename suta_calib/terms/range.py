@@ -21,7 +21,6 @@ from suta_calib.terms.checks import OTHER_UNIT
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.outside import PLAUSIBLE_POSITION, point_named, point_parameters
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.terms.setup import Setup
 from suta_calib.terms.term import Term
 from suta_calib.units import from_mm, mm
 
@@ -83,11 +82,6 @@ class MeasuredRange(Term):
     )
 
     noise: Noise = LEARNT
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> MeasuredRange:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise)
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:

@@ -5,18 +5,16 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final, Self
+from typing import TYPE_CHECKING, Final
 
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Noise
 from suta_calib.terms.outside import labelled, pose_parameters
-from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
 
 if TYPE_CHECKING:
     from suta_calib.terms.given import GivenPose, Known
-    from suta_calib.terms.setup import Setup
 
 # What says the unit of what is seen.
 SEEN_UNIT: Final = (
@@ -92,11 +90,6 @@ class SeenTerm(FramedTerm):
     noise: Noise = LEARNT
     angular_noise: Noise = LEARNT
     label: str = "default"
-
-    @classmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> Self:
-        """Build it from a row of a job file."""
-        return cls(poses, setup.noise, setup.angular_noise, setup.label)
 
     @property
     def frame_names(self) -> list[str]:

@@ -238,9 +238,17 @@ class Term(ABC):
         return cls.columns.position or any(number.unit == "m" for number in cls.columns.numbers)
 
     @classmethod
-    @abstractmethod
-    def over(cls, poses: PoseSource, setup: Setup) -> Term:
-        """Build the term from what a row of a job file can say, taking what this kind needs."""
+    def over(cls, poses: PoseSource, setup: Setup) -> Self:
+        """Build the term from what a row of a job says: as many of its attributes as it has.
+
+        Raises:
+            ArtefactError: the kind needs an artefact, and there is none.
+        """
+        values = {**vars(setup), **setup.settings}
+        if cls.needs_artefact:
+            values["artefact"] = setup.certified(cls.kind)
+        attributes = {attribute.name for attribute in fields(cls)}
+        return cls(poses, **{name: values[name] for name in values if name in attributes})
 
     from_arrays = FromArrays()
 
