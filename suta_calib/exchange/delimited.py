@@ -30,13 +30,7 @@ from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
 from suta_calib.words import listed
 
-_SEPARATORS: Final = {
-    "tab": "\t",
-    "semicolon": ";",
-    "comma": ",",
-    "bar": "|",
-    "blank": " ",
-}
+_SEPARATORS: Final = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": " "}
 _DECIMALS: Final = {"point": ".", "comma": ","}
 SEPARATOR: Final = Option("separator", "Between cells.", choices=tuple(_SEPARATORS))
 DECIMAL: Final = Option("decimal", "Decimal sign.", choices=tuple(_DECIMALS))

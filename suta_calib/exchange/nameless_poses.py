@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.plausible import RPY, open_forms, plausible_readings, quaternion_order
 from suta_calib.exchange.rotations import NUMBERS, is_rotation
@@ -68,11 +67,9 @@ def _position_and_rotation(
         fitting = [name for name, one in lengths.items() if np.all(np.abs(one - 1.0) < UNIT_LENGTH)]
         if not fitting:
             said = "seven numbers a row, no four of which, first or last, are a quaternion"
-            raise ForeignFileError(
+            raise sheet.refuse(
                 said,
                 "a position and a quaternion",
-                file=sheet.path,
-                line=sheet.lines[0],
                 hint="say which columns are what with --columns 1=x,2=y,…",
             )
         seen = "seven numbers a row, of which the first and the last four may be a quaternion"
@@ -110,11 +107,9 @@ def _guessed_pose(sheet: Sheet, numbers: FloatArray, seen: str, given: Given) ->
     readings = plausible_readings(numbers, firsts, forms, *units) if len(numbers) else []
     if len(readings) != 1:
         said = "; ".join(map(str, readings)) or "none for an arm or a tracker"
-        raise ForeignFileError(
+        raise sheet.refuse(
             f"{seen}; plausible readings: {said}",
             "exactly one plausible reading",
-            file=sheet.path,
-            line=sheet.lines[0],
             hint=f"say {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg",
         )
     first, form, length, angle = readings[0]
@@ -130,10 +125,7 @@ def _guessed_pose(sheet: Sheet, numbers: FloatArray, seen: str, given: Given) ->
 def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
     """Twelve or sixteen numbers: a transform row by row or column by column."""
     width = numbers.shape[1] // 4
-    by_rows = (
-        tuple(4 * row + column for row in range(3) for column in range(3)),
-        (3, 7, 11),
-    )
+    by_rows = (tuple(4 * row + column for row in range(3) for column in range(3)), (3, 7, 11))
     by_columns = (
         tuple(width * column + row for row in range(3) for column in range(3)),
         tuple(3 * width + row for row in range(3)),
@@ -152,11 +144,9 @@ def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
         last = {"rows": (12, 13, 14, 15), "columns": (3, 7, 11, 15)}
         fitting = [n for n in fitting if np.allclose(numbers[:, last[n]], [0, 0, 0, 1], atol=1e-6)]
     if not fitting:
-        raise ForeignFileError(
+        raise sheet.refuse(
             f"{4 * width} numbers a row, which are no transform by rows or by columns",
             "a rotation matrix with a position",
-            file=sheet.path,
-            line=sheet.lines[0],
         )
     same = {name: numbers[:, arranged[name][0] + arranged[name][1]].tobytes() for name in fitting}
     if ROTATION in given and given.text(ROTATION) == "rows" and "rows" not in fitting:

@@ -108,12 +108,7 @@ def _refuse_angles(values: FloatArray, known: BoolArray, path: Path, lines: Sequ
 
 
 def _refuse(
-    off: FloatArray,
-    known: BoolArray,
-    path: Path,
-    lines: Sequence[int],
-    found: str,
-    expected: str,
+    off: FloatArray, known: BoolArray, path: Path, lines: Sequence[int], found: str, expected: str
 ) -> None:
     for row in np.flatnonzero(~(off < _ROUNDED)):
         line = lines[int(np.flatnonzero(known)[row])]

@@ -13,6 +13,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import is_missing, no_number
 from suta_calib.measurements.csv_table import number_in
 
@@ -55,6 +56,10 @@ class Sheet:
 
     def __len__(self) -> int:
         return len(self.lines)
+
+    def refuse(self, found: str, expected: str, hint: str = "") -> ForeignFileError:
+        """Error about the table as a whole, at its first row, to be raised by the caller."""
+        return ForeignFileError(found, expected, file=self.path, line=self.lines[0], hint=hint)
 
     def named_by_comment(self) -> Sheet:
         """With the names that the comment above the rows has."""

@@ -205,11 +205,9 @@ def _numbers(
 
 def _refused(sheet: Sheet, found: str) -> ForeignFileError:
     """Error about names that contradict each other, to be raised by the caller."""
-    return ForeignFileError(
+    return sheet.refuse(
         found,
         "each number of a pose once, all of a kind in one unit",
-        file=sheet.path,
-        line=sheet.lines[0],
         hint="name the columns that are meant with --columns 1=x,2=qx,…, and others by other names",
     )
 
@@ -247,11 +245,9 @@ def _named_rotation(
         gone = [prefix + name for name in names if prefix + name not in plain]
         if len(gone) == 1:
             there = ", ".join(prefix + name for name in names if prefix + name in plain)
-            raise ForeignFileError(
+            raise sheet.refuse(
                 f"columns {there} and no {gone[0]}",
                 "all four numbers of a quaternion, or none",
-                file=sheet.path,
-                line=sheet.lines[0],
                 hint=f"name it with --columns NAME={gone[0]}",
             )
     return (), "", ""
@@ -280,11 +276,9 @@ def _guessed_angles(
     if len(readings) == 1:
         return readings[0]
     said = " or ".join(f"{form} in {angle}" for form, angle in readings)
-    raise ForeignFileError(
+    raise sheet.refuse(
         f"columns {', '.join(names)}, which may be {said or 'no angles of a usual form'}",
         "one form that their numbers allow",
-        file=sheet.path,
-        line=sheet.lines[0],
         hint=f"say {ROTATION.switch} vector or an order of Euler angles, and {UNIT.switch} rad|deg",
     )
 
@@ -326,13 +320,7 @@ def guessed_angle(sheet: Sheet, form: str, numbers: FloatArray, given: Given) ->
 
 def _no_guess(sheet: Sheet, found: str, choices: str) -> ForeignFileError:
     """Error that nothing is plausible, to be raised by the caller."""
-    return ForeignFileError(
-        found,
-        "numbers that allow a guess",
-        file=sheet.path,
-        line=sheet.lines[0],
-        hint=f"say {UNIT.switch} {choices}",
-    )
+    return sheet.refuse(found, "numbers that allow a guess", hint=f"say {UNIT.switch} {choices}")
 
 
 def open_units(given: Given, units: Sequence[str], stated: str = "") -> Sequence[str]:
@@ -388,10 +376,8 @@ def settled(
         given.note_guess(option, likeliest, seen)
         return likeliest
     shown = choices if len(choices) <= _MOST_CHOICES else (*choices[:_MOST_CHOICES], "…")
-    raise ForeignFileError(
+    raise sheet.refuse(
         seen,
         "that it be said which",
-        file=sheet.path,
-        line=sheet.lines[0],
         hint=f"say {option.switch} {'|'.join(shown)}" + (", or --guess" if likeliest else ""),
     )

@@ -153,8 +153,4 @@ def write_foreign(result: Result, form: str, **options: Any) -> Exported:
 def covariance_record(arm: CalibratedArm) -> dict[str, Any]:
     """The covariance of an arm's parameters as JSON has it: names, unit, matrix."""
     known = arm.known
-    return {
-        "parameters": list(known.names),
-        "unit": "m, rad",
-        "matrix": known.covariance.tolist(),
-    }
+    return {"parameters": list(known.names), "unit": "m, rad", "matrix": known.covariance.tolist()}

@@ -26,13 +26,7 @@ from suta_calib.exchange.recorded_rests import (
     found_rests,
     imported_rests,
 )
-from suta_calib.exchange.ros_pictures import (
-    CAMERA_INFO,
-    COMPRESSED,
-    IMAGE,
-    camera_of,
-    pictures_at,
-)
+from suta_calib.exchange.ros_pictures import CAMERA_INFO, COMPRESSED, IMAGE, camera_of, pictures_at
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.extras import load
 from suta_calib.geometry.numbers import homogeneous, rotation_from_quaternion

@@ -300,11 +300,9 @@ class _Columns:
         if note and not said:
             far = float(np.linalg.norm(position, axis=1).min()) > _GRID
             grid = f"; {GRID_HINT}" if far and ORIGIN not in self._given else ""
-            raise ForeignFileError(
+            raise self._sheet.refuse(
                 f"{note[0].lower()}{note[1:]}",
                 "the unit",
-                file=self._sheet.path,
-                line=self._sheet.lines[0],
                 hint=f"say --unit mm or --unit m; nothing is scaled unasked{grid}",
             )
         self._notes += [note] if note else []
@@ -364,11 +362,9 @@ class _Columns:
             (self._length, bool(self._poses), "a position", COLUMNS),
         ):
             if unit and not used:
-                raise ForeignFileError(
+                raise self._sheet.refuse(
                     f"{UNIT.switch} {unit}, and no columns of {what}",
                     "columns that are in this unit",
-                    file=self._sheet.path,
-                    line=self._sheet.lines[0],
                     hint=f"say which they are with {where.switch} {where.metavar}",
                 )
 
@@ -388,11 +384,9 @@ class _Columns:
         return replace(readings, unit="deg").angles(joint, numbers)
 
     def _degrees(self, of: str, most: float) -> ForeignFileError:
-        return ForeignFileError(
+        return self._sheet.refuse(
             f"{of} up to {most:.4g}, which look like degrees",
             "that it be said",
-            file=self._sheet.path,
-            line=self._sheet.lines[0],
             hint="say --unit deg, --unit ticks or --unit rad; nothing is scaled unasked",
         )
 
@@ -406,11 +400,9 @@ class _Columns:
         sheet = self._sheet
         trajectory = len(sheet.names) == len(TUM) and not sheet.headed
         columns = ",".join(f"{k}={name}" for k, name in enumerate(("time", *"xyz", *TUM[4:]), 1))
-        return ForeignFileError(
+        return sheet.refuse(
             f"{len(sheet.names)} columns: {listed(list(sheet.names), 16)}",
             "columns of a pose or of joints by name; or 3, 6, 7, 12 or 16 numbers",
-            file=sheet.path,
-            line=sheet.lines[0],
             hint="say what they are with --columns NAME=joint_1,…, with x, y, z, qx, qy, qz, qw "
             f"for a pose, or with {FROM.switch} N where a pose begins"
             + (f"; {COLUMNS.switch} {columns} for a trajectory of TUM" if trajectory else ""),
