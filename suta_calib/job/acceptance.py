@@ -213,11 +213,11 @@ class AcceptanceJob:
         except InputError as problem:
             if problem.file is not None or key not in self.sections:
                 raise
-            found = f"{problem.where}: {problem.found}" if problem.where else problem.found
+            description = f"{problem.where}: {problem.found}" if problem.where else problem.found
             # Rows that were left out are missing for a reason.
             why = [note.rstrip(".") for note in self.notes if note.startswith(f"{key}:")]
             raise self.sections[key].refuse(
-                found,
+                description,
                 problem.expected,
                 at=("samples",),
                 hint="; ".join([problem.hint, *why]).strip("; "),
@@ -249,7 +249,7 @@ def _without_copies(job: AcceptanceJob) -> AcceptanceJob:
     measured = [*(term.poses.samples for term in job.lengths), *job.articulation]
     measured += [] if probing is None else [probing.samples]
     measured += [] if visits is None else [visits]
-    q = np.vstack([each.q for each in measured])
+    q = np.vstack([samples.q for samples in measured])
     moving = q[:, np.ptp(q, axis=0) > 0.0]
     if moving.size and np.all(resolutions(moving) > 0.0):
         # An arm with so coarse encoders may read the same when it comes back.
@@ -264,7 +264,7 @@ def _without_copies(job: AcceptanceJob) -> AcceptanceJob:
             )
         return np.sort(rows)
 
-    articulation = [each.take(once("articulation", each)) for each in job.articulation]
+    articulation = [touches.take(once("articulation", touches)) for touches in job.articulation]
     if probing is not None:
         touched = probing.samples.take(once("probing", probing.samples))
         probing = replace(probing, samples=touched)
@@ -355,6 +355,6 @@ def _of_calibration(path: Path, urdf: Path | None) -> AcceptanceJob:
 def _first(job: CalibrationJob, kind: type[_AnyTerm]) -> list[_AnyTerm]:
     """The held-out terms of a kind, or the fitted ones where none is held out."""
     for terms in (job.validation, job.observations):
-        if some := [term for term in terms if isinstance(term, kind)]:
-            return some
+        if of_kind := [term for term in terms if isinstance(term, kind)]:
+            return of_kind
     return []

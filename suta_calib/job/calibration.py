@@ -208,11 +208,11 @@ class CalibrationResult(Shown):
     @judged
     def assessment(self) -> Assessment:
         """Whether the calibrated arm may be used, and what must be known to use it."""
-        found, failed = assess_calibration(self.examined), list[str]()
+        assessment, failed = assess_calibration(self.examined), list[str]()
         if not self.solution.converged:
-            return found
+            return assessment
         on_the_job = judge("the job's rows", self._on_the_job, failed)
-        return found.with_care([*on_the_job, *failed])
+        return assessment.with_care([*on_the_job, *failed])
 
     @property
     def in_a_line(self) -> str:
@@ -232,7 +232,7 @@ class CalibrationResult(Shown):
             return "not converged"
         first = terms[0].blocks[0]
         # As many decimals as the smaller of the two needs to have two digits.
-        figures = [shown(each.rms, first.unit) for each in (before, after)]
+        figures = [shown(errors.rms, first.unit) for errors in (before, after)]
         least = min((abs(f) for f in figures if f > 0), default=1.0)
         places = min(max(1 - math.floor(math.log10(least)), 0), 6)
         was, now = (f"{figure:.{places}f}" for figure in figures)
@@ -383,7 +383,7 @@ def read_term(
     return term
 
 
-def _told(terms: Sequence[Term]) -> dict[str, Parameter]:
+def _given_unknowns(terms: Sequence[Term]) -> dict[str, Parameter]:
     """Own unknowns of which a given pose says something."""
     return {p.name: p for term in terms if term.given for p in term.unknowns if p not in term.own}
 
@@ -393,10 +393,10 @@ def _check_given_alike(
 ) -> None:
     """Refuse a pose of a held-out row that would go unheard: what is fitted keeps its place."""
     fitted = {p.name for term in observations for p in term.own}
-    told = _told(observations)
+    given = _given_unknowns(observations)
     for row, term in zip(spec.validation, validation, strict=True):
-        for name, parameter in _told([term]).items():
-            if name in fitted and told.get(name) != parameter:
+        for name, parameter in _given_unknowns([term]).items():
+            if name in fitted and given.get(name) != parameter:
                 raise JobError(
                     f"a given pose that differs from that of the observations in {name}",
                     "one pose for one place",
@@ -423,10 +423,10 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
     if len(terms) < 2:
         return
 
-    known: dict[str, list[tuple[int, set[bytes]]]] = {}
+    rows_by_kind: dict[str, list[tuple[int, set[bytes]]]] = {}
     for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
         keys = set(term.poses.samples.as_keys())
-        for other, theirs in known.setdefault(row.kind, []):
+        for other, theirs in rows_by_kind.setdefault(row.kind, []):
             both = len(keys & theirs)
             # Touches of one point may happen to read alike, a few of them, by coarse encoders.
             few = max(1, min(len(keys), len(theirs)) // 2)
@@ -439,7 +439,7 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
                     where=f"observations[{k}].samples",
                     hint="name every file once, by one path",
                 )
-        known[row.kind].append((k, keys))
+        rows_by_kind[row.kind].append((k, keys))
 
 
 def _read_with_fitted(job: CalibrationJob) -> list[str]:

@@ -52,13 +52,13 @@ class Couplings:
         Raises:
             JobError: the arm has no such joints, or they cannot be coupled.
         """
-        for joint, others in self.section.data.items():
+        for joint, masters in self.section.data.items():
             possible = [arm.couplings[n] for n in arm.couplings if arm.offered[n].owner == joint]
             if not possible:
                 joints = dict.fromkeys(arm.offered[n].owner for n in arm.couplings)
                 expected = f"one of {', '.join(joints)}" if joints else "an arm with two joints"
                 raise self.section.refuse("no joint that can be coupled", expected, at=(joint,))
-            for other in others:
+            for other in masters:
                 if other not in possible:
                     raise self.section.refuse(
                         f"no joint whose reading can move {joint} too",

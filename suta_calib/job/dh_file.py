@@ -114,6 +114,6 @@ def _motion(table: CsvTable, row: int) -> DhMotion:
     cell = table.cells("type")[row]
     for motion in _MOTIONS:
         if cell == motion:
-            found: DhMotion = motion
-            return found
+            checked: DhMotion = motion
+            return checked
     raise table.refuse(row, "type", repr(cell), ", ".join(_MOTIONS))

@@ -58,7 +58,7 @@ def packed(job: Path, files: Iterable[Path], most: int = MOST_BYTES) -> bytes:
             continue
         room -= size
         contents[path] = path.read_bytes()
-    told = {
+    table_of_contents = {
         "job": job.relative_to(root).as_posix(),
         "folder": str(root),
         "sha256": {
@@ -72,7 +72,10 @@ def packed(job: Path, files: Iterable[Path], most: int = MOST_BYTES) -> bytes:
     entries = {path.relative_to(root).as_posix(): data for path, data in contents.items()}
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=3) as archive:
-        for name, data in {_CONTENTS: json.dumps(told, indent=1).encode(), **entries}.items():
+        for name, data in {
+            _CONTENTS: json.dumps(table_of_contents, indent=1).encode(),
+            **entries,
+        }.items():
             entry = zipfile.ZipInfo(name, _TIME)
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             archive.writestr(entry, data)
@@ -108,13 +111,13 @@ class InputsCopy:
             with zipfile.ZipFile(path) as archive:
                 if sum(entry.file_size for entry in archive.infolist()) > 2 * MOST_BYTES:
                     raise _damaged(path, f"more than {2 * MOST_BYTES >> 20} MB")
-                told: Any = json.loads(archive.read(_CONTENTS))
+                table_of_contents: Any = json.loads(archive.read(_CONTENTS))
             copy = cls(
                 path,
-                str(told["job"]),
-                Path(str(told["folder"])),
-                {str(name): str(value) for name, value in told["sha256"].items()},
-                {str(name): int(value) for name, value in told["left_out"].items()},
+                str(table_of_contents["job"]),
+                Path(str(table_of_contents["folder"])),
+                {str(name): str(value) for name, value in table_of_contents["sha256"].items()},
+                {str(name): int(value) for name, value in table_of_contents["left_out"].items()},
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile):
             raise _damaged(path, "something else, or damaged") from None
@@ -144,9 +147,9 @@ class InputsCopy:
         return folder / self.job
 
 
-def _damaged(path: Path, found: str) -> InputError:
+def _damaged(path: Path, content: str) -> InputError:
     expected = "the copy of a job's files that calibrate writes"
-    return InputError(found, expected, file=path, hint="calibrate again")
+    return InputError(content, expected, file=path, hint="calibrate again")
 
 
 def _absolute(path: Path) -> Path:
@@ -162,13 +165,13 @@ def _is_package(folder: Path) -> bool:
 
 def _with_relative_paths(text: bytes, folder: Path) -> bytes:
     """A job in which no path is absolute, character for character the same otherwise."""
-    told = text.decode("utf-8-sig")
-    for scalar in reversed(list(_scalars(yaml.compose(told, Loader=yaml.CSafeLoader)))):
+    content = text.decode("utf-8-sig")
+    for scalar in reversed(list(_scalars(yaml.compose(content, Loader=yaml.CSafeLoader)))):
         if Path(scalar.value).is_absolute():
             relative = json.dumps(Path(os.path.relpath(scalar.value, folder)).as_posix())
             start, end = scalar.start_mark.index, scalar.end_mark.index
-            told = told[:start] + relative + told[end:]
-    return told.encode()
+            content = content[:start] + relative + content[end:]
+    return content.encode()
 
 
 def _scalars(node: yaml.Node | None) -> Iterable[yaml.ScalarNode]:

@@ -72,9 +72,9 @@ def new_job(
         if kinds.count(kind) > 1:
             raise JobError(f"kind '{kind}' twice", "each kind once", where="--kind")
     # Of the samples to fit and of those held out: only the first kind is validated.
-    first, *others = kinds
+    first, *further = kinds
     folders: dict[str, tuple[str, str | None]] = {first: ("calibration", "validation")}
-    folders |= {kind: (kind, None) for kind in others}
+    folders |= {kind: (kind, None) for kind in further}
     files = [Template(folder / "calibration.yaml", _job(arm, urdf, folder, base, folders))]
     if any(KINDS[kind].needs_artefact for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _ARTEFACT))

@@ -61,40 +61,40 @@ def _places(terms: Sequence[Term], values: Mapping[str, float]) -> dict[str, dic
 
     Where not all of a position is known, as of a plane, it is amid what was touched there.
     """
-    found: dict[str, dict[str, FloatArray]] = {}
+    places: dict[str, dict[str, FloatArray]] = {}
     for term in terms:
-        known = set()
+        labels_shown = set()
         for frame in term.outside:
-            whole = frame.keys in (PLACEMENT, POSITION) and set(frame.names) <= values.keys()
-            if frame.within == "base" and whole:
+            has_pose = frame.keys in (PLACEMENT, POSITION) and set(frame.names) <= values.keys()
+            if frame.within == "base" and has_pose:
                 label = frame.owner.partition("[")[2].rstrip("]")
-                found.setdefault(frame.what, {})[label] = frame.pose(values)[1]
-                known.add(label)
+                places.setdefault(frame.what, {})[label] = frame.pose(values)[1]
+                labels_shown.add(label)
         if term.medium == "touch" and term.place:
             names, which = term.places
             target = term.observed(values, term.poses).place
             rows = np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
             rest = {
-                name: np.median(target[some], axis=0)
-                for name, some in zip(names, rows, strict=True)
-                if name not in known
+                name: np.median(target[own_rows], axis=0)
+                for name, own_rows in zip(names, rows, strict=True)
+                if name not in labels_shown
             }
             if rest:
-                found.setdefault(term.place, {}).update(rest)
-    return found
+                places.setdefault(term.place, {}).update(rest)
+    return places
 
 
 def _errors(terms: Sequence[Term], values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
     """`tip_displacements` of all terms, of as many samples as are drawn."""
     rows = drawn_rows(sum(len(term.poses) for term in terms))
-    found = []
+    errors = []
     for term in terms:
         # What is touched is found from all touches of it; what is seen is seen sample by sample.
-        some = np.arange(len(term.poses))[rows]
+        chosen = np.arange(len(term.poses))[rows]
         if term.medium == "touch":
             target, off = tip_displacements(term, values)
-            found.append((target[some], off[some]))
+            errors.append((target[chosen], off[chosen]))
         else:
-            found.append(tip_displacements(term.take(some), values))
-    targets, displacements = zip(*found, strict=True)
+            errors.append(tip_displacements(term.take(chosen), values))
+    targets, displacements = zip(*errors, strict=True)
     return np.concatenate(targets), np.concatenate(displacements)
