@@ -13,23 +13,13 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
-from suta_calib.diagnostics.accuracy import (
-    Accuracy,
-    TermAccuracy,
-    fitted_too,
-    read_where_fitted,
-)
+from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, fitted_too, read_where_fitted
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.odd_readings import may_read_alike
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
 from suta_calib.job.scene import calibration_scene
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
-from suta_calib.measurements import (
-    Artefact,
-    Samples,
-    read_artefact,
-    read_samples,
-)
+from suta_calib.measurements import Artefact, Samples, read_artefact, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.showing import Shown

@@ -11,22 +11,12 @@ from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLACEMENT, POSITION
 from suta_calib.plotting.limits import MOST_LABELLED
-from suta_calib.plotting.scene import (
-    Arrows,
-    Part,
-    Points,
-    Scene,
-    drawn_rows,
-    magnification,
-)
+from suta_calib.plotting.scene import Arrows, Part, Points, Scene, drawn_rows, magnification
 from suta_calib.terms.term import Term
 
 
 def calibration_scene(
-    arm: ArmModel,
-    terms: Sequence[Term],
-    before: Mapping[str, float],
-    after: Mapping[str, float],
+    arm: ArmModel, terms: Sequence[Term], before: Mapping[str, float], after: Mapping[str, float]
 ) -> Scene:
     """The arm at its first sample, the places of all samples, and errors before and after.
 

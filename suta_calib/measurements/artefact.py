@@ -57,8 +57,7 @@ class Landmark:
 
     name: str
     position: FloatArray = keyed(
-        XYZ_MM,
-        "Where the tip's origin is when it is seated there, in the artefact's frame.",
+        XYZ_MM, "Where the tip's origin is when it is seated there, in the artefact's frame."
     )
     rotation: FloatArray | None = keyed(
         RPY_DEG,

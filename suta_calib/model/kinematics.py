@@ -148,10 +148,7 @@ class _Walk:
         return name in self.index or bool(self.nominal.get(name))
 
     def note(
-        self,
-        effects: Mapping[str, Symbol | None],
-        direction: Symbol,
-        point: Symbol | None = None,
+        self, effects: Mapping[str, Symbol | None], direction: Symbol, point: Symbol | None = None
     ) -> None:
         """How much parameters turn about a line through a point, or shift, here; None for 1."""
         told = {n: e for n, e in effects.items() if self.index.get(n, self.rows) < self.rows}

@@ -46,12 +46,7 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
-from suta_calib.terms.intrinsics import (
-    UNCALIBRATED,
-    camera_at,
-    intrinsic_parameters,
-    prior_beside,
-)
+from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_parameters, prior_beside
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import (
@@ -181,7 +176,7 @@ class CameraView(FramedTerm):
         """Build it from arrays, as from files: ``noise`` is in px; no camera means to find one."""
         board, noise = given.get("board"), given.get("noise")
         if board is None:
-            raise SamplesError("no board", "board: what was seen", where=cls.kind)
+            raise cls.refuse("no board", "board: what was seen")
         pixels, images = poses.samples.pixels, poses.samples.labels["image"]
         assert pixels is not None
         if pixels.shape[1] != len(board.points):
@@ -387,9 +382,7 @@ class CameraView(FramedTerm):
         if seen is None:
             return np.zeros((len(self.poses), count, 2))
         if seen.shape[1] != count:
-            raise SamplesError(
-                f"pixels of {seen.shape[1]} points", f"of the board's {count}", where=self.kind
-            )
+            raise self.refuse(f"pixels of {seen.shape[1]} points", f"of the board's {count}")
         return seen
 
     @cached_property
@@ -420,7 +413,7 @@ class CameraView(FramedTerm):
         """Reprojection errors, one row for each corner in each picture."""
         sample, point = self.found
         if not len(sample):
-            raise SamplesError("no corner in any picture", "corners of the board", where=self.kind)
+            raise self.refuse("no corner in any picture", "corners of the board")
         n = len(sample)
         data = [self.pixels[sample, point], self.points[point], np.full((n, 1), self.pixel)]
         if not self.free:
@@ -509,10 +502,9 @@ class CameraView(FramedTerm):
         """Three pictures at least of which each tells where the board is, of this very board."""
         told = int(self.pictures.told.sum())
         if told < FEWEST:
-            raise SamplesError(
+            raise self.refuse(
                 f"{told} pictures that tell where the board is",
                 f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
-                where=self.kind,
             )
         check_files(self.pictures)
 

@@ -48,17 +48,15 @@ def check_unit(
     """
     moved = extent(term.poses.at({})[1])
     if moved < UNMOVED:
-        raise SamplesError(
+        raise term.refuse(
             f"a tip that the arm's readings move by {mm(moved):.2g} mm",
             "readings that differ, and a tip off the axes of the joints that turn",
-            where=term.kind,
         )
     if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
-        raise SamplesError(
+        raise term.refuse(
             f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
             f"by {mm(moved):.4g} mm",
             expected,
-            where=term.kind,
             hint=hint + (_or_a_length(term, size, extent) if size < moved else ""),
         )
 

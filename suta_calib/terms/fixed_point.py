@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
@@ -158,10 +157,9 @@ class FixedPoint(Term):
         names, point = self.places
         for name, touches in zip(names, np.bincount(point), strict=True):
             if touches < 2:
-                raise SamplesError(
+                raise self.refuse(
                     f"point {name} touched once",
                     "every point touched at least twice, from different directions",
-                    where=self.kind,
                 )
 
 

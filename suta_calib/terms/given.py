@@ -18,14 +18,7 @@ from suta_calib.geometry.numbers import (
     vector_turning_z_to,
 )
 from suta_calib.measurements import YamlSection
-from suta_calib.measurements.fields import (
-    ANGLE,
-    RPY_DEG,
-    Value,
-    fields_of,
-    keyed,
-    read_as,
-)
+from suta_calib.measurements.fields import ANGLE, RPY_DEG, Value, fields_of, keyed, read_as
 from suta_calib.measurements.fields import POSITION as POSITION_MM
 from suta_calib.model.parameters import POSITION, ROTATION, Parameter
 from suta_calib.units import from_mm, mm

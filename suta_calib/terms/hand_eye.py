@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
@@ -124,9 +123,7 @@ class HandEye(SeenTerm):
     def _seen(self) -> Poses:
         samples = self.poses.samples
         if samples.position is None or samples.rotation is None:
-            raise SamplesError(
-                "no poses of the target", "columns x, y, z, qx, qy, qz, qw", where=self.kind
-            )
+            raise self.refuse("no poses of the target", "columns x, y, z, qx, qy, qz, qw")
         return samples.rotation, samples.position
 
     @cached_property
@@ -199,11 +196,7 @@ class HandEye(SeenTerm):
     def check_enough(self) -> None:
         """Three samples at least: two motions about different axes; in the arm's unit."""
         if len(self.poses) < 3:
-            raise SamplesError(
-                f"{len(self.poses)} poses",
-                "at least 3, turned about different axes",
-                where=self.kind,
-            )
+            raise self.refuse(f"{len(self.poses)} poses", "at least 3, turned about different axes")
         if not isinstance(self.poses, ArmPoses):
             return
         _, seen = self._seen

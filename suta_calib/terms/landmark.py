@@ -216,10 +216,9 @@ class TouchedLandmark(Term):
         several[placement[mark != mark[first][placement]]] = True
         if not np.all(several) and not len(self._oriented):
             k = int(np.argmin(several))
-            raise SamplesError(
+            raise self.refuse(
                 f"only landmark {marks[first[k]]} at placement {names[k]}",
                 "at least two different landmarks at every placement",
-                where=self.kind,
                 hint="its pose is six unknowns; use fixed_point for one point touched often",
             )
         check_artefact_unit(self, self._certified, placement)

@@ -11,7 +11,6 @@ import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns
@@ -179,15 +178,13 @@ class TouchedLine(Term):
         _, position = self.poses.at({})
         for name, (rows, middle, _) in zip(self.places[0], self._by_line(position), strict=True):
             if len(rows) < FEWEST:
-                raise SamplesError(
+                raise self.refuse(
                     f"line {name} touched {len(rows)} times",
                     f"every line touched at least {FEWEST} times: two touches make any line",
-                    where=self.kind,
                 )
             if np.abs(position[rows] - middle).max() < _SHORTEST:
-                raise SamplesError(
+                raise self.refuse(
                     f"all touches of line {name} at one point",
                     "touches all along the line",
-                    where=self.kind,
                     hint="touches at one point do not say which way the line goes",
                 )

@@ -126,10 +126,9 @@ class PairwiseDistance(Term):
         certified = self._certified
         pairs = landmark_pairs(poses.samples)
         if not len(pairs):
-            raise SamplesError(
+            raise self.refuse(
                 f"{len(poses)} samples without two different landmarks in any set",
                 "at least two different landmarks with the same placement and repeat",
-                where=self.kind,
                 hint="check the columns placement and repeat",
             )
         first, second = pairs.T

@@ -214,16 +214,14 @@ class TouchedPlane(Term):
         _, position = self.poses.at({})
         for name, (rows, centred) in zip(self.places[0], self._by_plane(position), strict=True):
             if len(rows) < FEWEST:
-                raise SamplesError(
+                raise self.refuse(
                     f"plane {name} touched {len(rows)} times",
                     f"every plane touched at least {FEWEST} times: three touches make any plane",
-                    where=self.kind,
                 )
             singular = np.linalg.svd(centred, compute_uv=False)
             if singular[1] < _LINE * singular[0]:
-                raise SamplesError(
+                raise self.refuse(
                     f"all touches of plane {name} on one line",
                     "touches all over the plane",
-                    where=self.kind,
                     hint="touches on a line do not say how the plane turns about it",
                 )

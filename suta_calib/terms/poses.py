@@ -106,8 +106,7 @@ def joint_ranges(arm: ArmModel) -> tuple[JointRange, ...]:
     }
     return tuple(
         JointRange(
-            *(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper),
-            followers[j.name],
+            *(j.name, "m" if j.type == "prismatic" else "rad", j.lower, j.upper), followers[j.name]
         )
         for j in arm.chain.moving
     )

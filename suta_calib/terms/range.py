@@ -10,7 +10,6 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import NumberColumn, SampleColumns, YamlSection
@@ -188,19 +187,17 @@ class MeasuredRange(Term):
         for k, name in enumerate(names):
             tips = position[which == k]
             if len(tips) <= unknowns:
-                raise SamplesError(
+                raise self.refuse(
                     f"anchor {name} ranged {len(tips)} times",
                     f"every anchor ranged at least {unknowns + 1} times: its unknowns alone are "
                     f"{unknowns}",
-                    where=self.kind,
                     hint="" if len(tips) > 1 else "is its label misspelt?",
                 )
             singular = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)
             if singular[1] < _LINE * singular[0]:
-                raise SamplesError(
+                raise self.refuse(
                     f"all tips on one line where anchor {name} was ranged",
                     "tips on several sides of it",
-                    where=self.kind,
                     hint="distances from a line do not say how the anchor turns about it",
                 )
             if self._lengths is not None and isinstance(self.poses, ArmPoses):
@@ -209,11 +206,10 @@ class MeasuredRange(Term):
     def _check_unit(self, name: str, lengths: FloatArray, moved: float) -> None:
         """Lengths vary by no more than the tip moved, which is within reach of each of them."""
         if lengths.std() > OTHER_UNIT * moved or lengths.max() < moved / OTHER_UNIT:
-            raise SamplesError(
+            raise self.refuse(
                 f"lengths from {mm(lengths.min()):.4g} to {mm(lengths.max()):.4g} mm at anchor "
                 f"{name}, where the arm's readings move the tip by {mm(moved):.4g} mm",
                 "distances of the tip from the anchor",
-                where=self.kind,
                 hint="column length is in m, and length_mm in mm: is it another unit, or another "
                 "arm?",
             )

@@ -215,6 +215,11 @@ class Term(ABC):
             )
         return known
 
+    @classmethod
+    def refuse(cls, found: str, expected: str, hint: str = "") -> SamplesError:
+        """Error about samples of this kind, to be raised by the caller."""
+        return SamplesError(found, expected, where=cls.kind, hint=hint)
+
     @property
     @abstractmethod
     def blocks(self) -> tuple[Block, ...]:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent, register_points, rotation_from_vector
 from suta_calib.geometry.symbols import Symbol, symbolic_chordal_log
 from suta_calib.measurements import SampleColumns, Samples
@@ -189,7 +188,7 @@ class TrackedPoint(SeenTerm):
     @property
     def _seen(self) -> FloatArray:
         if self.poses.samples.position is None:
-            raise SamplesError("no positions", "columns x, y, z", where=self.kind)
+            raise self.refuse("no positions", "columns x, y, z")
         return self.poses.samples.position
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
@@ -213,18 +212,16 @@ class TrackedPoint(SeenTerm):
         A target that was seen once says nothing but where it is itself.
         """
         if len(self.poses) < 3:
-            raise SamplesError(
+            raise self.refuse(
                 f"{len(self.poses)} samples",
                 "at least 3: the pose of the instrument alone is six unknowns",
-                where=self.kind,
             )
         names, target = self._targets
         for name, rows in zip(names, np.bincount(target), strict=False):
             if rows < 2:
-                raise SamplesError(
+                raise self.refuse(
                     f"target {name} seen once",
                     "every target seen at least twice: where it sits on the link is unknown",
-                    where=self.kind,
                     hint="is its label misspelt?",
                 )
         if not isinstance(self.poses, ArmPoses):
