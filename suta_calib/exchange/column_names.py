@@ -26,8 +26,6 @@ _TIME: Final = re.compile(r"(?:time|timestamp|t)\s*[\[(](s|ms|us|µs|ns)[\])]", 
 _PER_SECOND: Final = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9}
 # As EuRoC calls them: the position of S from R in the axes of R, and the quaternion of S in R.
 _WITH_FRAMES: Final = re.compile(r"(p_([A-Z]+)_[A-Z]+|q_([A-Z]+))_([wxyz])(\s*[\[(].*)?")
-# Digits of a column's number.
-_LONGEST_NUMBER: Final = 6
 # TUM's trajectories: seconds, metres, scalar last.
 TUM: Final = ("timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw")
 _ANGLES: Final = ("roll", "pitch", "yaw")
@@ -94,7 +92,9 @@ def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
 
 def _is_number(text: str) -> bool:
     """Whether a text may be the number of a column: not one of thousands of digits."""
-    return text.isascii() and text.isdigit() and len(text) <= _LONGEST_NUMBER
+    # Digits of a column's number.
+    longest_number = 6
+    return text.isascii() and text.isdigit() and len(text) <= longest_number
 
 
 def renamed(sheet: Sheet, given: Given) -> list[str]:

@@ -20,9 +20,6 @@ from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
 
 WHOLE: Final = Option("whole", "The file is complete, although its end looks cut off.", flag=True)
-# Rows before the last one whose decimals say how many the last one has: four of equal length by
-# chance are rare, and `measurements.csv_table` asks for as many.
-_ENOUGH: Final = 4
 # More decimals than programs write where their number is fixed; the shortest text that gives a
 # number back has up to 17, and as many as it happens to need.
 _MOST_DECIMALS: Final = 12
@@ -111,7 +108,10 @@ def _is_complete(
     # Up to the header, whose cells are no numbers.
     numbers = [*takewhile(_NUMBER.fullmatch, others)]
     forms = {*map(_form, numbers)}
-    return len(numbers) >= _ENOUGH and forms == {_form(cell)} != {None}
+    # Rows before the last one whose decimals say how many the last one has: four of equal length by
+    # chance are rare, and `measurements.csv_table` asks for as many.
+    enough = 4
+    return len(numbers) >= enough and forms == {_form(cell)} != {None}
 
 
 def _form(cell: str) -> tuple[int, int] | None:

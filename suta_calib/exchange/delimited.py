@@ -40,17 +40,11 @@ SHEET: Final = Option("sheet", "Sheet of a spreadsheet, by name.", "NAME")
 DELIMITED_OPTIONS: Final = (SEPARATOR, DECIMAL, HEADER, SKIP, SHEET, WHOLE)
 SPREADSHEETS: Final = (".xlsx", ".xlsm")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
-# Rows that tell how a file is laid out.
-_ENOUGH: Final = 200
-# Digits of a number of lines.
-_LONGEST_COUNT: Final = 9
 # Characters in which the comments above the rows are.
 _LONGEST_HEAD: Final = 100_000
 _MOST_ROWS: Final = 2_000_000
 # Of a table; what has more is a matrix, or its rows are its columns.
 _MOST_COLUMNS: Final = 10_000
-# Of a spreadsheet, empty ones between others included.
-_MOST_CELLS: Final = 10_000_000
 
 
 def read_sheet(path: Path, given: Given) -> Sheet:
@@ -198,7 +192,9 @@ def _why_uneven(cells: int, width: int, *, last: bool) -> str:
 
 def _skipped(given: Given) -> int:
     text = given.text(SKIP, "0")
-    if not (text.isascii() and text.isdigit() and len(text) <= _LONGEST_COUNT):
+    # Digits of a number of lines.
+    longest_count = 9
+    if not (text.isascii() and text.isdigit() and len(text) <= longest_count):
         raise given.refuse(SKIP, repr(text), "a number of lines")
     return int(text)
 
@@ -217,9 +213,11 @@ def _with_point(cell: str) -> str:
 
 def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     """Separator and decimal sign: the only ones that make the most of the file's cells numbers."""
-    lines = text[: 400 * _ENOUGH].splitlines(keepends=True)
-    whole = lines[:-1] if len(lines) > 1 and len(text) > 400 * _ENOUGH else lines
-    head, skip = "".join(whole[: _ENOUGH + _skipped(given)]), _skipped(given)
+    # Rows that tell how a file is laid out.
+    enough = 200
+    lines = text[: 400 * enough].splitlines(keepends=True)
+    whole = lines[:-1] if len(lines) > 1 and len(text) > 400 * enough else lines
+    head, skip = "".join(whole[: enough + _skipped(given)]), _skipped(given)
     separators = [given.text(SEPARATOR)] if SEPARATOR in given else list(_SEPARATORS)
     decimals = [given.text(DECIMAL)] if DECIMAL in given else list(_DECIMALS)
     ranked: list[tuple[tuple[float, float], tuple[str, str], list[tuple[float, ...]]]] = []
@@ -303,6 +301,8 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
     except Exception as problem:  # noqa: BLE001 (its readers raise whatever they meet)
         said = f"a file that is no spreadsheet ({type(problem).__name__})"
         raise ForeignFileError(said, "an .xlsx file", file=path) from None
+    # Of a spreadsheet, empty ones between others included.
+    most_cells = 10_000_000
     try:
         if not sheet and len(book.sheetnames) > 1:
             raise ForeignFileError(
@@ -323,15 +323,15 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
             count += len(values)
             if len(values) > _MOST_COLUMNS:
                 raise _too_wide(path, number, len(values))
-            if number > _MOST_ROWS or count > _MOST_CELLS:
-                said = f"more than {_MOST_ROWS:,} rows or {_MOST_CELLS:,} cells"
+            if number > _MOST_ROWS or count > most_cells:
+                said = f"more than {_MOST_ROWS:,} rows or {most_cells:,} cells"
                 raise ForeignFileError(said, "fewer", file=path)
             cells = tuple("" if value is None else str(value).strip() for value in values)
             if any(cells):
                 rows.append((number, cells))
         # Empty cells at the end of a row are not in the file.
         width = max((len(cells) for _, cells in rows), default=0)
-        if width * len(rows) > _MOST_CELLS:
+        if width * len(rows) > most_cells:
             raise ForeignFileError(f"{width} columns in {len(rows)} rows", "fewer", file=path)
         return [(number, (*cells, *[""] * (width - len(cells)))) for number, cells in rows]
     except ForeignFileError:

@@ -24,10 +24,6 @@ EXTERNAL_UNIT: Final = Option(
     several=True,
 )
 _UNITS: Final = ("mm", "deg", "unused")
-# What ABB writes for an axis that there is not: 9E9.
-_ABSENT: Final = 8e9
-# Degrees that a joint of an arm reaches; a track's millimetres are soon more.
-_MOST_DEGREES: Final = 360.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +48,10 @@ class ExternalAxes:
         """From the numbers by name of each position; an axis at 9E9 is none."""
         names = sorted({name for row in rows for name in row})
         numbers = {name: np.array([row.get(name, np.nan) for row in rows]) for name in names}
+        # What ABB writes for an axis that there is not: 9E9.
+        absent = 8e9
         for values in numbers.values():
-            values[np.abs(values) > _ABSENT] = np.nan
+            values[np.abs(values) > absent] = np.nan
         return cls(path, lines, numbers)
 
     def used(self, names: Sequence[str], count: int) -> list[str]:
@@ -90,6 +88,8 @@ class ExternalAxes:
         """
         units = self._units(given)
         columns, notes = dict[str, FloatArray](), list[str]()
+        # Degrees that a joint of an arm reaches; a track's millimetres are soon more.
+        most_degrees = 360.0
         for k, axis in enumerate(axes):
             values, unit = self.values[axis], units.get(axis, "")
             known = values[np.isfinite(values)]
@@ -97,7 +97,7 @@ class ExternalAxes:
             if unit == "unused":
                 continue
             named = bool(names)
-            if not unit and named and np.abs(known).max() <= _MOST_DEGREES:
+            if not unit and named and np.abs(known).max() <= most_degrees:
                 unit = "deg"
                 notes.append(
                     f"{names[k]} is the external axis {axis} ({extent}); its numbers are taken "

@@ -41,8 +41,6 @@ ORIGIN: Final = Option(
 GRID_HINT: Final = (
     f"coordinates of a grid? say {ORIGIN.switch} first, or {ORIGIN.switch} x,y,z in m"
 )
-# Rows whose numbers are made into text at the same time.
-_AT_ONCE: Final = 10_000
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -155,9 +153,11 @@ class ImportedRows(Imported):
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
         writer.writerow(self.columns)
+        # Rows whose numbers are made into text at the same time.
+        at_once = 10_000
         # Of a million rows the numbers as objects would be most of the memory.
-        for begin in range(0, len(self), _AT_ONCE):
-            some = (values[begin : begin + _AT_ONCE] for values in self.columns.values())
+        for begin in range(0, len(self), at_once):
+            some = (values[begin : begin + at_once] for values in self.columns.values())
             if all(values.dtype.kind == "f" for values in self.columns.values()):
                 cells = (map(repr, values.tolist()) for values in some)
                 text.write("".join(f"{row}\n" for row in map(",".join, zip(*cells, strict=True))))

@@ -25,14 +25,10 @@ RPY: Final = "xyz"
 # Median distance from the origin, in the unit, of positions that are an arm's or a tracker's.
 _DISTANCES: Final = {"m": (0.003, 10.0), "mm": (100.0, 10_000.0)}
 _TURNS: Final = {"rad": math.tau, "deg": 360.0}
-# Rounding of what is written.
-_ROUNDED: Final = 1.005
 # A form of rotation fits its neighbours worse than another where its largest step from row to row
 # is so many times as large, and larger than steps of recorded motions are, rad.
 _WORSE: Final = 3.0
 _STEP: Final = 0.5
-# Share of rows in which a number must have a sign, to be said to have it.
-_FEW: Final = 0.1
 # Rows that are looked at for steps, and that tell something.
 _ROWS: Final = 2000
 _LEAST_ROWS: Final = 5
@@ -72,7 +68,9 @@ def quaternion_order(numbers: FloatArray) -> str:
     signs, it is the scalar that is not: a short motion may keep the sign of others, too.
     """
     negative = np.mean(numbers < 0.0, axis=0)
-    both_signs = (negative > _FEW) & (negative < 1.0 - _FEW)
+    # Share of rows in which a number must have a sign, to be said to have it.
+    few = 0.1
+    both_signs = (negative > few) & (negative < 1.0 - few)
     if not negative[0] and both_signs[1:].all():
         return "wxyz"
     return "xyzw" if not negative[3] and both_signs[:3].all() else ""
@@ -93,10 +91,12 @@ def plausible_rotations(
     """
     most, norm = np.abs(numbers).max(), np.linalg.norm(numbers, axis=1).max()
     plausible = list[tuple[str, str]]()
+    # Rounding of what is written.
+    rounded = 1.005
     for unit in units:
         if unit == "deg" and "rad" in units and most <= _TURNS["rad"]:
             continue
-        turn = _TURNS[unit] * _ROUNDED
+        turn = _TURNS[unit] * rounded
         within = [form for form in forms if (2 * norm if form == VECTOR else most) <= turn]
         fitting = _fitting_neighbours(numbers, within, unit)
         euler = [form for form in fitting if form != VECTOR][:1]

@@ -36,12 +36,6 @@ _ENCODINGS: Final[dict[str, tuple[str, int, str]]] = {
 }
 # First bytes of compressed pictures, and the suffix of their files.
 _MAGIC: Final = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n\x1a\n": ".png"}
-# More than any sensor has, px.
-_MOST_PIXELS: Final = 400_000_000
-# Of all pictures of a recording together; more would not be held at once.
-_MOST_BYTES: Final = 1_000_000_000
-# Messages come a little out of order, s.
-_LATE: Final = 2.0
 
 
 def picture_of(path: Path, topic: str, message: Any) -> RecordedPicture:
@@ -75,7 +69,9 @@ def _pixels(path: Path, topic: str, message: Any) -> NDArray[Any]:
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
     row = width * channels * dtype.itemsize
     data = np.asarray(message.data, dtype=np.uint8)
-    if not (0 < row <= step and 0 < height * width <= _MOST_PIXELS and len(data) >= height * step):
+    # More than any sensor has, px.
+    most_pixels = 400_000_000
+    if not (0 < row <= step and 0 < height * width <= most_pixels and len(data) >= height * step):
         said = f"a picture of {topic} of {width} x {height} in {len(data)} bytes, {step} a row"
         raise ForeignFileError(said, "as many bytes as its size says", file=path)
     rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
@@ -108,8 +104,12 @@ def pictures_at(
             total += len(picture.data)
         return total
 
+    # Of all pictures of a recording together; more would not be held at once.
+    most_bytes = 1_000_000_000
+    # Messages come a little out of order, s.
+    late = 2.0
     for at, message in messages:
-        while first < len(rests) and rests[first].end < at - _LATE:
+        while first < len(rests) and rests[first].end < at - late:
             first += 1
         for k in range(first, len(rests)):
             if rests[k].begin > at:
@@ -117,9 +117,9 @@ def pictures_at(
             off = abs(at - (rests[k].begin + rests[k].end) / 2)
             if at <= rests[k].end and (k not in best or off < best[k][0]):
                 best[k] = off, message
-        total += keep(at - _LATE)
-        if total > _MOST_BYTES:
-            said = f"pictures of more than {_MOST_BYTES / 1e6:.0f} MB"
+        total += keep(at - late)
+        if total > most_bytes:
+            said = f"pictures of more than {most_bytes / 1e6:.0f} MB"
             raise ForeignFileError(said, "a shorter recording", file=path)
     keep(np.inf)
     return found

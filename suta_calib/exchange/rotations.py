@@ -28,8 +28,6 @@ NUMBERS: Final[dict[str, int]] = {
 }
 # How far a length may be from one, and a matrix from a rotation, that was rounded when written.
 _ROUNDED: Final = 0.01
-# Of no orientation, nor of any that has been counted on; rad.
-_MOST_ANGLE: Final = 1e4
 
 
 def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[int]) -> FloatArray:
@@ -101,10 +99,12 @@ def _rotation(matrix: FloatArray, known: BoolArray, path: Path, lines: Sequence[
 def _refuse_angles(values: FloatArray, known: BoolArray, path: Path, lines: Sequence[int]) -> None:
     """Angles of so many turns are none, and their sines no numbers any more."""
     most = np.abs(values).max(axis=1)
-    for row in np.flatnonzero(most > _MOST_ANGLE):
+    # Of no orientation, nor of any that has been counted on; rad.
+    most_angle = 1e4
+    for row in np.flatnonzero(most > most_angle):
         line = lines[int(np.flatnonzero(known)[row])]
         found = f"an angle of {most[row]:.3g} rad"
-        raise ForeignFileError(found, f"one within {_MOST_ANGLE:g} rad", file=path, line=line)
+        raise ForeignFileError(found, f"one within {most_angle:g} rad", file=path, line=line)
 
 
 def _refuse(

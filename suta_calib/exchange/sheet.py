@@ -8,7 +8,6 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -19,8 +18,6 @@ from suta_calib.measurements.csv_table import number_in
 
 # A row's line and its cells, with blanks around them.
 RawRow = tuple[int, Sequence[str]]
-# Rows whose cells are text at the same time.
-_AT_ONCE: Final = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +111,9 @@ def sheet_of(
     lines = array("q")
     parts: list[list[FloatArray] | None] = [[] for _ in names]
     given = rows()
-    while some := list(islice(given, _AT_ONCE)):
+    # Rows whose cells are text at the same time.
+    at_once = 10_000
+    while some := list(islice(given, at_once)):
         lines.extend(line for line, _ in some)
         for k, cells in enumerate(zip(*(row for _, row in some), strict=True)):
             if (part := parts[k]) is None:

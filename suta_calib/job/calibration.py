@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
@@ -43,9 +43,6 @@ if TYPE_CHECKING:
     from suta_calib.view.server import Viewer
 
 DataSet = Literal["calibration", "validation"]
-
-# Share of the validation rows that were read where fitted ones were: fewer hardly change an RMS.
-NOT_HELD_OUT: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -436,7 +433,10 @@ def _read_with_fitted(job: CalibrationJob) -> list[str]:
     """Held-out rows that are other readings of a fitted rest (equal ones: `contradictions`)."""
     beside = read_where_fitted(job.observations, job.validation)
     beside &= ~fitted_too(job.observations, job.validation)
-    if not len(beside) or beside.mean() < NOT_HELD_OUT:
+    # Share of the validation rows that were read where fitted ones were: fewer hardly change an
+    # RMS.
+    not_held_out = 0.1
+    if not len(beside) or beside.mean() < not_held_out:
         return []
     return [
         f"{int(beside.sum())} of {len(beside)} validation rows were read where fitted ones were, "

@@ -27,8 +27,6 @@ _CONTENTS: Final = "inputs.json"
 # 100,000 rows take 10 MB.
 MOST_BYTES: Final = 32 << 20
 _TABLES: Final = (".csv", ".parquet")
-# One file has one content, whenever it is written: the time is not the file's.
-_TIME: Final = (1980, 1, 1, 0, 0, 0)
 
 
 def packed(job: Path, files: Iterable[Path], most: int = MOST_BYTES) -> bytes:
@@ -71,12 +69,14 @@ def packed(job: Path, files: Iterable[Path], most: int = MOST_BYTES) -> bytes:
     }
     entries = {path.relative_to(root).as_posix(): data for path, data in contents.items()}
     stream = io.BytesIO()
+    # One file has one content, whenever it is written: the time is not the file's.
+    time = (1980, 1, 1, 0, 0, 0)
     with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED, compresslevel=3) as archive:
         for name, data in {
             _CONTENTS: json.dumps(table_of_contents, indent=1).encode(),
             **entries,
         }.items():
-            entry = zipfile.ZipInfo(name, _TIME)
+            entry = zipfile.ZipInfo(name, time)
             entry.compress_type, entry.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             archive.writestr(entry, data)
     return stream.getvalue()

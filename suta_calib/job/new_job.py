@@ -18,7 +18,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.terms import KINDS, first_kind
 
 DEFAULT_KINDS: Final = tuple(first_kind(artefact=on_it).kind for on_it in (True, False))
-_WIDTH: Final = 100
 _ARTEFACT: Final = """\
 # The artefact's landmarks as certified; the numbers below are an example: put in your own.
 # position_mm: where the tip's origin is when it is seated there, in the artefact's frame.
@@ -148,9 +147,10 @@ def _row(kind: str, folder: str, *, explain: bool) -> str:
     named = "".join(f", {Path(name).stem}: {name}" for name in KINDS[kind].files)
     huber = f", {f'huber_{KINDS[kind].unit}'.rstrip('_')}: 1.35" if explain else ""
     row = f"  - {{kind: {kind}{artefact}{named}, samples: '{folder}/*.csv'{huber}}}"
+    width = 100
     comment = textwrap.wrap(
         f"{kind}: {KINDS[kind].about}",
-        _WIDTH,
+        width,
         initial_indent="  # ",
         subsequent_indent="  # ",
         break_on_hyphens=False,

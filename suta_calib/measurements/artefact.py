@@ -38,11 +38,6 @@ from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.units import deg, mm
 
-# A distance of zero has no gradient, and no artefact is made or certified this fine (m).
-_COINCIDENT = 1e-6
-# Span of an artefact, m, below which its file must be in metres.
-_SMALLEST = 1e-3
-
 
 @dataclass(frozen=True, eq=False)
 class Landmark:
@@ -170,7 +165,9 @@ def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | Non
     listed = list(landmarks)
     position = np.array([each.position for each in listed])
     apart = np.linalg.norm(position[:, None] - position, axis=2)
-    for first, second in np.argwhere(np.triu(apart <= _COINCIDENT, k=1))[:1]:
+    # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
+    coincident = 1e-6
+    for first, second in np.argwhere(np.triu(apart <= coincident, k=1))[:1]:
         return listed[first].name, listed[second].name
     return None
 
@@ -196,7 +193,9 @@ def read_artefact(path: Path) -> Artefact:
             at=(pair[1], "position_mm"),
         )
     span = float(np.ptp([each.position for each in landmarks.values()], axis=0).max())
-    if len(landmarks) > 1 and span < _SMALLEST:
+    # Span of an artefact, m, below which its file must be in metres.
+    smallest = 1e-3
+    if len(landmarks) > 1 and span < smallest:
         raise listed.refuse(
             f"landmarks that lie within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",

@@ -52,10 +52,6 @@ CAMERA_KEYS: Final = Fields(
 )
 # Focal lengths in picture widths that some lens has; others are in mm, or another picture's.
 _FOCAL: Final = (0.1, 1000.0)
-# A negative variance of this share of the largest is rounding.
-_ROUNDING: Final = 1e-9
-# Coefficients of the rational model, which is called plumb_bob at times.
-_OF_RATIONAL: Final = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,10 +164,12 @@ def _coefficients(top: YamlSection) -> list[float]:
     listed = section.data.get("data")
     count = len(listed) if isinstance(listed, list) else len(DISTORTION)
     values = section.numbers("data", count)
+    # Coefficients of the rational model, which is called plumb_bob at times.
+    of_rational = 8
     if any(values[len(DISTORTION) :]):
         raise section.refuse(
             f"{count} coefficients"
-            + (f", {OTHER_MODELS['rational_polynomial']}" if count == _OF_RATIONAL else ""),
+            + (f", {OTHER_MODELS['rational_polynomial']}" if count == of_rational else ""),
             f"five: {', '.join(DISTORTION)}",
             at=("data",),
             hint=f"calibrate the camera with the model {PLUMB_BOB}",
@@ -188,7 +186,9 @@ def _covariance(top: YamlSection) -> FloatArray | None:
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale[scale == 0.0] = 1.0
     unit = matrix / np.outer(scale, scale)
-    if not np.allclose(unit, unit.T) or np.linalg.eigvalsh((unit + unit.T) / 2)[0] < -_ROUNDING:
+    # A negative variance of this share of the largest is rounding.
+    rounding = 1e-9
+    if not np.allclose(unit, unit.T) or np.linalg.eigvalsh((unit + unit.T) / 2)[0] < -rounding:
         raise section.refuse(
             "a matrix that is no covariance",
             f"81 numbers, row by row, in the order {', '.join(INTRINSICS)}",

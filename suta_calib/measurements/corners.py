@@ -20,8 +20,6 @@ from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.files import write_text
 
 _COLUMNS: Final = ("image", "point", "u", "v")
-# Pixels; a corner farther off than any sensor is wide is none.
-_LARGEST: Final = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,13 +100,15 @@ def read_corners(path: str | Path) -> Corners:
     table = read_csv_table(Path(path))
     image = table.labels("image", "a column with the picture's name")
     point = table.numbers("point", "a column with the board's number of the corner")
-    for row in np.flatnonzero((point != np.round(point)) | (point < 0) | (point > _LARGEST))[:1]:
+    # Pixels; a corner farther off than any sensor is wide is none.
+    largest = 1e6
+    for row in np.flatnonzero((point != np.round(point)) | (point < 0) | (point > largest))[:1]:
         cell = repr(table.columns["point"][row])
         raise table.refuse(int(row), "point", cell, "a corner's number: whole, from 0")
     pixel = np.column_stack([table.numbers(name, f"a column {name}, px") for name in "uv"])
-    for row, axis in np.argwhere(np.abs(pixel) > _LARGEST)[:1]:
+    for row, axis in np.argwhere(np.abs(pixel) > largest)[:1]:
         cell = repr(table.columns["uv"[axis]][row])
-        raise table.refuse(int(row), "uv"[axis], cell, f"pixels, within {_LARGEST:g}")
+        raise table.refuse(int(row), "uv"[axis], cell, f"pixels, within {largest:g}")
     corners = Corners(image, point.astype(np.intp), pixel, table.path, table.lines)
     first: dict[tuple[str, int], int] = {}
     for row, key in enumerate(zip(image.tolist(), corners.point.tolist(), strict=True)):

@@ -32,8 +32,6 @@ SIGMA = "sigma"
 SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
 _UNIT_NORM_TOLERANCE = 0.01
 _ZERO_NORM = 1e-3
-# Rows from which on the length of the last one's numbers says something.
-_ENOUGH_LINES = 5
 # Characters of a cell that a message shows.
 _LONGEST_QUOTE = 200
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
@@ -203,7 +201,9 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
 
     Many a program leaves that end out, so it alone means nothing.
     """
-    if text.endswith(("\n", "\r")) or len(rows) < _ENOUGH_LINES:
+    # Rows from which on the length of the last one's numbers says something.
+    enough_lines = 5
+    if text.endswith(("\n", "\r")) or len(rows) < enough_lines:
         return
     line, last = rows[-1][0], rows[-1][1][-1]
     others = [row[-1] for _, row in rows[:-1]]

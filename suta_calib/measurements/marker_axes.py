@@ -20,9 +20,6 @@ from suta_calib.measurements.board import Board, Markers
 from suta_calib.measurements.corners import Corners
 from suta_calib.units import deg
 
-# Misfit, in edges of a marker, up to which the file is right: a lens bends straight lines by a few
-# hundredths, and another way round leaves 0.3 and more.
-FITS: Final = 0.1
 # Another way must leave so many times less: the true one leaves ten times less and better.
 FAR_BETTER: Final = 4.0
 # Pictures that are asked: what is wrong with the file is wrong in all.
@@ -62,7 +59,10 @@ def markers_as_seen(board: Board, corners: Corners) -> tuple[Board, str]:
         return board, ""
     misfit = np.median(misfits, axis=0)
     best = int(np.argmin(misfit))
-    if misfit[0] < FITS or FAR_BETTER * misfit[best] > misfit[0]:
+    # Misfit, in edges of a marker, up to which the file is right: a lens bends straight lines by a
+    # few hundredths, and another way round leaves 0.3 and more.
+    fits = 0.1
+    if misfit[0] < fits or FAR_BETTER * misfit[best] > misfit[0]:
         return board, ""
     return ways[best], _sentence(board, ways[best])
 

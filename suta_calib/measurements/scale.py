@@ -20,8 +20,6 @@ GRADES: Final = {"certified": 20e-6, "machined": 200e-6, "printed": 5000e-6}
 PPM: Final = 1e-6
 # Of an instrument of which nobody says it: laser trackers have 10, good camera systems 100 ppm.
 INSTRUMENT_PPM: Final = 20.0
-# Largest standard deviation of a scale that a file may state: 10 %, beyond which it is a unit.
-_LARGEST_PPM: Final = 1e5
 
 
 @dataclass(frozen=True)
@@ -100,10 +98,12 @@ def read_scale(section: YamlSection) -> LengthScale | None:
     if "scale_ppm" not in section:
         return LengthScale.of_grade(grade)
     ppm = section.number("scale_ppm", "non-negative")
-    if ppm > _LARGEST_PPM:
+    # Largest standard deviation of a scale that a file may state: 10 %, beyond which it is a unit.
+    largest_ppm = 1e5
+    if ppm > largest_ppm:
         raise section.refuse(
             f"{ppm:g} ppm",
-            f"at most {_LARGEST_PPM:g} ppm, which are {_LARGEST_PPM * PPM:.0%}",
+            f"at most {largest_ppm:g} ppm, which are {largest_ppm * PPM:.0%}",
             at=("scale_ppm",),
             hint="the lengths may be in another unit than mm",
         )

@@ -24,8 +24,6 @@ from suta_calib.units import FARTHEST, from_deg, from_mm, mm
 
 KeyPath = tuple[str | int, ...]
 Sign = Literal["any", "non-negative", "positive"]
-_LONGEST_QUOTE = 60
-_MOST_BITS: Final = 52
 # Every whole number up to it is a float too.
 LARGEST_WHOLE: Final = 1 << 53
 
@@ -186,8 +184,9 @@ class YamlSection:
     def bits(self, key: str, minimum: int) -> int:
         """Of an encoder."""
         value = self.integer(key, minimum)
-        if value > _MOST_BITS:
-            raise self.refuse(str(value), f"at most {_MOST_BITS} bits", at=(key,))
+        most_bits = 52
+        if value > most_bits:
+            raise self.refuse(str(value), f"at most {most_bits} bits", at=(key,))
         return value
 
     def position(self, key: str) -> FloatArray:
@@ -282,7 +281,8 @@ def shown(value: Any) -> str:
     if isinstance(value, (list, dict)):
         return f"{'a' if value else 'an empty'} {'list' if isinstance(value, list) else 'mapping'}"
     text = repr(value)
-    return text if len(text) <= _LONGEST_QUOTE else f"{text[:_LONGEST_QUOTE]}…"
+    longest_quote = 60
+    return text if len(text) <= longest_quote else f"{text[:longest_quote]}…"
 
 
 def _written(keys: KeyPath) -> str:

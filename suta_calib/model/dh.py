@@ -44,10 +44,6 @@ DhMotion = Literal["revolute", "prismatic", "fixed"]
 # rounding of the URDF's numbers along a chain, and far below what any table is written with.
 _PARALLEL: Final = 1e-11
 _MEETING: Final = 1e-12
-# What multiplying matrices makes of a zero, m and rad.
-_ROUNDING: Final = 1e-15
-# A slide has no limits in a table, and URDF asks for some, m.
-_SLIDE: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -161,8 +157,10 @@ class DhTable:
 
 
 def _joint_text(name: str, motion: str, parent: str, child: str, placed: FloatArray) -> str:
+    # What multiplying matrices makes of a zero, m and rad.
+    rounding = 1e-15
     xyz, rpy = (
-        " ".join(repr(0.0 if abs(v) < _ROUNDING else float(v)) for v in numbers)
+        " ".join(repr(0.0 if abs(v) < rounding else float(v)) for v in numbers)
         for numbers in (placed[:3, 3], rpy_from_rotation(placed[:3, :3]))
     )
     lines = [
@@ -173,8 +171,10 @@ def _joint_text(name: str, motion: str, parent: str, child: str, placed: FloatAr
     ]
     if motion != "fixed":
         lines.append('    <axis xyz="0 0 1"/>')
+    # A slide has no limits in a table, and URDF asks for some, m.
+    slide = 10.0
     if motion == "prismatic":
-        lines.append(f'    <limit lower="{-_SLIDE}" upper="{_SLIDE}" effort="0" velocity="1"/>')
+        lines.append(f'    <limit lower="{-slide}" upper="{slide}" effort="0" velocity="1"/>')
     return "\n".join([*lines, "  </joint>"])
 
 

@@ -27,8 +27,6 @@ from suta_calib.words import listed
 # Nothing here asks for limits, and URDF readers do.
 _LIMIT: Final = '<limit lower="-1" upper="1" effort="1" velocity="1"/>'
 _LIMITED: Final = ("revolute", "prismatic")
-# Places that a note names.
-_MOST: Final = 3
 
 
 def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
@@ -148,4 +146,6 @@ def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
 
 def _lines_of(elements: list[Element]) -> str:
     lines = list(dict.fromkeys(str(element.sourceline) for element in elements))
-    return f"line{'s' * (len(lines) > 1)} {listed(lines, _MOST)}"
+    # Places that a note names.
+    most = 3
+    return f"line{'s' * (len(lines) > 1)} {listed(lines, most)}"

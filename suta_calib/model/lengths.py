@@ -10,8 +10,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION
 from suta_calib.units import mm
 
-# Of cm for m, of mm for cm, of mm for m; and the other way.
-FACTORS: Final = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)
 # Shorter than that no unit makes a length that matters, m.
 SHORTEST: Final = 1e-6
 
@@ -37,12 +35,14 @@ def other_lengths(arm: ArmModel) -> Iterator[OtherLength]:
     Args:
         arm: as its URDF has it.
     """
+    # Of cm for m, of mm for cm, of mm for m; and the other way.
+    factors = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)
     for segment in arm.segments:
         nominal = {n: arm.parameters[n].nominal for n in segment.names(*POSITION)}
         long = {name: length for name, length in nominal.items() if abs(length) > SHORTEST}
         parts = [{name: length} for name, length in long.items()]
         for part in [*parts, *([long] if len(long) > 1 else [])]:
-            for factor in FACTORS:
+            for factor in factors:
                 values = {name: factor * length for name, length in part.items()}
                 yield OtherLength(segment.owner, values, _sentence(part, factor))
 

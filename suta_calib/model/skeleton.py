@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.scene import Line, Points, Scene
-
-# Of the arm's size, what is drawn of a joint's axis to either side.
-_AXIS: Final = 0.04
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +58,9 @@ class Skeleton:
 
     def scene(self, name: str) -> Scene:
         """The links as a line, the joints' axes as short bars, and the tip."""
-        half = _AXIS * float(np.ptp(self.points, axis=0).max()) * self.axes
+        # Of the arm's size, what is drawn of a joint's axis to either side.
+        axis = 0.04
+        half = axis * float(np.ptp(self.points, axis=0).max()) * self.axes
         # One line for all bars: what is not a number interrupts it.
         bars = np.stack(
             [self.joints - half, self.joints + half, np.full_like(half, np.nan)], axis=1

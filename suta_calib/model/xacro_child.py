@@ -29,9 +29,6 @@ from suta_calib.model.xacro_expressions import Evaluator, ExpressionError, Funct
 
 _MANIFEST: Final = "package.xml"
 _NAME: Final = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
-_LARGEST: Final = 16 << 20
-# More folders beside a package than in any installation are not looked through.
-_MOST_PACKAGES: Final = 3000
 # Of what the interpreter reports, this is harmless; the folders of what it reads are looked at.
 _HARMLESS: Final = frozenset(
     ("compile", "object.__getattr__", "sys._getframe", "builtins.id", "glob.glob", "glob.glob/2")
@@ -85,7 +82,8 @@ class Description:
         status = real.stat()
         if not stat.S_ISREG(status.st_mode):
             raise RefusedError(f"{path}, which is no file")
-        if status.st_size > _LARGEST:
+        largest = 16 << 20
+        if status.st_size > largest:
             raise RefusedError(f"{path}, of {status.st_size} bytes")
         self.files.append(str(real))
 
@@ -95,12 +93,14 @@ def _package_above(folder: Path) -> Path | None:
 
 
 def _manifests(*folders: Path) -> Iterator[Path]:
+    # More folders beside a package than in any installation are not looked through.
+    most_packages = 3000
     for folder in folders:
         try:
             names = sorted(entry.name for entry in os.scandir(folder) if entry.is_dir())
         except OSError:
             continue
-        yield from (folder / name / _MANIFEST for name in names[:_MOST_PACKAGES])
+        yield from (folder / name / _MANIFEST for name in names[:most_packages])
 
 
 def _package_name(manifest: Path) -> str:

@@ -14,7 +14,6 @@ from suta_calib.errors import UrdfError
 from suta_calib.extras import require
 
 _CHILD: Final = "suta_calib.model.xacro_child"
-_LONGEST: Final = 200
 _EXPECTED: Final = "a file that xacro expands by itself, from files of its own description"
 _HINT: Final = (
     "a .xacro can hold a program, so here it may only compute and read its own folder; if you "
@@ -84,7 +83,8 @@ def _expand(path: Path) -> _Expansion:
 
 def _refusal(path: Path, found: Mapping[str, Any]) -> UrdfError:
     """The error that the child found, in this file or in one that it includes."""
-    said, file = str(found["refused"])[:_LONGEST], Path(str(found["file"]))
+    longest = 200
+    said, file = str(found["refused"])[:longest], Path(str(found["file"]))
     argument = said.startswith("ArgException: ")
     if argument:
         said = f"no value of the argument {said.removeprefix('ArgException: ')!r}"

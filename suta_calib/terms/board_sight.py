@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.pinhole import DISTORTION, projected
 from suta_calib.measurements import Board, Camera
 from suta_calib.terms.reprojection import NEAREST
-
-# Cosine of the steepest angle at which a board is still found.
-_GRAZING: Final = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,7 +68,9 @@ class BoardSight:
         middle = self.position + self.rotation @ self._on_board.mean(axis=0)
         distance = np.maximum(np.linalg.norm(middle, axis=1), 1e-300)
         cosine = np.einsum("ni,ni->n", self.rotation[:, :, 2], middle) / distance * self.board.into
-        return np.asarray(cosine > _GRAZING)
+        # Cosine of the steepest angle at which a board is still found.
+        grazing = 0.25
+        return np.asarray(cosine > grazing)
 
 
 @dataclass(frozen=True, eq=False)

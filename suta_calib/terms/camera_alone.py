@@ -19,7 +19,6 @@ from suta_calib.measurements import Board, Camera, Corners
 from suta_calib.terms.camera_start import board_poses, closed_form_camera
 from suta_calib.terms.intrinsics import UNCALIBRATED
 
-_STEPS: Final = 60
 # Relative gain from where on it is settled, and damping from where on no step helps.
 _SETTLED: Final = 1e-6
 _STUCK: Final = 1e8
@@ -149,7 +148,8 @@ def _refined(seen: PicturesSeen, state: State, prior: FloatArray) -> State:
     errors = seen.errors(state)
     if errors is None:
         return state
-    for _ in range(_STEPS):
+    steps = 60
+    for _ in range(steps):
         length = np.linalg.norm(errors, axis=2)
         sigma = max(float(np.median(length[seen.there])) / _MIDDLE, _FINEST)
         weight = np.minimum(1.0, _FAR * sigma / np.maximum(length, _FINEST * sigma)) / sigma**2

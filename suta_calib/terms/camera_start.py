@@ -17,10 +17,6 @@ from suta_calib.geometry.numbers import nearest_rotation, rotation_from_vector, 
 from suta_calib.geometry.pinhole import DISTORTION
 from suta_calib.measurements import Board, Camera, Corners
 
-# Part of a board's extent that no lens bends the picture of a plane by, and how many times less
-# another board must leave to be the cause.
-_NO_PLANE: Final = 0.1
-
 # Points of a plane that determine a homography, and points of a body that determine a projection.
 PLANAR: Final = 4
 SPATIAL: Final = 6
@@ -33,8 +29,6 @@ _SINGULAR: Final = 1e-9
 # Steps of a refinement, and the relative gain from where on it is settled.
 _STEPS: Final = 10
 _SETTLED: Final = 1e-6
-# How far the principal point may be from the middle of what was seen, in its extents.
-_OFF_CENTRE: Final = 1.5
 
 
 def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -243,9 +237,12 @@ def columns_exchanged() -> SamplesError:
 def _check_board(pictures: Sequence[Corners], board: Board) -> None:
     """Refuse corners that no plane with this board's points shows, whatever the camera."""
     off, other = _off_plane(pictures, board), board.exchanged
-    if off <= _NO_PLANE:
+    # Part of a board's extent that no lens bends the picture of a plane by, and how many times less
+    # another board must leave to be the cause.
+    no_plane = 0.1
+    if off <= no_plane:
         return
-    if other is not None and _off_plane(pictures, other) <= _NO_PLANE:
+    if other is not None and _off_plane(pictures, other) <= no_plane:
         raise columns_exchanged()
     raise SamplesError(
         f"corners that are {off:.0%} of the board's extent off from where a plane board has them",
@@ -323,7 +320,9 @@ def _free_centre(rows: FloatArray) -> FloatArray | None:
     cx, cy = -b13 / b11, -b23 / b22
     scale = b33 - b11 * cx**2 - b22 * cy**2
     squared = np.array([scale / b11, scale / b22])
-    if not (squared > 0).all() or np.hypot(cx, cy) > _OFF_CENTRE:
+    # How far the principal point may be from the middle of what was seen, in its extents.
+    off_centre = 1.5
+    if not (squared > 0).all() or np.hypot(cx, cy) > off_centre:
         return None
     return np.array([*np.sqrt(squared), cx, cy])
 

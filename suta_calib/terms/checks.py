@@ -16,8 +16,6 @@ from suta_calib.units import mm
 # Extents of what was seen or touched and of what the arm moved that differ by more are in different
 # units: no geometry is so wrong.
 OTHER_UNIT: Final = 20.0
-# Those of what is in the same unit, for all that is wrong of a drawn arm, differ by less.
-SAME_UNIT: Final = 1.5
 # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
 UNMOVED: Final = 1e-7
 
@@ -74,7 +72,9 @@ def _or_a_length(term: Term, size: float, extent: Callable[[FloatArray], float])
         (abs(math.log(extent(term.poses.at(each.values)[1]) / size)), each)
         for each in other_lengths(term.poses.arm)
     ]
-    found = [each for each in off if each[0] < math.log(SAME_UNIT)]
+    # Those of what is in the same unit, for all that is wrong of a drawn arm, differ by less.
+    same_unit = 1.5
+    found = [each for each in off if each[0] < math.log(same_unit)]
     if len({each.owner for _, each in found}) != 1:
         return ""
     return f" They would agree if {min(found, key=lambda each: each[0])[1].sentence}."

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,9 +30,6 @@ from suta_calib.terms.term import Gap, Term
 
 if TYPE_CHECKING:
     from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
-
-# Relative eigenvalue of the normal matrix below which a direction is not determined at all.
-_ROUNDING: Final = 1e-12
 
 
 def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -195,5 +192,7 @@ def stacked_pivot(
         p = w @ position[rows] / total
         normal = normal - np.swapaxes(R, -1, -2) @ R / total[..., None]
         moment = moment - np.einsum("...ij,...i->...j", R, p)
-    inverse = np.linalg.pinv(normal, _ROUNDING, hermitian=True)
+    # Relative eigenvalue of the normal matrix below which a direction is not determined at all.
+    rounding = 1e-12
+    inverse = np.linalg.pinv(normal, rounding, hermitian=True)
     return np.asarray(-np.einsum("...ij,...j->...i", inverse, moment))

@@ -29,8 +29,6 @@ from suta_calib.terms.poses import ArmPoses
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
 
-# A quaternion that is farther from length one was not meant as a rotation.
-_UNIT_NORM: Final = 0.01
 # Names that modules import for the type checker alone.
 _TYPES: Final = {"LengthScale": LengthScale, "GivenPose": GivenPose}
 T = TypeVar("T")
@@ -245,7 +243,9 @@ def _rotations(values: ArrayLike) -> FloatArray:
     if numbers.ndim != 2 or numbers.shape[1] != 4:
         return numbers
     length = np.linalg.norm(numbers, axis=1)
-    for row in np.flatnonzero(~(np.abs(length - 1.0) <= _UNIT_NORM)):
+    # A quaternion that is farther from length one was not meant as a rotation.
+    unit_norm = 0.01
+    for row in np.flatnonzero(~(np.abs(length - 1.0) <= unit_norm)):
         expected = "one of length 1, in the order x, y, z, w"
         where = f"orientation[{row}]"
         raise SamplesError(f"a quaternion of length {length[row]:.3g}", expected, where=where)

@@ -26,8 +26,6 @@ from suta_calib.units import from_mm, mm
 _STD_MM: Final = Value(
     "mm", lambda section, name: np.full(3, from_mm(section.number(name, "positive")))
 )
-# Metres that stand where millimetres belong: how many times too near that is, nearly.
-_IN_METRES: Final = (700.0, 1400.0)
 
 
 @dataclass(frozen=True)
@@ -199,7 +197,9 @@ def check_in_mm(
     near, far = (
         math.hypot(*found) for found in ([known[n].value for n in names], [start[n] for n in names])
     )
-    if _IN_METRES[0] * near < far < _IN_METRES[1] * near:
+    # Metres that stand where millimetres belong: how many times too near that is, nearly.
+    in_metres = (700.0, 1400.0)
+    if in_metres[0] * near < far < in_metres[1] * near:
         raise SamplesError(
             f"position_mm {label} of {mm(near):.4g} mm, which the nominal arm finds "
             f"{mm(far):.4g} mm away".replace("  ", " "),

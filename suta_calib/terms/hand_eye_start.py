@@ -35,8 +35,6 @@ _GUESSES: Final = 50
 # Loops that are this many times as far off as the middle one start nothing.
 _STRANGE: Final = 4.0
 _ROUNDS: Final = 3
-# Relative singular value below which a translation is not determined at all.
-_ROUNDING: Final = 1e-10
 # A turn so small (rad) that a motion is a translation, and how much such a motion has to say.
 STILL: Final = float(np.radians(0.5))
 SAY_OF_STILL: Final = 0.01
@@ -68,7 +66,9 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
     right = np.einsum("...ij,...nj->...ni", R, B[1]) - A[1]
     normal = np.einsum("...nij,...nik->...jk", left, left)
     moment = np.einsum("...nij,...ni->...j", left, right)
-    solved = np.linalg.pinv(normal, _ROUNDING, hermitian=True)
+    # Relative singular value below which a translation is not determined at all.
+    rounding = 1e-10
+    solved = np.linalg.pinv(normal, rounding, hermitian=True)
     return R, np.einsum("...ij,...j->...i", solved, moment)
 
 

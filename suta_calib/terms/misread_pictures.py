@@ -35,8 +35,6 @@ ENOUGH: Final = 8
 RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
 # Sizes of markers against those that a board's file has.
 MARKERS: Final = (0.6, 1.6)
-# Part of a picture's size up to which twice its principal point comes near it in any camera.
-CENTRED: Final = 0.8
 # Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
 FAR_OFF: Final = 10.0
 SEEN: Final = 2.0
@@ -159,7 +157,9 @@ def other_size(pictures: BoardPictures) -> str:
     # Pixels are counted from the centre of the first one.
     middle = camera.intrinsics[2:4]
     whole = 2.0 * middle + 1.0
-    small = whole < CENTRED * size
+    # Part of a picture's size up to which twice its principal point comes near it in any camera.
+    centred = 0.8
+    small = whole < centred * size
     seen = pictures.pixels[np.isfinite(pictures.pixels).all(axis=2)]
     if not small.any() or (seen + 0.5 > whole)[:, small].any():
         return ""

@@ -48,8 +48,6 @@ from suta_calib.terms.term import Term
 # Distances of one term: each costs a kilobyte or two while it is solved, and m touches of one
 # placement make m²/2 of them. From so many on, each touch is paired with some of the others only.
 MOST_PAIRS: Final = 100_000
-# Names of pairs that are made beforehand, so that rows share them.
-MOST_LABELS: Final = 10_000
 
 
 def _distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
@@ -347,7 +345,9 @@ def _original(numbers: FloatArray, origin: Sequence[str]) -> BoolArray:
 def _pair_labels(names: NDArray[np.str_], pairs: IntArray) -> list[str]:
     """What every pair (n, 2) of the touched landmarks (samples,) is called."""
     distinct, number = np.unique(names, return_inverse=True)
-    if len(distinct) ** 2 <= MOST_LABELS:
+    # Names of pairs that are made beforehand, so that rows share them.
+    most_labels = 10_000
+    if len(distinct) ** 2 <= most_labels:
         first, second = number[pairs].T
         return list(_labels_of_all(tuple(distinct.tolist()))[first, second])
     # Of lists: to take one number after another out of an array takes longer than the rest.

@@ -27,8 +27,6 @@ from suta_calib.terms.term import Term
 
 # Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
 FEWEST: Final = 4
-# Second over first singular value of touches that lie on a line.
-_LINE: Final = 1e-3
 # Edge of the square that simulated touches fill where the file does not say, m.
 _SIZE: Final = 0.2
 _KEYS: Final = ("z", "rx", "ry")
@@ -212,6 +210,8 @@ class TouchedPlane(Term):
     def check_enough(self) -> None:
         """Four touches of every plane at least, not on one line at nominal."""
         _, position = self.poses.at({})
+        # Second over first singular value of touches that lie on a line.
+        line = 1e-3
         for name, (rows, centred) in zip(self.places[0], self._by_plane(position), strict=True):
             if len(rows) < FEWEST:
                 raise self.refuse(
@@ -219,7 +219,7 @@ class TouchedPlane(Term):
                     f"every plane touched at least {FEWEST} times: three touches make any plane",
                 )
             singular = np.linalg.svd(centred, compute_uv=False)
-            if singular[1] < _LINE * singular[0]:
+            if singular[1] < line * singular[0]:
                 raise self.refuse(
                     f"all touches of plane {name} on one line",
                     "touches all over the plane",

@@ -28,9 +28,6 @@ if TYPE_CHECKING:
 # How far readings of an arm at rest wander, rad or m: 0.03 mm at a metre's reach. No plug is seated
 # again so exactly.
 WANDER: Final = 3e-5
-# How far apart readings are of one posture, rad or m: a model's error does not change within a
-# millimetre, whoever came back there.
-SAME_POSTURE: Final = 1e-3
 # Steps of a coarse encoder that a reading at rest flickers over, and the coarsest, rad or m: below
 # a thousand to the turn it is the operator who chose round numbers.
 FLICKER: Final = 2.0
@@ -213,7 +210,10 @@ class _Standing:
     @property
     def postures(self) -> IntArray:
         """See `ArmPoses.postures`."""
-        return self._apart(SAME_POSTURE)
+        # How far apart readings are of one posture, rad or m: a model's error does not change
+        # within a millimetre, whoever came back there.
+        same_posture = 1e-3
+        return self._apart(same_posture)
 
     def take(self, rows: ArrayLike) -> _Standing:
         """Those of some rows, by number or by boolean mask."""

@@ -25,8 +25,6 @@ from suta_calib.units import from_mm, mm
 
 # Lengths between which simulated ones are where the file does not say, m.
 _LENGTHS: Final = (0.2, 0.5)
-# Half the angle of the cap, about the z axis of an anchor, that simulated tips fill, as a cosine.
-_CAP: Final = 0.5
 # Second over first, and third over first, singular value of tips on a line or in a plane.
 _LINE: Final = 1e-3
 _PLANE: Final = 1e-2
@@ -109,7 +107,10 @@ class MeasuredRange(Term):
         shortest, longest = settings.get("lengths", _LENGTHS)
         # A third number that goes its own way, of two that fill a square.
         between = np.mod(where @ [7.0, 11.0], 1.0)
-        height, around = 1.0 - (1.0 - _CAP) * where[:, 0], 2.0 * np.pi * where[:, 1]
+        # Half the angle of the cap, about the z axis of an anchor, that simulated tips fill, as a
+        # cosine.
+        cap = 0.5
+        height, around = 1.0 - (1.0 - cap) * where[:, 0], 2.0 * np.pi * where[:, 1]
         aside = np.sqrt(1.0 - height**2)
         away = np.column_stack([aside * np.cos(around), aside * np.sin(around), height])
         length = shortest + (longest - shortest) * between

@@ -20,8 +20,6 @@ from suta_calib.model.parameters import Parameter
 
 OWNER: Final = "stretch"
 KEYS: Final = ("x", "y")
-# Bounds, in standard deviations of the prior.
-_FARTHEST: Final = 10.0
 
 
 def stretch_parameters(body: str, prior: float | None) -> tuple[Parameter, ...]:
@@ -33,7 +31,9 @@ def stretch_parameters(body: str, prior: float | None) -> tuple[Parameter, ...]:
     """
     if prior is None:
         return ()
-    most = _FARTHEST * prior
+    # Bounds, in standard deviations of the prior.
+    farthest = 10.0
+    most = farthest * prior
     return tuple(
         Parameter(f"{OWNER}[{body}]", key, "1", 0.0, -most, most, prior, prior_fixed=True)
         for key in KEYS

@@ -43,8 +43,6 @@ _STEPS: Final = 30
 TURNS: Final = 1000
 BEST: Final = 2
 ASKED: Final = 500
-# A step that takes no more of the squared residuals is the last.
-_GAIN: Final = 1e-9
 
 
 def instrument_and_targets(
@@ -148,6 +146,8 @@ def _refined(
         return seen - lever - b, lever
 
     residual, lever = left(R, b, targets)
+    # A step that takes no more of the squared residuals is the last.
+    gain = 1e-9
     for _ in range(_STEPS):
         shift = np.broadcast_to(np.eye(3), (len(seen), 3, 3))
         columns = np.concatenate([-skew(lever), shift, R @ sits], axis=2)
@@ -159,7 +159,7 @@ def _refined(
         )
         after, lever_after = left(*moved)
         before = float(np.sum(residual**2))
-        if not np.sum(after**2) < (1.0 - _GAIN) * before:
+        if not np.sum(after**2) < (1.0 - gain) * before:
             break
         (R, b, targets), residual, lever = moved, after, lever_after
     return float(np.sum(residual**2)), (R, b, targets)

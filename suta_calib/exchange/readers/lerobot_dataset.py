@@ -28,9 +28,6 @@ STATE_UNIT: Final = Option(
 )
 _STATE: Final = "observation.state"
 _COLUMNS: Final = (_STATE, "timestamp", "episode_index")
-_MOST_ROWS: Final = 5_000_000
-# Between the clocks of two episodes, s: nothing is known of the arm in between.
-_BETWEEN: Final = 1e4
 
 
 class LerobotDatasetReader(Reader):
@@ -78,6 +75,9 @@ class LerobotDatasetReader(Reader):
         if not files:
             raise ForeignFileError("no data/**/*.parquet", "at least one", file=path)
         times, states, rows = list[FloatArray](), list[FloatArray](), 0
+        most_rows = 5_000_000
+        # Between the clocks of two episodes, s: nothing is known of the arm in between.
+        between = 1e4
         for file in files:
             note_input(file)
             # A link must not lead out of the dataset to who knows what.
@@ -85,7 +85,7 @@ class LerobotDatasetReader(Reader):
                 raise ForeignFileError("a link that leads out of the folder", "a file", file=file)
             try:
                 rows += parquet.read_metadata(file).num_rows
-                table = None if rows > _MOST_ROWS else parquet.read_table(file, columns=[*_COLUMNS])
+                table = None if rows > most_rows else parquet.read_table(file, columns=[*_COLUMNS])
                 columns = [] if table is None else [table[name].to_pylist() for name in _COLUMNS]
             # Damaged files make Arrow raise errors of many kinds, none of them its own.
             except Exception as problem:  # noqa: BLE001
@@ -94,7 +94,7 @@ class LerobotDatasetReader(Reader):
                 expected = f"Parquet with {listed(_COLUMNS)}"
                 raise ForeignFileError(found, expected, file=file) from None
             if not columns:
-                said = f"more than {_MOST_ROWS} rows"
+                said = f"more than {most_rows} rows"
                 raise ForeignFileError(said, "a smaller dataset", file=path)
             state, stamp, episode = (
                 _array(file, *each) for each in zip(_COLUMNS, columns, strict=True)
@@ -102,7 +102,7 @@ class LerobotDatasetReader(Reader):
             if state.shape != (len(state), count) or stamp.ndim != 1 or episode.ndim != 1:
                 said = f"states of shape {state.shape}"
                 raise ForeignFileError(said, f"{count} numbers in each row", file=file)
-            times.append(stamp + _BETWEEN * episode)
+            times.append(stamp + between * episode)
             states.append(state)
         return np.concatenate(times), np.concatenate(states)
 

@@ -35,9 +35,6 @@ _CHILD: Final = "suta_calib.exchange.mjcf_child"
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 # URDF asks for limits of a slide, m.
 _FAR: Final = 10.0
-# How far the URDF may be from MuJoCo's kinematics, m and as a cosine: numbers of 1e-12 along a long
-# chain, and rotations as roll, pitch and yaw.
-_AGREE: Final = 1e-9
 # Characters of a name, and of what MuJoCo says, that a message shows.
 _LONGEST, _LONGEST_REASON = 80, 200
 
@@ -269,6 +266,9 @@ class _Tree:
         names = (*self.body_names, *self.site_names)
         frames = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
         kept = [k for k, site in enumerate(self.found["sites"]) if site["name"]]
+        # How far the URDF may be from MuJoCo's kinematics, m and as a cosine: numbers of 1e-12
+        # along a long chain, and rotations as roll, pitch and yaw.
+        agree = 1e-9
         for posture in self.found["postures"]:
             q = pin.neutral(model)
             for (name, joint), reading in zip(self._named(), posture["readings"], strict=True):
@@ -283,10 +283,10 @@ class _Tree:
                 pose = data.oMf[frame]
                 ours = np.concatenate([pose.translation, pose.rotation.ravel()])
                 apart = np.abs(ours - numbers).max() / max(1.0, float(np.abs(numbers).max()))
-                if not apart <= _AGREE:
+                if not apart <= agree:
                     raise ForeignFileError(
                         f"a URDF that places {name[:_LONGEST]!r} off by {apart:.2g} from the model",
-                        f"agreement with MuJoCo's own kinematics to {_AGREE:g}",
+                        f"agreement with MuJoCo's own kinematics to {agree:g}",
                         file=self.path,
                         hint="please report this file",
                     )

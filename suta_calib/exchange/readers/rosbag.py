@@ -50,8 +50,6 @@ _PICTURES: Final = frozenset({IMAGE, COMPRESSED})
 _MOST_MESSAGES: Final = 5_000_000
 # How long a joint is where it was said to be last, s.
 _HELD: Final = 0.5
-# Steps from a frame to the root; more is a loop.
-_DEEPEST: Final = 100
 
 
 @dataclass(eq=False)
@@ -361,7 +359,9 @@ def _through_tf(path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body]:
 def _to_root(latest: dict[str, tuple[str, FloatArray]], frame: str) -> dict[str, FloatArray]:
     """``T_ancestor_frame`` of every frame on the way up, itself first."""
     found, pose = {frame: np.eye(4)}, np.eye(4)
-    while frame in latest and len(found) < _DEEPEST:
+    # Steps from a frame to the root; more is a loop.
+    deepest = 100
+    while frame in latest and len(found) < deepest:
         frame, step = latest[frame]
         pose = step @ pose
         found[frame] = pose

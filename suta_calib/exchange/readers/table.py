@@ -74,8 +74,6 @@ _PAIR: Final = ("a_", "b_")
 _GRID: Final = 1e4
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
-# More than any joint turns that is read in degrees: ticks, perhaps.
-_MOST_DEGREES: Final = 720.0
 
 
 class TableReader(Reader):
@@ -378,7 +376,9 @@ class _Columns:
         if self._angle or unit:
             self._notes.append(f"Readings of {joint} reach {most:.0f} rad: are they degrees?")
             return angles
-        if not self._guessing or most > _MOST_DEGREES:
+        # More than any joint turns that is read in degrees: ticks, perhaps.
+        most_degrees = 720.0
+        if not self._guessing or most > most_degrees:
             raise self._degrees(f"readings of {joint}", most)
         self._given.note_guess(UNIT, "deg", f"readings of {joint} up to {most:.4g}")
         return replace(readings, unit="deg").angles(joint, numbers)
