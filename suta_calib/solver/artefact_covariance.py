@@ -75,11 +75,11 @@ def scale_rows(
     problem: Problem, x: FloatArray, sigmas: Sequence[float], rows: Sequence[Rows]
 ) -> ArtefactRows | None:
     """The part of the scales in the rows at x, also of exact ones; None where there are none."""
-    known = scale_carriers(problem.terms)
-    if not known:
+    carriers = scale_carriers(problem.terms)
+    if not carriers:
         return None
     columns = []
-    for carrier in known:
+    for carrier in carriers:
         key = carrier.what, carrier.name
         of_term = [scale_carrier(term) for term in problem.terms]
         longer = [
@@ -95,8 +95,8 @@ def scale_rows(
             ]
         )
     jacobian = tuple(np.column_stack(block) for block in zip(*columns, strict=True))
-    keys = tuple((carrier.what, carrier.name) for carrier in known)
-    return ArtefactRows(keys, np.array([c.std for c in known]), jacobian)
+    keys = tuple((carrier.what, carrier.name) for carrier in carriers)
+    return ArtefactRows(keys, np.array([c.std for c in carriers]), jacobian)
 
 
 def joined_rows(*parts: ArtefactRows | None) -> ArtefactRows | None:
@@ -169,12 +169,12 @@ def residuals_without_artefact(
     counts = np.array([_equations(problem.terms, r, touches) for r in rows])
     residuals, taken = _joint_fit(problem, x, rows, part, free, counts[:, 0])
     left = np.maximum(1.0 - taken / counts[:, 1], LEAST_FREEDOM)
-    found = []
+    improved = []
     for r, white, share in zip(rows, residuals, left, strict=True):
         scale = r.line.sigma / np.sqrt(r.line.weight * share)
         residual = white.reshape(r.line.residual.shape) * scale[:, None]
-        found.append(replace(r, line=replace(r.line, residual=residual)))
-    return found
+        improved.append(replace(r, line=replace(r.line, residual=residual)))
+    return improved
 
 
 def _joint_fit(
@@ -229,7 +229,7 @@ def _equations(
     block = rows.line.view.block
     for term, touch in zip(terms, touches, strict=True):
         if any(block is b for b in term.blocks):
-            whole = sum(len(b) * b.size for b in term.blocks)
-            equations = term.equations() * len(block) * block.size / whole
+            numbers = sum(len(b) * b.size for b in term.blocks)
+            equations = term.equations() * len(block) * block.size / numbers
             return equations, equations * (int(touch.max()) + 1) / (int(term.poses.rests.max()) + 1)
     raise ValueError("a row of no term")

@@ -235,8 +235,8 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
     unit = np.sqrt(np.maximum(np.diag(bread), 0.0))
     outer = np.outer(unit, unit)
     values, vectors = np.linalg.eigh(np.divide(bread, outer, where=outer > 0, out=0 * outer))
-    kept = values > ROUNDING * max(float(values[-1]), 1e-300)
-    root = unit[:, None] * vectors[:, kept] * np.sqrt(values[kept])
+    determined = values > ROUNDING * max(float(values[-1]), 1e-300)
+    root = unit[:, None] * vectors[:, determined] * np.sqrt(values[determined])
     if not root.size or not root.any():
         return np.zeros_like(bread)
     count, width = int(touch.max()) + 1, root.shape[1]
@@ -251,11 +251,11 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
         score, gain = np.empty((n, width)), np.empty((0, size, width))
         height = AT_ONCE if alone else n or 1
         for first in range(0, n, height):
-            some = slice(first, first + height)
-            part = r.jacobian[size * some.start : size * some.stop] @ root
-            gain = part.reshape(-1, size, width) * belief[some, None, None]
+            part_rows = slice(first, first + height)
+            part = r.jacobian[size * part_rows.start : size * part_rows.stop] @ root
+            gain = part.reshape(-1, size, width) * belief[part_rows, None, None]
             # By two, of which NumPy has a fast sum, not by three.
-            score[some] = np.einsum("ndp,nd->np", gain, white[some])
+            score[part_rows] = np.einsum("ndp,nd->np", gain, white[part_rows])
         mine = summed_by_member(score, members, count)
         by_touch += _freed(mine, gain, members) if count <= MANY_TOUCHES else mine
         twice += _between_pairs(score, gain, members)
@@ -265,9 +265,9 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
 
 def summed_by_member(score: FloatArray, members: IntArray, count: int) -> FloatArray:
     """Scores (n, w) of rows that look at members (n, k), summed over each of ``count`` members."""
-    first, *others = members.T
+    first, *more = members.T
     sums = summed(score, first, count)
-    for member in others:
+    for member in more:
         sums += summed(score, member, count)
     return sums
 
@@ -291,13 +291,15 @@ def _freed(by_touch: FloatArray, gain: FloatArray, members: IntArray) -> FloatAr
     touches, first = np.unique(pairs // n, return_index=True)
     rows = np.split(pairs % n, first[1:])
     # Touches of as many rows are decomposed together.
-    for size in {len(each) for each in rows}:
-        alike = [k for k, each in enumerate(rows) if len(each) == size]
-        y = gain[np.array([rows[k] for k in alike])].reshape(len(alike), -1, gain.shape[2])
+    for size in {len(touches_of) for touches_of in rows}:
+        same_size = [k for k, touches_of in enumerate(rows) if len(touches_of) == size]
+        y = gain[np.array([rows[k] for k in same_size])].reshape(len(same_size), -1, gain.shape[2])
         _, singular, directions = np.linalg.svd(y, full_matrices=False)
         extra = 1.0 / np.sqrt(np.clip(1.0 - singular**2, 0.1, 1.0)) - 1.0
-        told = directions @ by_touch[touches[alike], :, None]
-        freed[touches[alike]] += (np.swapaxes(directions, 1, 2) @ (extra[..., None] * told))[..., 0]
+        component = directions @ by_touch[touches[same_size], :, None]
+        freed[touches[same_size]] += (
+            np.swapaxes(directions, 1, 2) @ (extra[..., None] * component)
+        )[..., 0]
     return freed
 
 

@@ -75,7 +75,7 @@ def descend(
     *,
     settled: float = NEGLIGIBLE,
     steps: int = _MOST_EVALUATIONS,
-    known: Sequence[Basin] = (),
+    basins: Sequence[Basin] = (),
     joins: float = 0.0,
 ) -> Descent:
     """Gauss-Newton steps from a start within the bounds, each to a lower cost.
@@ -86,7 +86,7 @@ def descend(
         bounds: lower and upper ones, (n,) each; infinite where there are none.
         settled: share of the cost that a minimum may promise to be above the true one.
         steps: most steps.
-        known: minima that need no second visit.
+        basins: minima that need no second visit.
         joins: how far above a known minimum, in cost, a step ends that has reached it.
     """
     lower, upper = bounds
@@ -96,7 +96,7 @@ def descend(
     if not _finite(cost, gradient, hessian):
         return Descent(z, cost, False, taken)
     for _ in range(_MOST_EVALUATIONS):
-        for number, basin in enumerate(known):
+        for number, basin in enumerate(basins):
             if basin.holds(z, cost):
                 return Descent(basin.z, basin.cost, True, taken, joined=number)
         room = lower - z, upper - z
@@ -111,7 +111,7 @@ def descend(
             step = bounded_step(damped, gradient, *room)
             promised = _promised(hessian, gradient, step)
             there = np.clip(z + step, lower, upper)
-        for number, basin in enumerate(known):
+        for number, basin in enumerate(basins):
             # A step up, to a minimum above this point, is none that would be taken.
             if basin.cost <= cost and basin.cost_at(there) <= basin.cost + joins:
                 return Descent(basin.z, basin.cost, True, taken, joined=number)
@@ -135,7 +135,7 @@ def descend(
 
 
 def _finite(*numbers: float | FloatArray) -> bool:
-    return all(np.isfinite(each).all() for each in numbers)
+    return all(np.isfinite(array).all() for array in numbers)
 
 
 def _promised(hessian: FloatArray, gradient: FloatArray, step: FloatArray) -> float:

@@ -68,13 +68,13 @@ class PoseTable:
             rows = slice(int(first), int(first) + size)
             batch = None
             if isinstance(source, ArmPoses):
-                told = source.samples.told
+                conditions = source.samples.told
                 # Straight into the table: copying its velocities would take as long as they do.
                 velocity = self.velocity.reshape(n, 6 * len(names))
-                table = [each[rows] for each in (self.rotation, self.position, velocity)]
-                batch = Batched(source.arm.function(names, told), size, [0], table)
-                known = (source.samples.q, *told.values())
-                for place, values in zip(batch.inputs[1:], known, strict=True):
+                table = [array[rows] for array in (self.rotation, self.position, velocity)]
+                batch = Batched(source.arm.function(names, conditions), size, [0], table)
+                inputs = (source.samples.q, *conditions.values())
+                for place, values in zip(batch.inputs[1:], inputs, strict=True):
                     place[:] = values
             else:
                 rotation, self.position[rows] = source.at({})
@@ -100,7 +100,7 @@ class PoseTable:
             shifts: for each source in order: of an arm's readings (n, joints); of measured poses
                 (n, 6), displacements, m, and turns about the base's axes, rad.
         """
-        kept = [b.inputs[1].copy() if b else None for _, b in self._sources]
+        readings = [b.inputs[1].copy() if b else None for _, b in self._sources]
         poses, theta = (self.rotation.copy(), self.position.copy()), self._theta
         # Of few samples keeping what is known takes less than to find it again.
         velocity = self.velocity.copy() if len(self.position) <= AT_ONCE else None
@@ -121,7 +121,7 @@ class PoseTable:
             if velocity is not None:
                 self.velocity[:], self._theta = velocity, theta
                 self.changes += 1
-            for (_, batch), q in zip(self._sources, kept, strict=True):
+            for (_, batch), q in zip(self._sources, readings, strict=True):
                 if batch is not None:
                     batch.inputs[1][:] = q
 
@@ -192,23 +192,23 @@ class Evaluation:
     def linearise(self, x: FloatArray, sigmas: Sequence[float]) -> list[Linearised]:
         """Every block at x, with the noise level of each block."""
         self.table.update(x[: self.arm_count])
-        own = x[self.arm_count :]
+        own_values = x[self.arm_count :]
         # The latest point is asked for again with other noise, and by whoever judges it.
-        here = self.table.changes, own.tobytes()
+        here = self.table.changes, own_values.tobytes()
         if here != self._at:
             poses = self.table.rotation, self.table.position
-            self._found = [kernel(*poses, own) for kernel in self._kernels]
+            self._found = [kernel(*poses, own_values) for kernel in self._kernels]
             self._at = here
-        found = []
+        lines = []
         blocks = zip(self.views, self._kernels, sigmas, self._found, strict=True)
         for view, kernel, sigma, (residual, by_pose, by_own) in blocks:
             spread = kernel.spread(sigma)
             squared = np.einsum("nd,nd->n", residual, residual) / spread**2
             weight = huber_weight(squared, view.threshold / spread)
-            found.append(
+            lines.append(
                 Linearised(view, kernel.pattern, residual, by_pose, by_own, spread, squared, weight)
             )
-        return found
+        return lines
 
     def cost(self, x: FloatArray, sigmas: Sequence[float]) -> float:
         """½ Σ ρ over all rows of all blocks (priors not included)."""
@@ -241,9 +241,9 @@ class Evaluation:
         """
         rows, columns = list[FloatArray](), list[FloatArray]()
         for line in self.linearise(x, sigmas):
-            arm, own = self.columns(line, line.by_pose, line.by_own)
+            arm, by_own = self.columns(line, line.by_pose, line.by_own)
             none = np.zeros((line.residual.size, self.own_count))
-            both = np.hstack([arm, none if own is None else dense(own)])
+            both = np.hstack([arm, none if by_own is None else dense(by_own)])
             jacobian = both.reshape(*line.residual.shape, -1) / line.sigma[:, None, None]
             residual, weight = line.residual / line.sigma[:, None], line.weight
             shorter = np.sqrt(weight * (2.0 - weight))
@@ -267,16 +267,16 @@ class Evaluation:
         weights alone would give (Triggs et al. 2000, doi:10.1007/3-540-44480-7_21, section 4.3).
         """
         root = np.sqrt(line.weight) / line.sigma
-        own = line.pattern.by_own(line.by_own)
-        if own is not None and not isinstance(own, np.ndarray):
+        by_own = line.pattern.by_own(line.by_own)
+        if by_own is not None and not isinstance(by_own, np.ndarray):
             return self._sparse_normal_equations(line, root, arm_moves)
-        width = (self.arm_count if arm_moves else 0) + (0 if own is None else self.own_count)
+        width = (self.arm_count if arm_moves else 0) + (0 if by_own is None else self.own_count)
         gradient, hessian = np.zeros(width), np.zeros((width, width))
         outer = line.weight < 1.0
         lost = 1.0 - kept_curvature(np.count_nonzero(outer) / max(len(outer), 1))
-        for some, jacobian in self.parts(line, arm=arm_moves):
-            jacobian = jacobian * root[some, None, None]
-            residual, beyond = root[some, None] * line.residual[some], outer[some]
+        for part_rows, jacobian in self.parts(line, arm=arm_moves):
+            jacobian = jacobian * root[part_rows, None, None]
+            residual, beyond = root[part_rows, None] * line.residual[part_rows], outer[part_rows]
             rows = jacobian.reshape(-1, width)
             gradient += rows.T @ residual.reshape(-1)
             hessian += rows.T @ rows
@@ -292,7 +292,7 @@ class Evaluation:
         looks at none. What many rows take at once is slower to find room for than to compute. They
         may be what the block keeps: not to be written to.
         """
-        own, size = line.pattern.by_own(line.by_own), line.residual.shape[1]
+        by_own, size = line.pattern.by_own(line.by_own), line.residual.shape[1]
         arm = arm and self.arm_count > 0
         for first in range(0, len(line.residual), AT_ONCE):
             rows = slice(first, min(first + AT_ONCE, len(line.residual)))
@@ -300,11 +300,11 @@ class Evaluation:
             if arm:
                 velocity = self.table.velocity
                 both.append(line.pattern.by_parameters(line.by_pose, velocity, rows))
-            if own is not None:
-                both.append(dense(own[size * rows.start : size * rows.stop]))
+            if by_own is not None:
+                both.append(dense(by_own[size * rows.start : size * rows.stop]))
             if both:
-                whole = both[0] if len(both) == 1 else np.concatenate(both, axis=1)
-                yield rows, whole.reshape(rows.stop - first, size, whole.shape[1])
+                jacobian = both[0] if len(both) == 1 else np.concatenate(both, axis=1)
+                yield rows, jacobian.reshape(rows.stop - first, size, jacobian.shape[1])
 
     def _sparse_normal_equations(
         self, line: Linearised, root: FloatArray, arm_moves: bool

@@ -66,9 +66,9 @@ def energies_of_rows(
     weight = np.minimum(1.0, threshold / np.maximum(norm, 1e-300))
     parts = []
     for mine in (weight == 1.0, weight < 1.0):
-        some = np.repeat(mine, size)
+        numbers = np.repeat(mine, size)
         root = np.sqrt(trust * np.repeat(weight[mine], size))
-        r, j = root * residual[some], root[:, None] * jacobian[some]
+        r, j = root * residual[numbers], root[:, None] * jacobian[numbers]
         least = float(root @ root) * (FINEST / sigma) ** 2
         parts.append(Energy(0.5 * (float(r @ r) + least), j.T @ r, j.T @ j))
     return parts[0], parts[1], int(np.sum(weight == 1.0))
@@ -126,8 +126,8 @@ class MarginalLikelihood:
         parts = [*self.held, *self._weighed(eta)]
         curvature = np.zeros((len(parts[0].slope),) * 2)
         for part in parts:
-            whole = part.curvature.ndim == 2
-            curvature += part.curvature if whole else np.diag(part.curvature)
+            is_matrix = part.curvature.ndim == 2
+            curvature += part.curvature if is_matrix else np.diag(part.curvature)
         unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         scaled = curvature * np.outer(unit, unit) + 1e-12 * np.eye(len(unit))
         cholesky = np.linalg.cholesky(scaled)
@@ -173,15 +173,15 @@ class MarginalLikelihood:
 
     def _beyond(self, eta: FloatArray) -> FloatArray:
         """-log chance of rows beyond thresholds, with two derivatives by log σ, (k, 3)."""
-        found, width = np.zeros((len(eta), 3)), 1e-3
+        terms, width = np.zeros((len(eta), 3)), 1e-3
         for k, (rows, size, threshold) in enumerate(self.beyond):
             if rows:
                 limit = threshold * np.exp(-eta[k] - np.array([-width, 0.0, width]))
                 # A tenth of the rows may be blunders: beyond the threshold they are no surprise.
                 chance = 0.1 + 0.9 * chdtrc(size, limit**2)
                 low, here, high = -rows * np.log(chance)
-                found[k] = here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
-        return found
+                terms[k] = here, (high - low) / (2 * width), (high - 2 * here + low) / width**2
+        return terms
 
 
 def most_likely(evidence: MarginalLikelihood) -> tuple[Point, FloatArray]:

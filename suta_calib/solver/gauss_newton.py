@@ -54,13 +54,13 @@ class GaussNewton(Solver):
         """
         if not self.confirm or not len(nlp.free) or minimum.status != SETTLED:
             return minimum
-        found = self._ipopt.minimise(nlp, minimum.x)
-        if not found.converged and not found.cost < minimum.cost - SAME_COST:
+        by_ipopt = self._ipopt.minimise(nlp, minimum.x)
+        if not by_ipopt.converged and not by_ipopt.cost < minimum.cost - SAME_COST:
             return minimum
-        steps = minimum.iterations + found.iterations
-        if found.cost < minimum.cost:
-            return replace(found, iterations=steps)
-        return replace(found, x=minimum.x, cost=minimum.cost, iterations=steps)
+        steps = minimum.iterations + by_ipopt.iterations
+        if by_ipopt.cost < minimum.cost:
+            return replace(by_ipopt, iterations=steps)
+        return replace(by_ipopt, x=minimum.x, cost=minimum.cost, iterations=steps)
 
     @property
     def _ipopt(self) -> Ipopt:

@@ -145,8 +145,8 @@ def held_geometry(
     estimated = np.array([index[problem.names[k]] for k in free])
     held = np.array([index[n] for n in names])
     curvature = curvature_at(wider, at, sigmas, robust=robust)
-    known = problem.stated_precision()[free]
-    inverse = scaled_inverse(curvature[np.ix_(estimated, estimated)] + np.diag(known))
+    precision = problem.stated_precision()[free]
+    inverse = scaled_inverse(curvature[np.ix_(estimated, estimated)] + np.diag(precision))
     follow = -inverse @ curvature[np.ix_(estimated, held)]
     # What the data tell hangs on the noise that they have, not on the one that weighs them.
     if robust:
@@ -162,8 +162,8 @@ def held_geometry(
     if not silent.shape[1]:
         return None
     followed = follow @ silent
-    own, axes = np.linalg.eigh(within[np.ix_(free, free)])
-    noise = axes * np.sqrt(np.maximum(own, 0.0))
+    variances, axes = np.linalg.eigh(within[np.ix_(free, free)])
+    noise = axes * np.sqrt(np.maximum(variances, 0.0))
     beside = _registered_motion(wider, estimated, held, noise, np.zeros((len(held), len(free))))
     motion = _registered_motion(wider, estimated, held, followed, silent)
     _, sizes, mixed = np.linalg.svd(motion, full_matrices=False)
@@ -199,15 +199,15 @@ def drawing_covariance(
     assert problem.arm is not None
     grade = problem.arm.grade or ASSUMED
     length, angle = TOLERANCES[grade]
-    found = {
+    departures = {
         keys: float(least)
         for keys, least in ((POSITION, length), (ROTATION, angle), ((OFFSET,), angle))
     }
     if not problem.arm.grade:
-        for keys, least in found.items():
-            found[keys] = max(least, _departures(problem, x, within, keys))
+        for keys, least in departures.items():
+            departures[keys] = max(least, _departures(problem, x, within, keys))
     key_of = [n.rpartition(".")[2] for n in names]
-    std = np.array([next(s for keys, s in found.items() if key in keys) for key in key_of])
+    std = np.array([next(s for keys, s in departures.items() if key in keys) for key in key_of])
     common = GRADES[grade] * np.where([key in POSITION for key in key_of], nominal, 0.0)
     return np.asarray(np.diag(std**2) + np.outer(common, common))
 

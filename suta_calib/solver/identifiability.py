@@ -89,9 +89,9 @@ class _LeftOpen:
         floor = 1e3 * ROUNDING * max(float(np.linalg.eigvalsh(curvature)[-1]), 1e-300)
         for column in echelon.T:
             along = curvature @ column
-            known = left = float(column @ along)
-            exact = known <= floor
-            still_weak = max(4.0 * known, 1e-3 * floor if exact else 0.25 / WEAK**2)
+            information = left = float(column @ along)
+            exact = information <= floor
+            still_weak = max(4.0 * information, 1e-3 * floor if exact else 0.25 / WEAK**2)
             parts = np.argsort(np.abs(column))
             for i in parts[:-1]:
                 # What is left without this part, and what noise made of it.
@@ -127,7 +127,9 @@ class Identification:
     @cached_property
     def combinations(self) -> tuple[Combination, ...]:
         """One for each fixed parameter, in the same order."""
-        return tuple(each for group in self.left_open for each in group.combinations())
+        return tuple(
+            combination for group in self.left_open for combination in group.combinations()
+        )
 
     @cached_property
     def singular_values(self) -> FloatArray:
@@ -172,12 +174,12 @@ def identify(
     for members, of_members in groups:
         chosen, directions = _choose_fixed(of_members, prior[members], rank[members])
         fixed += [int(members[i]) for i in chosen]
-        known = of_members[0] + np.diag(prior[members])
+        of_group = of_members[0] + np.diag(prior[members])
         left_open.append(
-            _LeftOpen(names[members], unit[members], chosen, directions, known, of_members[2])
+            _LeftOpen(names[members], unit[members], chosen, directions, of_group, of_members[2])
         )
-    told = reduced[0] if len(arm) else scaled[0]
-    return Identification(np.array(fixed, dtype=np.intp), tuple(left_open), told)
+    of_arm = reduced[0] if len(arm) else scaled[0]
+    return Identification(np.array(fixed, dtype=np.intp), tuple(left_open), of_arm)
 
 
 def schur_complement(
@@ -198,9 +200,9 @@ def schur_complement(
     inverse = np.linalg.pinv(curvature[np.ix_(own, own)], 1e-11, True)
     follow = np.vstack([np.eye(len(arm)), -inverse @ curvature[np.ix_(own, arm)]])
     both = np.concatenate([arm, own])
-    known = np.diag(np.concatenate([np.zeros(len(arm)), prior[own]]))
+    of_prior = np.diag(np.concatenate([np.zeros(len(arm)), prior[own]]))
     return [
-        follow.T @ (m[np.ix_(both, both)] + (known if k < 2 else 0.0)) @ follow
+        follow.T @ (m[np.ix_(both, both)] + (of_prior if k < 2 else 0.0)) @ follow
         for k, m in enumerate(matrices)
     ]
 
@@ -236,14 +238,14 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
     values, vectors = np.linalg.eigh(curvature + np.diag(prior))
     floor = ROUNDING * max(float(values[-1]), 1e-300)
     along = [np.sum(vectors * (m @ vectors), axis=0) for m in (variance, noise_induced)]
-    known = np.einsum("ik,i->k", vectors**2, prior)
-    spread = np.sqrt(np.maximum(np.maximum(along[0] + known, values), 0.0)) / np.maximum(
+    by_prior = np.einsum("ik,i->k", vectors**2, prior)
+    spread = np.sqrt(np.maximum(np.maximum(along[0] + by_prior, values), 0.0)) / np.maximum(
         values, floor
     )
     # Whatever the data are worth, a prior alone leaves no more than itself.
-    spread = np.minimum(spread, np.maximum(known, 1e-300) ** -0.5)
-    by_noise = along[1] * NOISE_INDUCED_SHARE**-1 > np.maximum(values - known, floor)
-    weak = (values < floor) | (spread > WEAK) | (by_noise & (known <= 0))
+    spread = np.minimum(spread, np.maximum(by_prior, 1e-300) ** -0.5)
+    by_noise = along[1] * NOISE_INDUCED_SHARE**-1 > np.maximum(values - by_prior, floor)
+    weak = (values < floor) | (spread > WEAK) | (by_noise & (by_prior <= 0))
     return np.asarray(vectors[:, weak])
 
 

@@ -67,9 +67,9 @@ def whitened_rows(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> l
     for line in problem.linearise(x, sigmas):
         n, size = line.residual.shape
         jacobian, filled = np.empty((n, size, width)), 0
-        for some, part in evaluation.parts(line):
+        for part_rows, part in evaluation.parts(line):
             filled = part.shape[2]
-            np.divide(part, line.sigma[some, None, None], jacobian[some, :, :filled])
+            np.divide(part, line.sigma[part_rows, None, None], jacobian[part_rows, :, :filled])
         jacobian[:, :, filled:] = 0.0
         rows.append(Rows(line, jacobian.reshape(n * size, width), np.ones(n)))
     return rows
@@ -103,10 +103,10 @@ def _summed(problem: Problem, line: Linearised, *, robust: bool = False) -> Floa
     """JᵀJ (n, n) of a block's whitened rows; where ``robust``, the curvature of Huber's loss."""
     evaluation = problem.evaluation
     total = np.zeros((evaluation.arm_count + evaluation.own_count,) * 2)
-    for some, part in evaluation.parts(line):
-        width, jacobian = part.shape[2], part / line.sigma[some, None, None]
+    for part_rows, part in evaluation.parts(line):
+        width, jacobian = part.shape[2], part / line.sigma[part_rows, None, None]
         if robust:
-            total[:width, :width] += _curvature_of_some(line, some, jacobian)
+            total[:width, :width] += _curvature_of_some(line, part_rows, jacobian)
         else:
             rows = jacobian.reshape(-1, width)
             total[:width, :width] += rows.T @ rows
@@ -135,14 +135,14 @@ def predicted_information(
         curvature = sum((_summed(problem, line, robust=robust) for line in lines), _nothing(x))
         induced = _noise_induced_information(problem, x, sigmas, lines, beliefs)
         return Information(curvature, curvature, induced)
-    whole = whitened_rows(problem, x, sigmas)
-    rows = [replace(r, belief=belief) for r, belief in zip(whole, beliefs, strict=True)]
+    whitened = whitened_rows(problem, x, sigmas)
+    rows = [replace(r, belief=belief) for r, belief in zip(whitened, beliefs, strict=True)]
     curvature, variance = _nothing(x), _nothing(x)
     for r, for_itself in zip(rows, alone, strict=True):
-        told = robust_curvature(r) if robust else r.jacobian.T @ r.jacobian
-        curvature += told
+        of_block = robust_curvature(r) if robust else r.jacobian.T @ r.jacobian
+        curvature += of_block
         if for_itself:
-            variance += told
+            variance += of_block
         else:
             believed = replace(r, jacobian=robust_jacobian(r)) if robust else r
             variance += _predicted_variance(believed, rests)
@@ -178,7 +178,7 @@ def noise_levels(problem: Problem, x: FloatArray, sigmas: Sequence[float]) -> li
 def _numbered(problem: Problem, groups: Sequence[IntArray]) -> IntArray:
     """(samples,) groups of the samples of every term, none of one term's that of another."""
     first = problem.evaluation.table.first
-    return np.concatenate([k + each for k, each in zip(first, groups, strict=False)])
+    return np.concatenate([k + group for k, group in zip(first, groups, strict=False)])
 
 
 def _design_effect(residual: FloatArray, group: IntArray, count: IntArray) -> float:
@@ -230,10 +230,10 @@ def _noise_induced_information(
             was = old.jacobian.reshape(*line.residual.shape, len(x))
             belief = believed if taken is None else believed[taken]
             # Some at a time: the change of all is as large as all that it is made from.
-            for some, now in evaluation.parts(line):
+            for part_rows, now in evaluation.parts(line):
                 width = now.shape[2]
-                change = now / line.sigma[some, None, None] - was[some, :, :width]
-                change *= belief[some, None, None]
+                change = now / line.sigma[part_rows, None, None] - was[part_rows, :, :width]
+                change *= belief[part_rows, None, None]
                 change = change.reshape(-1, width)
                 total[:width, :width] += len(believed) / len(belief) * (change.T @ change)
     return total
@@ -248,20 +248,20 @@ def _by_residual_alone(problem: Problem, line: Linearised) -> FloatArray:
     nothing = np.zeros((problem.arm_count + problem.evaluation.own_count,) * 2)
     turns_at_all = False
     for first in range(0, len(line.residual), AT_ONCE):
-        some = slice(first, first + AT_ONCE)
+        part_rows = slice(first, first + AT_ONCE)
         # In units of σ both, which is left out.
-        turning = line.by_pose[some, :, line.pattern.angular]
+        turning = line.by_pose[part_rows, :, line.pattern.angular]
         by_turn = np.sqrt(np.einsum("ndc,ndc->n", turning, turning))
-        size = np.linalg.norm(line.residual[some], axis=1)
-        if np.any(by_turn > 1.5 * size + 1e-9 * line.sigma[some]):
+        size = np.linalg.norm(line.residual[part_rows], axis=1)
+        if np.any(by_turn > 1.5 * size + 1e-9 * line.sigma[part_rows]):
             return nothing
         turns_at_all |= bool(by_turn.any())
     if not turns_at_all:
         return nothing
     turns = line.by_pose * line.pattern.angular / line.sigma[:, None, None]
     arm, _ = problem.evaluation.columns(line, turns, line.by_own)
-    whole = np.hstack([arm, np.zeros((len(arm), problem.evaluation.own_count))])
-    return np.asarray(whole.T @ whole) * RESIDUAL_MADE
+    columns = np.hstack([arm, np.zeros((len(arm), problem.evaluation.own_count))])
+    return np.asarray(columns.T @ columns) * RESIDUAL_MADE
 
 
 def _jitter(
@@ -345,16 +345,16 @@ def robust_curvature(rows: Rows) -> FloatArray:
     """Curvature of Huber's loss: the square of `robust_jacobian`."""
     line, width = rows.line, rows.jacobian.shape[1]
     n, size = line.residual.shape
-    whole, total = rows.jacobian.reshape(n, size, width), np.zeros((width, width))
+    jacobian, total = rows.jacobian.reshape(n, size, width), np.zeros((width, width))
     for first in range(0, n, AT_ONCE):
-        some = slice(first, first + AT_ONCE)
-        total += _curvature_of_some(line, some, whole[some])
+        part_rows = slice(first, first + AT_ONCE)
+        total += _curvature_of_some(line, part_rows, jacobian[part_rows])
     return total
 
 
-def _curvature_of_some(line: Linearised, some: slice, jacobian: FloatArray) -> FloatArray:
+def _curvature_of_some(line: Linearised, part_rows: slice, jacobian: FloatArray) -> FloatArray:
     """`robust_curvature` of some rows of a block, whitened (k, d, w)."""
-    weight, residual = line.weight[some], line.residual[some]
+    weight, residual = line.weight[part_rows], line.residual[part_rows]
     jacobian = jacobian * np.sqrt(weight)[:, None, None]
     rows = jacobian.reshape(-1, jacobian.shape[2])
     total = rows.T @ rows

@@ -254,8 +254,8 @@ class _Callback(ca.Callback):
         return self._outputs[i]
 
     def get_sparsity_in(self, i: int) -> Any:
-        one, each = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(self._n, 1)
-        sizes = {"x": each, "lam_x": each, "f": one, "lam_f": one}
+        one, vector = ca.Sparsity.dense(1, 1), ca.Sparsity.dense(self._n, 1)
+        sizes = {"x": vector, "lam_x": vector, "f": one, "lam_f": one}
         return sizes.get(self._inputs[i], ca.Sparsity(0, 0))
 
     def get_sparsity_out(self, i: int) -> Any:

@@ -95,26 +95,26 @@ class RowPattern:
             rows: the k rows that are asked for, as ``slice(first, end)``; all by default.
         """
         columns = self._columns if rows is None else self._columns[rows]
-        some = by_pose if rows is None else by_pose[rows]
+        chosen = by_pose if rows is None else by_pose[rows]
         if columns.size * velocity.shape[1] <= GATHERED:
             width, together = velocity.shape[1], self._at_once
-            moved = np.empty((*some.shape[:2], width))
+            moved = np.empty((*chosen.shape[:2], width))
             places = self._gathered if rows is None else self._gathered[rows]
             source = velocity.reshape(len(velocity) // together, together * width)
             step = max(_AT_ONCE // max(columns[:1].size * width, 1), 1)
             for part in (slice(k, k + step) for k in range(0, len(columns), step)):
                 here = source.take(places[part], axis=0)
                 here = here.reshape(len(here), columns.shape[1], width)
-                np.matmul(some[part], here, out=moved[part])
+                np.matmul(chosen[part], here, out=moved[part])
             return moved.reshape(len(columns) * by_pose.shape[1], width)
-        if rows is None or len(some) == len(by_pose):
+        if rows is None or len(chosen) == len(by_pose):
             return np.asarray(self.by_velocity(by_pose) @ velocity)
 
         first = rows.start * by_pose[0].size
-        flat = slice(first, first + some.size)
-        count, pattern = len(some) * by_pose.shape[1], self._poses
+        flat = slice(first, first + chosen.size)
+        count, pattern = len(chosen) * by_pose.shape[1], self._poses
         # All rows have as many entries, so that each part's pointers are those of the first.
-        parts = some.reshape(-1), pattern.indices[flat], pattern.indptr[: count + 1]
+        parts = chosen.reshape(-1), pattern.indices[flat], pattern.indptr[: count + 1]
         matrix = sparse.csr_array(parts, shape=(count, pattern.shape[1]))
         return np.asarray(matrix @ velocity)
 
@@ -175,8 +175,8 @@ class Kernel:
     ) -> None:
         n, poses = block.samples.shape
         # What every row looks at alike is computed once for all of them.
-        alike = bool(n) and bool(np.all(own_columns == own_columns[0]))
-        self._own = own_columns[0] if alike else own_columns
+        same_own = bool(n) and bool(np.all(own_columns == own_columns[0]))
+        self._own = own_columns[0] if same_own else own_columns
         function, columns, used, ahead = _compiled(
             block.residual,
             poses,
@@ -184,14 +184,14 @@ class Kernel:
             block.data.shape[1],
             block.size,
             n >= MANY,
-            alike and n < MANY,
+            same_own and n < MANY,
         )
         samples = block.samples + first_sample
         # Of each input the array it comes from, and which of its rows.
         self._taken = [(place % 2, _rows(samples[:, place // 2])) for place in used]
         # The last inputs are what is made of own parameters, if anything is, they, and the data.
         last = function.n_in()
-        shared = ([last - 2] if alike else []) + ([last - 3] if ahead is not None else [])
+        shared = ([last - 2] if same_own else []) + ([last - 3] if ahead is not None else [])
         self._batch = Batched(function, n, shared)
         self._ahead = None if ahead is None else Batched(ahead, 1, [0])
         self._batch.inputs[-1][:] = block.data
@@ -306,10 +306,10 @@ class TermErrors:
         self._blocks = [(block.relative, _BlockResiduals(block)) for block in term.blocks]
         self._names, self._batch, source = tuple(names), None, term.poses
         if isinstance(source, ArmPoses):
-            samples, told = source.samples, source.samples.told
-            self._batch = Batched(source.arm.function(names, told, 0), len(samples), [0])
+            samples, conditions = source.samples, source.samples.told
+            self._batch = Batched(source.arm.function(names, conditions, 0), len(samples), [0])
             self._q = samples.q
-            for place, numbers in zip(self._batch.inputs[2:], told.values(), strict=True):
+            for place, numbers in zip(self._batch.inputs[2:], conditions.values(), strict=True):
                 place[:] = numbers
         else:
             rotation, position = source.at({})
@@ -367,14 +367,14 @@ def _compiled(
         derivatives = [ca.jacobian(value, velocity), _by_own(value, own_symbol)]
     else:
         value, first = rest, [made]
-        derivatives = [ca.jacobian(value, each) for each in (velocity, own_symbol, made)]
+        derivatives = [ca.jacobian(value, part) for part in (velocity, own_symbol, made)]
         both = [of_own, ca.densify(ca.jacobian(of_own, own_symbol).T)]
         ahead = ca.Function("made", [own_symbol], both)
     at_rest = [ca.substitute(e, velocity, ca.SX.zeros(6 * poses, 1)) for e in (value, *derivatives)]
     columns = np.flatnonzero(np.diff(at_rest[1].sparsity().colind())).astype(np.intp)
     symbols = [s for pair in zip(rotations, positions, strict=True) for s in pair]
     by_pose = at_rest[1][:, columns.tolist()]
-    outputs = [at_rest[0], by_pose.T, *(each.T for each in at_rest[2:])]
+    outputs = [at_rest[0], by_pose.T, *(part.T for part in at_rest[2:])]
     used = _looked_at(symbols, ca.veccat(*outputs))
     function = ca.Function(
         "residual",

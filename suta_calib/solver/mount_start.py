@@ -99,17 +99,17 @@ class FreeMount:
         """
         nominal = {p.name: p.nominal for p in self.problem.arm_parameters.values()}
         given = nominal | dict(values)
-        found = []
+        starting_values = []
         for term in self.problem.terms:
             mount = term.mount(*term.poses.at(given))
             if mount is not None:
-                found.append(given | self._reached(given, mount))
-        return found
+                starting_values.append(given | self._reached(given, mount))
+        return starting_values
 
     def _reached(self, given: Mapping[str, float], mount: Mount) -> dict[str, float]:
         """Values of the mount's parameters with which the tip is as near as may be to a body."""
         R, p = _pose(self.segments, given)
-        wanted = R if mount.rotation is None else R @ mount.rotation
+        target = R if mount.rotation is None else R @ mount.rotation
         place = R @ mount.position + p
         first = np.array([given[name] for name in self.names])
         turns = np.array([name.rpartition(".")[2] not in POSITION for name in self.names])
@@ -120,10 +120,10 @@ class FreeMount:
             R, p = _pose(self.segments, {**given, **values})
             off = [(p - place) / LEVER, np.sqrt(NOMINAL) * (scaled - first / size)]
             if mount.rotation is not None:
-                off.append((R - wanted).reshape(-1))
+                off.append((R - target).reshape(-1))
             return np.concatenate(off)
 
-        begins = [self._exact(given, wanted, place)]
+        begins = [self._exact(given, target, place)]
         random, best = np.random.default_rng(0), None
         for k in range(TURNS if turns.any() else 1):
             if k:
@@ -142,7 +142,7 @@ class FreeMount:
 
     def _exact(self, given: Mapping[str, float], R: FloatArray, p: FloatArray) -> FloatArray:
         """Where one fixed joint alone takes up the mount; as given where none is free to turn."""
-        found = dict(given)
+        values = dict(given)
         for k, segment in enumerate(self.segments):
             turns = segment.names(*ROTATION)
             if segment.motion != "fixed" or segment.climbed or not set(turns) <= set(self.names):
@@ -153,10 +153,10 @@ class FreeMount:
             turned = before.T @ R @ after.T
             vector = vector_from_rotation(segment.rotation.T @ turned)
             shift = before.T @ (p - at) - turned @ to
-            found |= dict(zip(turns, vector.tolist(), strict=True))
-            found |= dict(zip(segment.names(*POSITION), shift.tolist(), strict=True))
+            values |= dict(zip(turns, vector.tolist(), strict=True))
+            values |= dict(zip(segment.names(*POSITION), shift.tolist(), strict=True))
             break
-        return np.array([found[name] for name in self.names])
+        return np.array([values[name] for name in self.names])
 
 
 def _pose(
@@ -175,8 +175,8 @@ def _pose(
         defaults = dict(zip(POSITION, segment.position.tolist(), strict=True))
         at = np.array([values.get(f"{segment.owner}.{key}", defaults[key]) for key in POSITION])
         turn = np.array([values.get(f"{segment.owner}.{key}", 0.0) for key in ROTATION])
-        own = segment.rotation @ rotation_from_vector(turn)
+        turn_here = segment.rotation @ rotation_from_vector(turn)
         if segment.climbed:
-            own, at = own.T, -own.T @ at
-        R, p = R @ own, R @ at + p
+            turn_here, at = turn_here.T, -turn_here.T @ at
+        R, p = R @ turn_here, R @ at + p
     return R, p

@@ -100,14 +100,14 @@ class RobustNlp:
             steps: most of them.
             join: end early at a minimum that an earlier call found, over the same held values.
         """
-        known = [basin for held, basin in self._minima if np.array_equal(held, self.held)]
+        basins = [basin for held, basin in self._minima if np.array_equal(held, self.held)]
         there = descend(
             self.cost_gradient_hessian,
             z,
             (self.lower, self.upper),
             settled=settled,
             steps=steps,
-            known=known if join else (),
+            basins=basins if join else (),
             joins=_JOINS * SAME_COST,
         )
         if join and there.basin is not None:
@@ -137,10 +137,10 @@ class RobustNlp:
     def _least_squares(self, z: FloatArray) -> tuple[FloatArray, FloatArray]:
         x = self._at(z)
         rows, columns = self.problem.evaluation.least_squares(x, self.sigmas)
-        known = np.flatnonzero(self._precision[self.free])
-        root = np.sqrt(self._precision[self.free[known]])
-        prior = np.zeros((len(known), len(self.free)))
-        prior[np.arange(len(known)), known] = root * self._scale[known]
-        away = root * (x - self._nominal)[self.free[known]]
+        with_prior = np.flatnonzero(self._precision[self.free])
+        root = np.sqrt(self._precision[self.free[with_prior]])
+        prior = np.zeros((len(with_prior), len(self.free)))
+        prior[np.arange(len(with_prior)), with_prior] = root * self._scale[with_prior]
+        away = root * (x - self._nominal)[self.free[with_prior]]
         jacobian = np.vstack([columns[:, self.free] * self._scale, prior])
         return np.concatenate([rows, away]), jacobian

@@ -69,7 +69,7 @@ class SolverOptions:
         if self.hessian == "exact":
             return Ipopt(exact=True, max_iterations=self.max_iterations)
         if self.hessian != "gauss-newton":
-            known = ("gauss-newton", "exact")
-            hint = did_you_mean(self.hessian, known)
-            raise ParameterError(f"the Hessian {self.hessian!r}", " or ".join(known), hint=hint)
+            names = ("gauss-newton", "exact")
+            hint = did_you_mean(self.hessian, names)
+            raise ParameterError(f"the Hessian {self.hessian!r}", " or ".join(names), hint=hint)
         return GaussNewton(self.max_iterations, self.confirm)

@@ -169,9 +169,9 @@ class Problem:
         """
         first = self.evaluation.table.first
         groups = [k + term.poses.postures for k, term in zip(first, self.terms, strict=False)]
-        each = np.concatenate(groups)
+        posture = np.concatenate(groups)
         return tuple(
-            grouped_rows(each[view.block.samples + view.first_sample])
+            grouped_rows(posture[view.block.samples + view.first_sample])
             for view in self.evaluation.views
         )
 
@@ -183,14 +183,14 @@ class Problem:
         """
         terms, rows = list[Term](), list[IntArray | None]()
         for k, term in enumerate(self.terms):
-            n, some = len(term.poses), None
-            each = np.arange(n)[:, None]
-            if n > 2 * ENOUGH and all(np.array_equal(b.samples, each) for b in term.blocks):
+            n, chosen = len(term.poses), None
+            one_row = np.arange(n)[:, None]
+            if n > 2 * ENOUGH and all(np.array_equal(b.samples, one_row) for b in term.blocks):
                 random = np.random.default_rng(k)
-                some = np.sort(random.choice(n, ENOUGH, replace=False)).astype(np.intp)
-            terms.append(term if some is None else term.take(some))
-            rows += [some] * len(term.blocks)
-        if all(some is None for some in rows):
+                chosen = np.sort(random.choice(n, ENOUGH, replace=False)).astype(np.intp)
+            terms.append(term if chosen is None else term.take(chosen))
+            rows += [chosen] * len(term.blocks)
+        if all(chosen is None for chosen in rows):
             return None
         part = Problem(terms, self.arm_parameters)
         return Part(part, tuple(rows)) if part.names == self.names else None
@@ -209,10 +209,10 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
     subjects: dict[str, str] = {}
     for term in terms:
         for parameter in term.unknowns:
-            known = subjects.setdefault(parameter.name, term.subject)
-            if known != term.subject:
+            subject = subjects.setdefault(parameter.name, term.subject)
+            if subject != term.subject:
                 raise ParameterError(
-                    f"{parameter.name} of {known} and of {term.subject}",
+                    f"{parameter.name} of {subject} and of {term.subject}",
                     "one name for one thing",
                     hint="give the placements of one of them other labels",
                 )

@@ -98,14 +98,14 @@ def _size(residual: FloatArray, left: FloatArray, fitted: int) -> float:
     basis, singular, _ = np.linalg.svd(left, full_matrices=False)
     shown = singular > _LEFT * max(float(singular.max(initial=0.0)), 1e-300)
     basis, squared = basis[:, shown], singular[shown] ** 2
-    told = (basis.T @ residual) ** 2
-    rest = max(float(residual @ residual - told.sum()), 0.0)
+    components = (basis.T @ residual) ** 2
+    rest = max(float(residual @ residual - components.sum()), 0.0)
     freedom = len(residual) - fitted
     if not len(squared) or freedom <= len(squared) or rest == 0.0:
         return 0.0
 
     def noise(ratio: float) -> float:
-        return float((rest + np.sum(told / (1.0 + ratio * squared))) / freedom)
+        return float((rest + np.sum(components / (1.0 + ratio * squared))) / freedom)
 
     def twice_cost(ratio: float) -> float:
         return freedom * float(np.log(noise(ratio))) + float(np.log1p(ratio * squared).sum())

@@ -127,10 +127,10 @@ class Solution(Shown):
     def swamped(self) -> bool:
         """Whether the residuals are so large that most of what could be told is lost in them."""
         arm = self.problem.arm_count
-        wanted = sum(p.free for p in list(self.problem.parameters.values())[:arm])
-        promised = wanted - int(np.sum(self.before.fixed < arm))
-        kept = wanted - int(np.sum(self.identification.fixed < arm))
-        return kept < promised / 2
+        asked = sum(p.free for p in list(self.problem.parameters.values())[:arm])
+        promised = asked - int(np.sum(self.before.fixed < arm))
+        estimated = asked - int(np.sum(self.identification.fixed < arm))
+        return estimated < promised / 2
 
     @property
     def agreeing(self) -> int:
@@ -188,15 +188,15 @@ class Solution(Shown):
         # A misfit may scatter an estimate more, but nobody knows less than before the data.
         std = np.sqrt(np.minimum(variance, prior))
         free, fixed = set(self.free.tolist()), set(self.identification.fixed.tolist())
-        found = {}
+        estimates_by_name = {}
         for k, p in enumerate(self.problem.parameters.values()):
             state = self._state(k, p, std[k] ** 2 > INFORMED * prior[k], free, fixed)
             given = self.identification.given(p.name) if k in free else ()
-            known = float(std[k]) if state in ("identified", "prior") else None
-            found[p.name] = Estimate(
-                p.name, p.owner, p.unit, p.nominal, float(self.x[k]), known, state, given
+            spread = float(std[k]) if state in ("identified", "prior") else None
+            estimates_by_name[p.name] = Estimate(
+                p.name, p.owner, p.unit, p.nominal, float(self.x[k]), spread, state, given
             )
-        return found
+        return estimates_by_name
 
     @property
     def arm_estimates(self) -> dict[str, Estimate]:
@@ -211,11 +211,14 @@ class Solution(Shown):
         residual shows it (`solver.held_geometry`), with the errors that all of them share.
         """
         rows = self.free[self.free < self.problem.arm_count]
-        names, found = [self.problem.names[k] for k in rows], self.covariance[np.ix_(rows, rows)]
+        names, covariance = (
+            [self.problem.names[k] for k in rows],
+            self.covariance[np.ix_(rows, rows)],
+        )
         if (held := self.spread.held) is None:
-            return tuple(names), found
+            return tuple(names), covariance
         across = held.of_estimate[rows] @ held.of_held.T
-        both = np.block([[found, across], [across.T, held.of_held @ held.of_held.T]])
+        both = np.block([[covariance, across], [across.T, held.of_held @ held.of_held.T]])
         return (*names, *held.names), both
 
     @property
@@ -271,7 +274,7 @@ class Solution(Shown):
 
         problem, first = self.problem, self.problem.terms[0].blocks[0]
         pairs = [(term.kind, block) for term in problem.terms for block in term.blocks]
-        alike = [
+        same_kind = [
             k
             for k, (kind, block) in enumerate(pairs)
             if (kind, block.name) == (problem.terms[0].kind, first.name)
@@ -279,7 +282,7 @@ class Solution(Shown):
         norms = []
         for x in (problem.start(), self.x):
             lines = problem.linearise(x, problem.assumed_sigmas())
-            sizes = [np.linalg.norm(lines[k].residual, axis=1) for k in alike]
+            sizes = [np.linalg.norm(lines[k].residual, axis=1) for k in same_kind]
             norms.append(np.concatenate(sizes))
         axes = axes_or_new(ax, (6.5, 3.2))
         draw_histogram(axes, norms[0], norms[1], first.unit, first.name)

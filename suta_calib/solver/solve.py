@@ -85,17 +85,17 @@ def solve(
         minimum, _, identification, estimated, _ = _fit(
             problem, nominal, [minimum.x], identification, sigmas, options, None
         )
-        noise = [found.value for found in weights.noise]
+        noise = [level.value for level in weights.noise]
     # With hardly any redundancy the residuals vanish, and what was held seems to be determined.
     _check_redundant(problem, estimated)
     verdicts = before, identification
-    found = _solution(problem, sigmas, minimum, attempts, *verdicts, estimated, noise, weights)
-    found.timing.update(check=checked - began, solve=perf_counter() - checked)
+    solution = _solution(problem, sigmas, minimum, attempts, *verdicts, estimated, noise, weights)
+    solution.timing.update(check=checked - began, solve=perf_counter() - checked)
     if spread:
         ended = perf_counter()
-        _ = found.covariance
-        found.timing["covariance"] = perf_counter() - ended
-    return found
+        _ = solution.covariance
+        solution.timing["covariance"] = perf_counter() - ended
+    return solution
 
 
 @single_threaded
@@ -115,8 +115,8 @@ def solve_again(
     Raises:
         SamplesError: too few samples for a term, or for the unknowns.
     """
-    found = _from_there(problem, like, options)
-    return (found and judged(found)) or solve(problem, options)
+    solution = _from_there(problem, like, options)
+    return (solution and judged(solution)) or solve(problem, options)
 
 
 @single_threaded
@@ -131,18 +131,18 @@ def solve_unjudged(
 
 
 @single_threaded
-def judged(found: Solution) -> Solution | None:
+def judged(solution: Solution) -> Solution | None:
     """A solution with what its data tell, and with the noise that its residuals show.
 
     None where they tell of other parameters than those that were estimated.
     """
-    problem, fixed = found.problem, found.identification.fixed
-    levels = noise_levels(problem, found.x, found.sigmas)
-    identification = identify_at(problem, found.x, levels, robust=True)
+    problem, fixed = solution.problem, solution.identification.fixed
+    levels = noise_levels(problem, solution.x, solution.sigmas)
+    identification = identify_at(problem, solution.x, levels, robust=True)
     if {*identification.fixed.tolist()} != {*fixed.tolist()}:
         return None
     _check_redundant(problem, _asked(problem, identification.fixed))
-    return replace(found, identification=identification, noise=tuple(levels))
+    return replace(solution, identification=identification, noise=tuple(levels))
 
 
 def _asked(problem: Problem, held: Iterable[int] = ()) -> IntArray:
@@ -164,9 +164,9 @@ def _from_there(problem: Problem, like: Solution, options: SolverOptions) -> Sol
     if minimum is None:
         return None
     verdicts = like.before, like.identification
-    found = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, like.noise, None)
-    found.timing.update(check=0.0, solve=perf_counter() - began)
-    return found
+    solution = _solution(problem, sigmas, minimum, (minimum,), *verdicts, free, like.noise, None)
+    solution.timing.update(check=0.0, solve=perf_counter() - began)
+    return solution
 
 
 def _solution(
@@ -201,11 +201,11 @@ def _solution(
 
 def _check_determined(problem: Problem, verdict: Identification) -> None:
     """Refuse problems without unknowns, and data that determine nothing or fit any values."""
-    wanted = _asked(problem)
-    if not len(wanted):
+    asked = _asked(problem)
+    if not len(asked):
         raise ParameterError("no unknowns", "at least one parameter to estimate")
     free = _asked(problem, verdict.fixed)
-    if np.any(wanted < problem.arm_count) and not np.any(free < problem.arm_count):
+    if np.any(asked < problem.arm_count) and not np.any(free < problem.arm_count):
         equations = sum(term.equations() for term in problem.terms)
         raise SamplesError(
             f"{equations} independent equations, which determine none of the arm's unknowns",
@@ -219,8 +219,8 @@ def _check_determined(problem: Problem, verdict: Identification) -> None:
 def _check_redundant(problem: Problem, free: IntArray) -> None:
     """Refuse as many unknowns as equations: any values would fit, and nothing tell how well."""
     equations = sum(term.equations() for term in problem.terms)
-    known = int(np.count_nonzero(problem.prior_precision()[free]))
-    if equations + known <= len(free):
+    priors = int(np.count_nonzero(problem.prior_precision()[free]))
+    if equations + priors <= len(free):
         raise SamplesError(
             f"{equations} independent equations for {len(free)} unknowns",
             "more equations than unknowns",
@@ -266,11 +266,11 @@ def _fit(
             # Nor is the misfit noise that a bound too tight makes.
             levels = list(np.minimum(levels, sigmas))
         identification = identify_at(problem, minimum.x, levels, robust=True)
-        found = set(identification.fixed.tolist())
-        if found == fixed:
+        held = set(identification.fixed.tolist())
+        if held == fixed:
             break
         # The second time round only ever hold more, so that two verdicts cannot alternate.
-        fixed = found if revision == 0 else fixed | found
+        fixed = held if revision == 0 else fixed | held
         again = minimum.x.copy()
         again[list(fixed)] = nominal[list(fixed)]
         starts = [again]
@@ -282,9 +282,9 @@ def _best(tried: Sequence[Minimum]) -> Minimum:
     ends = [m for m in tried if not m.joined]
     lowest = min(ends, key=lambda m: (not m.converged, math.isnan(m.cost), m.cost))
     same = lowest.cost + SAME * max(lowest.cost, 1.0)
-    alike = (m for m in ends if m.converged == lowest.converged and m.cost <= same)
+    equally_low = (m for m in ends if m.converged == lowest.converged and m.cost <= same)
     # No cost is as low as one that is no number.
-    return next(alike, lowest)
+    return next(equally_low, lowest)
 
 
 def identify_at(
@@ -329,7 +329,7 @@ def _mounted(
     problem: Problem, mount: FreeMount, values: Mapping[str, float] = MappingProxyType({})
 ) -> list[FloatArray]:
     """Starts whose tip is where each instrument sees it."""
-    return [problem.start(each) for each in mount.starts(values)]
+    return [problem.start(arm_values) for arm_values in mount.starts(values)]
 
 
 def _lowest(problem: Problem, points: Sequence[FloatArray]) -> FloatArray:

@@ -91,8 +91,8 @@ class Solver(ABC):
 
     def nearby(self, nlp: RobustNlp, start: FloatArray) -> Minimum | None:
         """The minimum beside a start (n,) that is nearly one; None where it is not found."""
-        found = self.minimise(nlp, start)
-        return found if found.converged else None
+        minimum = self.minimise(nlp, start)
+        return minimum if minimum.converged else None
 
     def confirmed(self, nlp: RobustNlp, minimum: Minimum) -> Minimum:
         """The lowest of all ends, looked at once more; unchanged by default."""

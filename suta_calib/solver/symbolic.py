@@ -33,10 +33,10 @@ def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
     for term in problem.terms:
         source = term.poses
         if isinstance(source, ArmPoses):
-            told = source.samples.told
-            mapped = source.arm.function(names, told).map(len(source))
-            known = [ca.DM(each.T) for each in (source.samples.q, *told.values())]
-            pose = mapped(x[: problem.arm_count], *known)
+            conditions = source.samples.told
+            mapped = source.arm.function(names, conditions).map(len(source))
+            inputs = [ca.DM(array.T) for array in (source.samples.q, *conditions.values())]
+            pose = mapped(x[: problem.arm_count], *inputs)
             rotations.append(pose[0])
             positions.append(pose[1])
         else:

@@ -160,7 +160,7 @@ def learn_weights(
     away = (x - problem.parameters.array("nominal"))[free]
     stays = energy_of_prior(precision * [name is None for name in names], away)
     trust = _independent_shares(problem, rows)
-    known = [float(np.mean(block.known_sigma**2)) for block in blocks]
+    known_variance = [float(np.mean(block.known_sigma**2)) for block in blocks]
     given = np.concatenate([problem.assumed_sigmas(), np.ones(len(groups))])
     noise, factors = slice(0, len(blocks)), slice(len(blocks), None)
     before = [
@@ -178,7 +178,9 @@ def learn_weights(
     # The weights of the rows, then noise and factors for them, until these settle.
     for _ in range(10):
         energies, counts, beyond, held = [], [], [], [stays]
-        for block, r, t, k, log_sigma in zip(blocks, rows, trust, known, eta[noise], strict=True):
+        for block, r, t, k, log_sigma in zip(
+            blocks, rows, trust, known_variance, eta[noise], strict=True
+        ):
             inside, outside, count = energies_of_rows(r, free, step, t, math.exp(log_sigma))
             energies.append(inside)
             held.append(outside)
@@ -202,8 +204,8 @@ def learn_weights(
     for mine, factor in zip(members, values[factors], strict=True):
         scale[free[mine]] = factor
     # How far the weights scatter from data to data: what nothing was learned of is as given.
-    told = uncertainty @ data @ uncertainty
-    added[np.ix_(free, free)] = covariance_of_levels(evidence.at, best.eta, told)
+    scatter = uncertainty @ data @ uncertainty
+    added[np.ix_(free, free)] = covariance_of_levels(evidence.at, best.eta, scatter)
     return Weights(
         tuple(
             Learned(float(v), 0.0 if b.noise.fixed else float(std), b.noise.sigma)
@@ -215,11 +217,13 @@ def learn_weights(
         },
         tuple(
             math.sqrt((v**2 + k) / t - k)
-            for v, k, t in zip(values[noise], known, trust, strict=True)
+            for v, k, t in zip(values[noise], known_variance, trust, strict=True)
         ),
         tuple(
             float(limit_of(block, spread))
-            for block, spread in zip(blocks, np.sqrt(values[noise] ** 2 + known), strict=True)
+            for block, spread in zip(
+                blocks, np.sqrt(values[noise] ** 2 + known_variance), strict=True
+            )
         ),
         scale,
         added,
@@ -234,7 +238,7 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
     """
     lines, shares = iter(rows), []
     for term in problem.terms:
-        whole, touch = sum(len(b) * b.size for b in term.blocks), term.repeats()
+        numbers, touch = sum(len(b) * b.size for b in term.blocks), term.repeats()
         for block in term.blocks:
             line = next(lines).line
             # Readings of one rest count once in the term's equations already.
@@ -249,8 +253,10 @@ def _independent_shares(problem: Problem, rows: Sequence[Rows]) -> list[float]:
             residual /= read[:, None]
             group, size = grouped_rows(touch[block.samples[first]])
             together = summed(residual, group, len(size))
-            own, pairs = float(np.sum(residual**2)), float(np.sum(size * (size - 1.0)))
-            alike = len(first) * (float(np.sum(together**2)) - own) / max(pairs * own, 1e-300)
-            effect = 1.0 + pairs / len(first) * min(max(alike, 0.0), 1.0)
-            shares.append(term.equations() / whole / effect)
+            squares, pairs = float(np.sum(residual**2)), float(np.sum(size * (size - 1.0)))
+            correlation = (
+                len(first) * (float(np.sum(together**2)) - squares) / max(pairs * squares, 1e-300)
+            )
+            effect = 1.0 + pairs / len(first) * min(max(correlation, 0.0), 1.0)
+            shares.append(term.equations() / numbers / effect)
     return shares

@@ -134,7 +134,7 @@ def test_only_the_minimum_that_a_step_leads_to_is_joined() -> None:
 
         alone = descend(counted, np.array([start]), bounds)
         once = len(evaluated)
-        joined = descend(counted, np.array([start]), bounds, known=known, joins=1e-4)
+        joined = descend(counted, np.array([start]), bounds, basins=known, joins=1e-4)
         assert joined.joined == number
         assert len(evaluated) - once < once
         assert joined.cost == pytest.approx(alone.cost, rel=1e-9)
@@ -148,7 +148,7 @@ def test_a_minimum_above_is_joined_by_no_step() -> None:
     def cost(z: FloatArray) -> tuple[float, FloatArray, FloatArray]:
         return 1.0 + z[0] ** 2, np.array([2.0 * z[0] - 0.2]), np.full((1, 1), 0.2)
 
-    found = descend(cost, np.zeros(1), (np.array([-9.0]), np.array([9.0])), known=[above], joins=1)
+    found = descend(cost, np.zeros(1), (np.array([-9.0]), np.array([9.0])), basins=[above], joins=1)
     assert found.joined is None
     assert found.cost == 1.0
 
