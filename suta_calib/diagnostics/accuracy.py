@@ -139,17 +139,17 @@ class Gain:
     @property
     def significance(self) -> float:
         """The mean, in standard errors: those of its scatter and of what the estimates add."""
-        apart = abs(self.before - self.after) > ROUNDING
+        differ = abs(self.before - self.after) > ROUNDING
         error = math.hypot(self.std, self.unsure_std)
-        if not apart:
+        if not differ:
             return 0.0
         return self.mean / error if error > 0 else math.copysign(math.inf, self.mean)
 
     @property
     def better(self) -> bool:
         """Whether the calibrated arm is better by more than chance."""
-        apart = self.before - self.after > ROUNDING
-        return apart and (self.mean > self._limit * self.std or self._far(self.before, self.after))
+        differ = self.before - self.after > ROUNDING
+        return differ and (self.mean > self._limit * self.std or self._far(self.before, self.after))
 
     @property
     def worse(self) -> bool:
@@ -219,12 +219,12 @@ class Accuracy:
         """Over all terms of the first one's kind; ``which`` is ``before`` or ``after``."""
         if not terms:
             return Metrics.of(np.zeros(0))
-        found = [getattr(term.blocks[0], which) for term in _of_first_kind(terms)]
-        return Metrics.of(np.concatenate(found))
+        errors = [getattr(term.blocks[0], which) for term in _of_first_kind(terms)]
+        return Metrics.of(np.concatenate(errors))
 
 
 def _of_first_kind(terms: Sequence[TermAccuracy]) -> list[TermAccuracy]:
-    return [each for each in terms if each.term.kind == terms[0].term.kind]
+    return [term for term in terms if term.term.kind == terms[0].term.kind]
 
 
 @single_threaded
@@ -253,8 +253,8 @@ def _fitted(solution: Solution) -> Accuracy:
         lambda: fit_own(problem.terms, arm, {p.name: p.nominal for p in arm.values()}),
         after,
     )
-    found = (block_residuals(problem.terms, arm, values) for values in (before, after))
-    return Accuracy(term_accuracies(problem.terms, *found), (), nominal_values=before)
+    residuals = (block_residuals(problem.terms, arm, values) for values in (before, after))
+    return Accuracy(term_accuracies(problem.terms, *residuals), (), nominal_values=before)
 
 
 def _held_out(solution: Solution, validation: Sequence[Term], fitted: Accuracy) -> Accuracy:
@@ -262,11 +262,11 @@ def _held_out(solution: Solution, validation: Sequence[Term], fitted: Accuracy) 
     problem = solution.problem
     arm, nominal = problem.arm_parameters, fitted.nominal_values
     before, after = (fit_own(validation, arm, v) for v in (nominal, solution.values))
-    found = (block_residuals(validation, arm, values) for values in (before, after))
-    terms = term_accuracies(validation, *found)
-    judged = [each.term for each in _of_first_kind(terms)]
-    known = solution.covariance_seen_by(judged)
-    unsure = added_by_estimates(judged, arm, after, problem.names, known)
+    residuals = (block_residuals(validation, arm, values) for values in (before, after))
+    terms = term_accuracies(validation, *residuals)
+    judged = [term.term for term in _of_first_kind(terms)]
+    covariance = solution.covariance_seen_by(judged)
+    unsure = added_by_estimates(judged, arm, after, problem.names, covariance)
     gain = gain_of(terms, *unsure)
     return Accuracy(fitted.calibration, terms, after, gain, nominal, before)
 
@@ -287,8 +287,8 @@ def gain_of(
     squares = [t.blocks[0].before ** 2 - t.blocks[0].after ** 2 for t in same]
     mean = float(np.mean(np.concatenate(squares)))
     rows, variance, witnesses = sum(map(len, squares)), 0.0, 0
-    for each, square in zip(same, squares, strict=True):
-        members = each.term.witnesses[each.blocks[0].rows]
+    for term, square in zip(same, squares, strict=True):
+        members = term.term.witnesses[term.blocks[0].rows]
         variance += _variance_of_sum(square - mean, members)
         witnesses += int(np.count_nonzero(np.bincount(members.reshape(-1))))
     variance *= witnesses / max(witnesses - 1, 1)
@@ -301,11 +301,11 @@ def gain_of(
 def _variance_of_sum(values: FloatArray, members: IntArray) -> float:
     """Of centred values (n,), of which those that share a member (n, k) go together."""
     score = values[:, None]
-    found = float(np.sum(summed_by_member(score, members, int(members.max()) + 1) ** 2))
+    of_members = float(np.sum(summed_by_member(score, members, int(members.max()) + 1) ** 2))
     if members.shape[1] == 1:
-        return found
+        return of_members
     twice = float(np.sum(summed_by_pair(score, members) ** 2))
-    return max(found - twice, float(np.sum(values**2)))
+    return max(of_members - twice, float(np.sum(values**2)))
 
 
 def added_by_estimates(
@@ -327,16 +327,16 @@ def added_by_estimates(
     problem = Problem(terms, arm)
     x = np.array([values[name] for name in problem.names])
     index = {name: k for k, name in enumerate(names)}
-    known = [k for k, name in enumerate(problem.names) if name in index]
-    at = [index[problem.names[k]] for k in known]
+    shared = [k for k, name in enumerate(problem.names) if name in index]
+    at = [index[problem.names[k]] for k in shared]
     firsts = {id(term.blocks[0]) for term in terms}
-    rows, squares = 0, np.zeros((len(known), len(known)))
+    rows, squares = 0, np.zeros((len(shared), len(shared)))
     for r in whitened_rows(problem, x, problem.assumed_sigmas()):
         block = r.line.view.block
         if id(block) in firsts:
             n, size = r.line.residual.shape
             scale = np.broadcast_to(r.line.sigma[:, None] * block.relative, (n, size))
-            jacobian = r.jacobian[:, known] * scale.reshape(-1, 1)
+            jacobian = r.jacobian[:, shared] * scale.reshape(-1, 1)
             squares += jacobian.T @ jacobian
             rows += n
     added = covariance[np.ix_(at, at)] @ squares / rows
@@ -344,20 +344,20 @@ def added_by_estimates(
 
 
 def fit_own(
-    terms: Sequence[Term], arm: ParameterSet, known: Mapping[str, float]
+    terms: Sequence[Term], arm: ParameterSet, fixed: Mapping[str, float]
 ) -> dict[str, float]:
     """Values of all parameters: the known ones as they are, the terms' other unknowns fitted."""
     problem = Problem(terms, arm)
-    x, names = problem.start(known), problem.names
-    x = np.array([known.get(name, value) for name, value in zip(names, x, strict=True)])
+    x, names = problem.start(fixed), problem.names
+    x = np.array([fixed.get(name, value) for name, value in zip(names, x, strict=True)])
     unknown = [
         k
         for k, p in enumerate(problem.parameters.values())
-        if k >= problem.arm_count and p.free and p.name not in known
+        if k >= problem.arm_count and p.free and p.name not in fixed
     ]
     free = np.array(unknown, dtype=np.intp)
     nlp = RobustNlp(problem, free, problem.assumed_sigmas())
-    return dict(known) | problem.values(GaussNewton(confirm=False).minimise(nlp, x).x)
+    return dict(fixed) | problem.values(GaussNewton(confirm=False).minimise(nlp, x).x)
 
 
 def block_residuals(
@@ -394,9 +394,9 @@ def term_accuracies(
 
 def fitted_too(fitted: Sequence[Term], held_out: Sequence[Term]) -> BoolArray:
     """Which held-out rows, (n,) of all terms in order, are fitted ones."""
-    known = {key for term in fitted for key in term.poses.samples.as_keys()}
+    fitted_keys = {key for term in fitted for key in term.poses.samples.as_keys()}
     keys = [key for term in held_out for key in term.poses.samples.as_keys()]
-    return np.array([key in known for key in keys], dtype=np.bool_)
+    return np.array([key in fitted_keys for key in keys], dtype=np.bool_)
 
 
 def read_where_fitted(fitted: Sequence[Term], held_out: Sequence[Term]) -> BoolArray:

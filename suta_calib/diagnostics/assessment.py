@@ -8,7 +8,7 @@ from typing import Final
 from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.contradictions import gross_rows, seen_again
-from suta_calib.diagnostics.explanation import Explanation, Told
+from suta_calib.diagnostics.explanation import Explanation, HeldReason
 from suta_calib.diagnostics.extension_gain import ExtensionGain, best_extension
 from suta_calib.diagnostics.odd_readings import (
     odd_columns,
@@ -150,7 +150,7 @@ def _on_gain(accuracy: Accuracy) -> list[str]:
 def _on_parameters(examined: CalibrationExamination) -> list[str]:
     """What other data would tell, by what to measure; and what ended at a bound."""
     solution = examined.solution
-    by_remedy: dict[tuple[Told, str], list[Explanation]] = {}
+    by_remedy: dict[tuple[HeldReason, str], list[Explanation]] = {}
     for each in examined.explanations:
         if each.told != "redundant":
             by_remedy.setdefault((each.told, each.remedy), []).append(each)

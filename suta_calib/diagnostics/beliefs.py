@@ -108,21 +108,21 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
         return
     free = {again.problem.names[k] for k in again.free}
     for owner in dict.fromkeys(p.owner for p, _ in believed.values()):
-        told = [p for p, _ in believed.values() if p.owner == owner and p.name in free]
-        at = [again.problem.names.index(p.name) for p in told]
-        change = again.x[at] - np.array([p.nominal for p in told])
+        parameters = [p for p, _ in believed.values() if p.owner == owner and p.name in free]
+        at = [again.problem.names.index(p.name) for p in parameters]
+        change = again.x[at] - np.array([p.nominal for p in parameters])
         covariance = again.covariance[np.ix_(at, at)]
-        prior = np.array([p.prior or np.inf for p in told])
+        prior = np.array([p.prior or np.inf for p in parameters])
         # A prior that leaves nothing to tell is what the kind holds even so.
         loose = np.sqrt(np.diag(covariance)) < LOOSE * prior
-        told = [p for p, kept in zip(told, loose, strict=True) if kept]
-        if not told:
+        parameters = [p for p, is_loose in zip(parameters, loose, strict=True) if is_loose]
+        if not parameters:
             continue
         change, covariance = change[loose], covariance[np.ix_(loose, loose)]
         squared = float(change @ np.linalg.solve(covariance, change))
-        if chance_of(squared, len(told), freedom_of(again, np.array(at)[loose])) < LEVEL:
-            values = [p.nominal + step for p, step in zip(told, change.tolist(), strict=True)]
+        if chance_of(squared, len(parameters), freedom_of(again, np.array(at)[loose])) < LEVEL:
+            values = [p.nominal + step for p, step in zip(parameters, change.tolist(), strict=True)]
             stds = np.sqrt(np.diag(covariance)).tolist()
             yield ContradictedBelief(
-                tuple(told), tuple(values), tuple(stds), believed[told[0].name][1]
+                tuple(parameters), tuple(values), tuple(stds), believed[parameters[0].name][1]
             )

@@ -138,13 +138,13 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     """
     columns = [t.poses.samples.labels.get("placement", ()) for t in terms]
     placements = list(dict.fromkeys(str(name) for column in columns for name in column))
-    whole = len(placements) >= FEWEST_PLACEMENTS
-    count = min(len(placements), MOST_FOLDS) if whole else FOLDS_OF_TOUCHES
+    by_placement = len(placements) >= FEWEST_PLACEMENTS
+    count = min(len(placements), MOST_FOLDS) if by_placement else FOLDS_OF_TOUCHES
     rng = np.random.default_rng(seed)
-    number = [_fold_numbers(t, placements if whole else [], count, rng) for t in terms]
-    found = []
+    number = [_fold_numbers(t, placements if by_placement else [], count, rng) for t in terms]
+    folds = []
     for k in range(count):
-        label = ", ".join(placements[k::count]) if whole else f"part {k + 1}"
+        label = ", ".join(placements[k::count]) if by_placement else f"part {k + 1}"
         training = tuple(t.take(n != k) for t, n in zip(terms, number, strict=True))
         held_out = {}
         for row, (term, numbers) in enumerate(zip(terms, number, strict=True)):
@@ -154,14 +154,14 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
                     held_out[row] = term.take(numbers == k)
         if held_out:
             samples = tuple(n == k for n in number)
-            found.append(Fold(label, training, held_out, samples))
-    if len(found) < 2:
+            folds.append(Fold(label, training, held_out, samples))
+    if len(folds) < 2:
         raise SamplesError(
             "too few touches to leave any out",
             "at least two placements, better five",
             where="folds",
         )
-    return tuple(found)
+    return tuple(folds)
 
 
 def _fold_numbers(
@@ -183,6 +183,6 @@ def limited_rms(terms: Sequence[TermAccuracy]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
-def limited_errors(found: BlockErrors, threshold: float) -> FloatArray:
+def limited_errors(block: BlockErrors, threshold: float) -> FloatArray:
     """Error norms (n,), none beyond the threshold of the robust loss."""
-    return np.minimum(found.after, threshold)
+    return np.minimum(block.after, threshold)

@@ -29,7 +29,7 @@ from suta_calib.terms.term import Gap
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, shown
 
-Told = Literal["redundant", "untold", "badly told"]
+HeldReason = Literal["redundant", "untold", "badly told"]
 # Part of a direction, relative to the whole, that is rounding, and that noise in it may make up.
 ROUNDING: Final = 1e-6
 PURE: Final = 1e-2
@@ -57,7 +57,7 @@ class Explanation:
     fixed: str
     sentence: str
     remedy: str
-    told: Told = "untold"
+    told: HeldReason = "untold"
     moves: float = 0.0
 
     @property
@@ -106,20 +106,20 @@ class _Case:
 
     def explained(self, sentence: str, *advice: Advice) -> Explanation:
         """With what of the advice would tell it; any kind that does, where none of it would."""
-        good = [words for words, told in advice if self._told_by(told())]
+        good = [words for words, information in advice if self._told_by(information())]
         # Where the samples are, an open direction may hardly move the tip: that is why it is open.
         direction = self.directions[:, 0] / self.parameter.plausible
         moves = 0.0 if self.motion.vanishes else self.rich.registered(direction)
         if self.redundant:
-            known = f"; to know it, {' or '.join(good)}" if good else ""
-            remedy = f"{_AS_DRAWN if moves else _NO_REMEDY}{known}"
+            to_know = f"; to know it, {' or '.join(good)}" if good else ""
+            remedy = f"{_AS_DRAWN if moves else _NO_REMEDY}{to_know}"
             return Explanation(self.fixed, sentence, remedy, "redundant", moves)
         if not good:
             kinds = [kind.kind for kind in KINDS.values() if self._told_by(self._any(kind))]
             good = [f"add {' or '.join(kinds)}"] if kinds else []
         remedy = " or ".join(good[:_MOST_ADVICE]) or "hold it by a prior"
-        told: Told = "badly told" if self.spread < self.parameter.plausible else "untold"
-        return Explanation(self.fixed, sentence, remedy, told, moves)
+        reason: HeldReason = "badly told" if self.spread < self.parameter.plausible else "untold"
+        return Explanation(self.fixed, sentence, remedy, reason, moves)
 
     def kinds(self, gap: Gap) -> list[Advice]:
         """What kinds of observation say that they close the gap."""
@@ -184,12 +184,12 @@ def explain(
     """
     arm = problem.names[: problem.arm_count]
     if not any(c.fixed in arm for c in identification.combinations):
-        return tuple(_own(problem, c) for c in identification.combinations)
+        return tuple(_of_term(problem, c) for c in identification.combinations)
     failed = list[str]()
     what = "explained: why parameters are held"
     case_of = attempt(what, lambda: _cases(problem, x, identification), None, failed)
     return tuple(
-        _of_arm(c, case_of, failed) if c.fixed in arm else _own(problem, c)
+        _of_arm(c, case_of, failed) if c.fixed in arm else _of_term(problem, c)
         for c in identification.combinations
     )
 
@@ -200,9 +200,9 @@ def _of_arm(
     """Why a parameter of the arm is held, or that its explanation failed."""
     fixed, notes = held.fixed, [*failed]
     if case_of is not None:
-        found = attempt(f"explained: {fixed}", lambda: _explained(case_of(held)), None, notes)
-        if found is not None:
-            return found
+        explanation = attempt(f"explained: {fixed}", lambda: _explained(case_of(held)), None, notes)
+        if explanation is not None:
+            return explanation
     sentence = " ".join([f"{fixed} is not determined by these data.", *notes])
     return Explanation(fixed, sentence, "hold it by a prior")
 
@@ -231,7 +231,7 @@ def _cases(
     information = predicted_information(problem, x, problem.assumed_sigmas())
 
     def case(c: Combination) -> _Case:
-        others = [d for n, d in directions.items() if n != c.fixed and n not in redundant]
+        open_directions = [d for n, d in directions.items() if n != c.fixed and n not in redundant]
         scaled = directions[c.fixed] * rich.unit / problem.parameters[c.fixed].plausible
         direction = {n: float(v) for n, v in zip(rich.names, scaled, strict=True) if v}
         return _Case(
@@ -240,7 +240,7 @@ def _cases(
             tip_motion(problem, x, direction),
             _spread(problem, direction, information),
             rich,
-            np.column_stack([directions[c.fixed], *others]),
+            np.column_stack([directions[c.fixed], *open_directions]),
             c.fixed in redundant,
         )
 
@@ -255,29 +255,29 @@ def _redundant(rich: RichData, directions: Mapping[str, FloatArray]) -> dict[str
     """
     held = list(directions)
     rows = [rich.names.index(name) for name in held]
-    left, found = rich.redundant[rows].copy(), list[int]()
+    left, picked = rich.redundant[rows].copy(), list[int]()
     for _ in range(min(left.shape)):
         size = np.linalg.norm(left, axis=1)
         pick = int(np.argmax(size))
         if size[pick] < ROUNDING:
             break
-        found.append(pick)
+        picked.append(pick)
         left -= np.outer(left @ left[pick], left[pick]) / size[pick] ** 2
     basis = rich.redundant
-    pure = basis @ np.linalg.pinv(basis[[rows[k] for k in found]])
+    pure = basis @ np.linalg.pinv(basis[[rows[k] for k in picked]])
     answer = {}
-    for k, column in zip(found, pure.T, strict=True):
+    for k, column in zip(picked, pure.T, strict=True):
         mine = directions[held[k]]
         exact = np.linalg.norm(mine - basis @ (basis.T @ mine)) < PURE * np.linalg.norm(mine)
         answer[held[k]] = mine if exact else np.where(np.abs(column) > ROUNDING, column, 0.0)
     return answer
 
 
-def _own(problem: Problem, combination: Combination) -> Explanation:
+def _of_term(problem: Problem, combination: Combination) -> Explanation:
     """An unknown of a term: where the artefact or the instrument stands."""
     label, fixed = problem.parameters[combination.fixed].owner, combination.fixed
-    others = [name for name in combination.direction if name != fixed]
-    subject = f"{fixed} together with {', '.join(others)}" if others else fixed
+    together = [name for name in combination.direction if name != fixed]
+    subject = f"{fixed} together with {', '.join(together)}" if together else fixed
     does = f"changes {label} in a way that its samples hardly show"
     remedy = "to know it too, spread its samples wider"
     if any(
@@ -289,8 +289,8 @@ def _own(problem: Problem, combination: Combination) -> Explanation:
             "moves none of them"
         )
         remedy = "to know this pose too, touch a landmark off that line"
-    told: Told = "redundant" if problem.arm_count else "untold"
-    return Explanation(fixed, f"{subject} {does}", f"none needed for the arm; {remedy}", told)
+    reason: HeldReason = "redundant" if problem.arm_count else "untold"
+    return Explanation(fixed, f"{subject} {does}", f"none needed for the arm; {remedy}", reason)
 
 
 def _beside_geometry(case: _Case) -> Explanation | None:
@@ -310,8 +310,8 @@ def _beside_geometry(case: _Case) -> Explanation | None:
     }
     if parameter.key in columns:
         why, remedy = columns[parameter.key]
-        told: Told = "redundant" if case.redundant else "untold"
-        return Explanation(case.fixed, f"{case.fixed} cannot be told: {why}", remedy, told)
+        reason: HeldReason = "redundant" if case.redundant else "untold"
+        return Explanation(case.fixed, f"{case.fixed} cannot be told: {why}", remedy, reason)
     if case.others:
         does = f"does the same as {case.others} at the readings visited"
         arm = case.problem.arm
@@ -432,15 +432,15 @@ def _hardly(case: _Case) -> Explanation:
 def _spread(problem: Problem, direction: Mapping[str, float], information: Information) -> float:
     """Predicted standard deviation along a direction, in the fixed parameter's unit."""
     free = [k for k, p in enumerate(problem.parameters.values()) if p.free]
-    own = [k for k in free if k >= problem.arm_count]
+    own_unknowns = [k for k in free if k >= problem.arm_count]
     d = np.array([direction.get(name, 0.0) for name in problem.names])
     curvature = information.curvature
     pushed = curvature @ d
     squared = float(d @ pushed)
-    if own:
-        known = np.diag(problem.prior_precision()[own])
-        inverse = np.linalg.pinv(curvature[np.ix_(own, own)] + known, 1e-11, True)
-        squared -= float(pushed[own] @ inverse @ pushed[own])
+    if own_unknowns:
+        prior = np.diag(problem.prior_precision()[own_unknowns])
+        inverse = np.linalg.pinv(curvature[np.ix_(own_unknowns, own_unknowns)] + prior, 1e-11, True)
+        squared -= float(pushed[own_unknowns] @ inverse @ pushed[own_unknowns])
     # Below rounding of the sum it came from, it says nothing.
     floor = 1e-12 * float(np.abs(d) @ np.abs(curvature) @ np.abs(d))
     return 1.0 / math.sqrt(squared) if squared > floor else math.inf

@@ -48,23 +48,23 @@ def freedom_of(solution: Solution, at: IntArray) -> float:
     gains: list[FloatArray] = []
     for term in problem.terms:
         # Of one term's rows, summed by witness.
-        own = np.zeros((int(term.witnesses.max()) + 1, len(free), len(free)))
+        by_witness = np.zeros((int(term.witnesses.max()) + 1, len(free), len(free)))
         for rows in whitened_rows(problem, solution.x, solution.sigmas):
             block = rows.line.view.block
-            if not any(block is each for each in term.blocks):
+            if not any(block is member for member in term.blocks):
                 continue
             n, size = rows.line.residual.shape
             gain = robust_jacobian(rows)[:, free].reshape(n, size, -1)
             witness = term.witnesses[block.samples[:, 0]]
-            if n < MANY_EACH * len(own):
-                np.add.at(own, witness, np.einsum("ndp,ndq->npq", gain, gain))
+            if n < MANY_EACH * len(by_witness):
+                np.add.at(by_witness, witness, np.einsum("ndp,ndq->npq", gain, gain))
                 continue
             # The squares of single rows would take more room than all rows do.
             order = np.argsort(witness, kind="stable")
             for mine in np.split(order, np.flatnonzero(np.diff(witness[order])) + 1):
                 of_one = gain[mine].reshape(len(mine) * size, -1)
-                own[witness[mine[0]]] += of_one.T @ of_one
-        gains.append(own)
+                by_witness[witness[mine[0]]] += of_one.T @ of_one
+        gains.append(by_witness)
     return wishart_freedom(np.concatenate(gains), curvature, np.searchsorted(free, at))
 
 
@@ -78,10 +78,10 @@ def wishart_freedom(gain: FloatArray, prior: FloatArray, at: IntArray) -> float:
     """
     if len(gain) > MANY_TOUCHES:
         return float(len(gain))
-    whole = prior + gain.sum(axis=0)
-    unit = 1.0 / np.sqrt(np.diag(whole))
+    total = prior + gain.sum(axis=0)
+    unit = 1.0 / np.sqrt(np.diag(total))
     scaled = np.outer(unit, unit)
-    values, vectors = np.linalg.eigh(whole * scaled)
+    values, vectors = np.linalg.eigh(total * scaled)
     root = vectors / np.sqrt(np.maximum(values, np.finfo(float).eps * values[-1]))
     share, axes = np.linalg.eigh(root.T @ (gain * scaled) @ root)
     share = np.clip(share, 0.0, 1.0)

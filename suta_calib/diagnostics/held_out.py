@@ -146,7 +146,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
         solution: of the fitted terms.
         accuracy: its errors, held-out ones among them (`assess`).
     """
-    validation = [each.term for each in accuracy.validation]
+    validation = [errors.term for errors in accuracy.validation]
     if not validation:
         return ()
     arm = solution.problem.arm_parameters
@@ -159,8 +159,8 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
     rows = whitened_rows(held_out, x, sigmas)
     predicted = iter(_predicted(solution, held_out, rows))
     # With everything external fitted to these rows too.
-    known = {name: solution.values[name] for name in arm}
-    anew = fit_own(validation, arm, known)
+    arm_values = {name: solution.values[name] for name in arm}
+    anew = fit_own(validation, arm, arm_values)
     moved = np.array([anew[name] for name in held_out.names])
     levels = iter([robust_level(r.error) for r in held_out.linearise(moved, sigmas)])
     answer = []
@@ -212,13 +212,13 @@ def _fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
             together.setdefault(_sort(term, block), []).append(residual)
     rows = sum(r.size for parts in together.values() for r in parts)
     left = max(rows - len(solution.free), rows / 10) / rows
-    found = {}
+    levels = {}
     for sort, parts in together.items():
         residual = np.concatenate(parts)
         farthest = residual.shape[1] * (FARTHEST * robust_level(residual)) ** 2
         squared = np.minimum(np.einsum("nd,nd->n", residual, residual), farthest)
-        found[sort] = max(math.sqrt(squared.mean() / residual.shape[1] / left), 1e-9)
-    return found
+        levels[sort] = max(math.sqrt(squared.mean() / residual.shape[1] / left), 1e-9)
+    return levels
 
 
 def _predicted(
@@ -226,26 +226,26 @@ def _predicted(
 ) -> list[tuple[FloatArray, FloatArray]]:
     """Of one component of every row of each block (n,): the whole, and the parameters' part."""
     names = solution.problem.names
-    known = [k for k, name in enumerate(held_out.names) if name in names]
+    estimated = [k for k, name in enumerate(held_out.names) if name in names]
     new = [
         k for k, (name, p) in enumerate(held_out.parameters.items()) if name not in names and p.free
     ]
-    at = [names.index(held_out.names[k]) for k in known]
+    at = [names.index(held_out.names[k]) for k in estimated]
     covariance = solution.covariance_seen_by(held_out.terms)[np.ix_(at, at)]
     jacobian = np.vstack([r.jacobian for r in rows])
-    own = jacobian[:, new]
-    inverse = np.linalg.pinv(own) if new else np.zeros((0, len(jacobian)))
-    by_known = jacobian[:, known] - own @ (inverse @ jacobian[:, known])
-    scatter = np.maximum(1.0 - np.einsum("nk,kn->n", own, inverse), 0.0)
+    own_jacobian = jacobian[:, new]
+    inverse = np.linalg.pinv(own_jacobian) if new else np.zeros((0, len(jacobian)))
+    by_known = jacobian[:, estimated] - own_jacobian @ (inverse @ jacobian[:, estimated])
+    scatter = np.maximum(1.0 - np.einsum("nk,kn->n", own_jacobian, inverse), 0.0)
     spread = np.einsum("nk,kl,nl->n", by_known, covariance, by_known)
-    found, first = [], 0
+    predictions, first = [], 0
     for r in rows:
         n, size = r.line.residual.shape
         mine = slice(first, first + n * size)
         square = r.line.view.block.relative**2
         parts = (v[mine].reshape(n, size) * square for v in (scatter + spread, spread))
         both = [v.mean(axis=1) for v in parts]
-        whole, part = (r.line.sigma * np.sqrt(np.maximum(v, 1e-12)) for v in both)
-        found.append((whole, part))
+        total, part = (r.line.sigma * np.sqrt(np.maximum(v, 1e-12)) for v in both)
+        predictions.append((total, part))
         first += n * size
-    return found
+    return predictions

@@ -97,7 +97,7 @@ class LinearModels:
             [np.repeat(np.arange(b.rows.start, b.rows.stop), b.size) for b in self._blocks]
         )
         # Per fold, the rows that look at any of its samples: those it is not fitted to.
-        self._involved = [np.flatnonzero(each[self._row_of]) for each in involved]
+        self._involved = [np.flatnonzero(mask[self._row_of]) for mask in involved]
         self._index = {name: k for k, name in enumerate(self.problem.names)}
         self._prior()
 
@@ -107,9 +107,9 @@ class LinearModels:
         row = number = 0
         for k, term in enumerate(terms):
             fold = np.full(len(term.poses), -1, dtype=np.intp)
-            for f, each in enumerate(self.folds):
-                fold[each.samples[k]] = f
-            counted = np.array([k in each.held_out for each in self.folds])
+            for f, left_out_fold in enumerate(self.folds):
+                fold[left_out_fold.samples[k]] = f
+            counted = np.array([k in left_out.held_out for left_out in self.folds])
             for b, block in enumerate(term.blocks):
                 (r, level), n = next(lines), len(block)
                 of_samples = fold[block.samples]
@@ -166,10 +166,12 @@ class LinearModels:
             count = len(added)
             value = self._nominal[fit.free[-count:]] + fit.step[-count:] if count else np.zeros(0)
             arm = self.problem.parameters
-            kept = tuple(n for n, v in zip(added, value, strict=True) if abs(v) < arm[n].plausible)
-            if kept == added:
+            plausible = tuple(
+                n for n, v in zip(added, value, strict=True) if abs(v) < arm[n].plausible
+            )
+            if plausible == added:
                 return fit
-            added = kept
+            added = plausible
 
     def _fit(self, added: tuple[str, ...]) -> ModelFit:
         columns = np.array([self._index[n] for n in added], dtype=np.intp)
@@ -211,7 +213,7 @@ class LinearModels:
 
     def cross_validation(self, fit: ModelFit) -> CrossValidation:
         """Errors on each fold of the model fitted to the rest, rows weighed as the fit does."""
-        found = []
+        errors = []
         everything = self._reweighed(fit.free, fit.weight, None)
         jacobian = self._jacobian[:, fit.free]
         for k in range(len(self.folds)):
@@ -220,13 +222,13 @@ class LinearModels:
             rows = self._involved[k]
             residual = np.zeros_like(self._residual)
             residual[rows] = self._residual[rows] + jacobian[rows] @ step
-            found.append(self._errors(k, self._registered(k, residual)))
-        return CrossValidation(tuple(found))
+            errors.append(self._errors(k, self._registered(k, residual)))
+        return CrossValidation(tuple(errors))
 
     def _reweighed(self, free: IntArray, weight: FloatArray, fold: int | None) -> Normal:
         """Of some columns: of all rows, or of one fold's."""
-        whole, parts = self._gram
-        matrix, right = whole if fold is None else parts[fold]
+        total, parts = self._gram
+        matrix, right = total if fold is None else parts[fold]
         matrix, right = matrix[np.ix_(free, free)], right[free]
         change = (weight - self._weight)[self._row_of]
         changed = np.abs(change) > 0.1 * SAME_WEIGHT
@@ -245,35 +247,37 @@ class LinearModels:
         curvature = matrix + np.diag(prior)
         gradient = right + prior * self._away[free] + curvature @ anchor
         values, vectors = np.linalg.eigh(curvature * np.outer(unit, unit))
-        told = values > max(OPEN, 1e-12 * float(values[-1]))
-        kept = vectors[:, told]
-        return np.asarray(anchor - unit * (kept @ ((kept.T @ (unit * gradient)) / values[told])))
+        identified = values > max(OPEN, 1e-12 * float(values[-1]))
+        directions = vectors[:, identified]
+        return np.asarray(
+            anchor - unit * (directions @ ((directions.T @ (unit * gradient)) / values[identified]))
+        )
 
     def _registered(self, fold: int, residual: FloatArray) -> FloatArray:
         """The held-out residuals, own unknowns that only they look at fitted to them."""
-        own = self._own_of_fold[fold]
-        if not len(own):
+        own_columns = self._own_of_fold[fold]
+        if not len(own_columns):
             return residual
         rows = self._involved[fold]
-        jacobian, found = self._jacobian[np.ix_(rows, own)], residual.copy()
+        jacobian, registered = self._jacobian[np.ix_(rows, own_columns)], residual.copy()
         for _ in range(3):
-            root = np.sqrt(self._weights(found))[self._row_of[rows]]
+            root = np.sqrt(self._weights(registered))[self._row_of[rows]]
             step = np.linalg.lstsq(jacobian * root[:, None], -residual[rows] * root, rcond=None)[0]
-            found[rows] = residual[rows] + jacobian @ step
-        return found
+            registered[rows] = residual[rows] + jacobian @ step
+        return registered
 
     @cached_property
     def _own_of_fold(self) -> list[IntArray]:
         """Own unknowns that no row beyond the fold's looks at."""
         count = self.problem.arm_count
         looked = self._jacobian[:, count:] != 0.0
-        found = []
+        columns = []
         for rows in self._involved:
             rest = np.ones(len(looked), dtype=bool)
             rest[rows] = False
             only = looked[rows].any(axis=0) & ~looked[rest].any(axis=0)
-            found.append(count + np.flatnonzero(only))
-        return found
+            columns.append(count + np.flatnonzero(only))
+        return columns
 
     def _errors(self, fold: int, residual: FloatArray) -> FoldErrors:
         squares, count, lengths = 0.0, 0, [np.zeros(0)]

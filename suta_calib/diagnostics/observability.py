@@ -163,8 +163,8 @@ class Observability(Shown):
         arm = set(self.problem.names[: self.problem.arm_count])
         conventions = len(arm.intersection(self.redundant))
         redundant = f"; {conventions} redundant" if conventions else ""
-        seen = f"{self.samples} samples ({self.equations} equations)"
-        return f"{determined} from {seen}{prior}{redundant}"
+        samples = f"{self.samples} samples ({self.equations} equations)"
+        return f"{determined} from {samples}{prior}{redundant}"
 
     @property
     def in_a_line(self) -> str:
@@ -184,10 +184,10 @@ class Observability(Shown):
 
         asked = [p for p in self.prospects.values() if p.state != "fixed"]
         arm = set(self.problem.names[: self.problem.arm_count])
-        told = [p for p in asked if p.name in arm] or asked
-        axes = axes_or_new(ax, (6.5, 1.2 + ROW_HEIGHT * len(told)))
-        shares = [None if p.std is None else p.std / p.plausible for p in told]
-        draw_prospects(axes, [p.name for p in told], shares, WEAK)
+        shown = [p for p in asked if p.name in arm] or asked
+        axes = axes_or_new(ax, (6.5, 1.2 + ROW_HEIGHT * len(shown)))
+        shares = [None if p.std is None else p.std / p.plausible for p in shown]
+        draw_prospects(axes, [p.name for p in shown], shares, WEAK)
         return axes
 
     @property
@@ -257,21 +257,21 @@ def _prospects(
 ) -> dict[str, Prospect]:
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     will_be = set(estimated.tolist())
-    found = {}
+    prospects = {}
     for k, p in enumerate(problem.parameters.values()):
-        known = float(std[k]) if k in will_be else None
+        predicted = float(std[k]) if k in will_be else None
         state: State = "identified"
         if not p.free:
             state = "fixed"
-        elif known is None:
+        elif predicted is None:
             state = "unidentified"
-        elif p.prior is not None and known**2 > INFORMED * p.prior**2:
+        elif p.prior is not None and predicted**2 > INFORMED * p.prior**2:
             state = "prior"
-        given = () if known is None else identification.given(p.name)
+        given = () if predicted is None else identification.given(p.name)
         bound = p.upper - p.nominal if np.isfinite(p.upper) else None
-        seen = (p.name, p.owner, p.unit, p.nominal, p.plausible, bound, p.prior)
-        found[p.name] = Prospect(*seen, known, state, given)
-    return found
+        properties = (p.name, p.owner, p.unit, p.nominal, p.plausible, bound, p.prior)
+        prospects[p.name] = Prospect(*properties, predicted, state, given)
+    return prospects
 
 
 def _singular_values(
@@ -282,6 +282,6 @@ def _singular_values(
     unit = problem.parameters.array("plausible")
     scaled = information.curvature * np.outer(unit, unit)
     arm = np.arange(len(unit)) < (problem.arm_count or len(unit))
-    kept, own = np.flatnonzero(identified & arm), np.flatnonzero(identified & ~arm)
-    (reduced,) = schur_complement([scaled], np.zeros(len(unit)), kept, own)
+    arm_columns, own_columns = np.flatnonzero(identified & arm), np.flatnonzero(identified & ~arm)
+    (reduced,) = schur_complement([scaled], np.zeros(len(unit)), arm_columns, own_columns)
     return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(reduced)[::-1], 0.0)))

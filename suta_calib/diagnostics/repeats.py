@@ -93,20 +93,20 @@ def gross_rows(block: Block, residual: FloatArray, touch: IntArray) -> BoolArray
     """
     limit = block.noise.huber
     group, count = repeat_groups(block, touch)
-    told = (count > 2)[group]
+    enough = (count > 2)[group]
     size = np.linalg.norm(residual, axis=1)
-    beyond = (_apart(residual, group, count) > limit) & (told | (size > limit))
+    beyond = (_from_median(residual, group, count) > limit) & (enough | (size > limit))
     samples, most = block.samples, int(block.samples.max()) + 1
     rows, bad = np.zeros(most), np.zeros(most)
     for k in range(samples.shape[1]):
         np.add.at(rows, samples[:, k], 1.0)
         np.add.at(bad, samples[:, k], beyond)
     suspect = bad > DISPLACED_SHARE * rows
-    found = np.asarray(beyond | suspect[samples].any(axis=1))
-    return found if found.mean() <= LARGEST_OUTLIER_SHARE else np.zeros_like(found)
+    wrong = np.asarray(beyond | suspect[samples].any(axis=1))
+    return wrong if wrong.mean() <= LARGEST_OUTLIER_SHARE else np.zeros_like(wrong)
 
 
-def _apart(residual: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
+def _from_median(residual: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
     """(n,) how far each row is from the median of its repeats, from the other one of two."""
     first = np.cumsum(count) - count
     deviation = np.empty_like(residual)
@@ -144,17 +144,17 @@ def lack_of_fit(solution: Solution) -> tuple[LackOfFit, ...]:
     """Compare every block that has repeated touches; the others cannot be judged this way."""
     problem = solution.problem
     lines = iter(problem.linearise(solution.x, solution.sigmas))
-    found = []
+    fits = []
     for term in problem.terms:
         touch = term.repeats()
         for block in term.blocks:
             residual, once = next(lines).residual, one_of_each_rest(term, block)
-            seen = replace(block, samples=block.samples[once])
-            repeat = _repeat_scatter(seen, residual[once], touch)
+            one_of_each = replace(block, samples=block.samples[once])
+            repeat = _repeat_scatter(one_of_each, residual[once], touch)
             if repeat is not None:
                 level = float(np.median(np.abs(residual))) / NORMAL_MEDIAN
-                found.append(LackOfFit(term.kind, block.unit, level, repeat))
-    return tuple(found)
+                fits.append(LackOfFit(term.kind, block.unit, level, repeat))
+    return tuple(fits)
 
 
 def _repeat_scatter(block: Block, residual: FloatArray, touch: IntArray) -> float | None:

@@ -32,7 +32,7 @@ PLACES: Final = 8
 ROWS: Final = 12
 MARKS: Final = 6
 # How far the touches of one place are apart at first, m: the size of an artefact.
-APART: Final = 0.1
+EXTENT: Final = 0.1
 # What an angle is worth beside a length, m: the size of a tool or an artefact.
 LEVER: Final = 0.25
 # Information, relative to the largest, that so much data leaves only to what is null to rounding.
@@ -82,10 +82,10 @@ class _Exact:
 
     def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
         del sigma
-        wanted = Targets(target, np.tile(np.eye(3), (len(target), 1, 1)), "position")
-        found = self.kinematics.solve(wanted, poses.samples.q, self.random, starts=2)
-        self.reached = found.distance < REACHED
-        return poses.with_samples(replace(poses.samples, q=found.q))
+        targets = Targets(target, np.tile(np.eye(3), (len(target), 1, 1)), "position")
+        solved = self.kinematics.solve(targets, poses.samples.q, self.random, starts=2)
+        self.reached = solved.distance < REACHED
+        return poses.with_samples(replace(poses.samples, q=solved.q))
 
     def seen(
         self, poses: PoseSource, seen: Observed, noise: Mapping[str, float], relative: FloatArray
@@ -223,12 +223,12 @@ class RichData:
         terms = []
         for k, sort in enumerate(sorts):
             try:
-                term, own = self.observations(sort, f"rich {k}")
+                term, own_values = self.observations(sort, f"rich {k}")
             except SamplesError:
                 # No posture of this arm shows such a kind anything, as a board to its camera.
                 continue
             terms += [term] if len(term.poses) else []
-            values |= own
+            values |= own_values
         return self._information(terms, values) if terms else None
 
     def _information(
@@ -242,9 +242,9 @@ class RichData:
         arm = problem.arm_count
         free = np.array([p.free for p in problem.parameters.values()], dtype=bool)
         prior = problem.prior_precision() * unit**2 * (np.arange(len(unit)) >= arm)
-        own = np.flatnonzero(free[arm:]) + arm
-        (told,) = schur_complement([np.asarray(curvature)], prior, self._free, own)
-        size, vectors = np.linalg.eigh(told)
+        own_unknowns = np.flatnonzero(free[arm:]) + arm
+        (reduced,) = schur_complement([np.asarray(curvature)], prior, self._free, own_unknowns)
+        size, vectors = np.linalg.eigh(reduced)
         # What is left where the own unknowns make up for everything is rounding.
         size[size < NULL * np.diag(curvature)[self._free].max(initial=0.0)] = 0.0
         return problem, np.asarray((vectors * size) @ vectors.T)
@@ -280,15 +280,15 @@ class RichData:
         poses: PoseSource = ArmPoses(self._known, samples)
         if touches:
             _, centre = self._known.forward(q[:PLACES])
-            about = centre[place] + random.uniform(-APART, APART, (n, 3))
+            about = centre[place] + random.uniform(-EXTENT, EXTENT, (n, 3))
             poses = _Exact(self._kinematics, random).touched(poses, about, 0.0)
             numbers = kind.measured(centre[place], poses.at({})[1], sort.settings)
             poses = poses.with_samples(replace(poses.samples, numbers=numbers))
         noise = sort.noise, sort.angular_noise
         term = kind.over(poses, Setup(artefact, *noise, label, sort.seating, sort.settings))
         anywhere = {p.name: random.uniform(-0.5, 0.5) for p in term.own}
-        own = term.start_values({}) if touches else anywhere
-        return self._ideal(term, random, self._values | own), own
+        own_values = term.start_values({}) if touches else anywhere
+        return self._ideal(term, random, self._values | own_values), own_values
 
     def _ideal(self, term: Term, random: np.random.Generator, values: Mapping[str, float]) -> Term:
         """The term over ideal measurements near the given postures, of the arm in question."""
@@ -296,9 +296,9 @@ class RichData:
         ideal = term.resimulated(values, [0.0] * len(term.blocks), exact)
         if exact.reached is not None:
             ideal = ideal.take(exact.reached)
-        seen = ideal.poses.samples.pixels
-        if seen is not None:
-            in_sight = np.flatnonzero(np.isfinite(seen).any(axis=(1, 2)))
+        pixels = ideal.poses.samples.pixels
+        if pixels is not None:
+            in_sight = np.flatnonzero(np.isfinite(pixels).any(axis=(1, 2)))
             ideal = ideal.take(in_sight[: PLACES * ROWS])
         return ideal.over_poses(ArmPoses(self._arm, ideal.poses.samples))
 
@@ -307,7 +307,7 @@ def _artefact(*, oriented: bool) -> Artefact:
     """Six landmarks all over a block, whose seats point anywhere."""
     random = np.random.default_rng(0)
     seats = random_rotations(random, MARKS)
-    places = random.uniform(-APART, APART, (MARKS, 3))
+    places = random.uniform(-EXTENT, EXTENT, (MARKS, 3))
     marks = [
         Landmark(f"L{k}", p, R if oriented else None)
         for k, (R, p) in enumerate(zip(seats, places, strict=True))

@@ -119,33 +119,33 @@ class Residuals:
             return ()
         groups = self._groups
         alone, beside = self._alone, self._beside_geometry
-        kept = [
-            (joint, family, np.array([self._order[n] for n in told], dtype=np.intp))
+        candidates = [
+            (joint, family, np.array([self._order[n] for n in telling], dtype=np.intp))
             for (joint, family), names in groups.items()
             # Each coupling is a cause of its own; the two waves of a harmonic are one.
-            for some in ([[n] for n in names] if family == COUPLING else [names])
-            if (told := [n for n in some if alone.telling[self._order[n]]])
+            for group in ([[n] for n in names] if family == COUPLING else [names])
+            if (telling := [n for n in group if alone.telling[self._order[n]]])
         ]
-        names, found = list(self._order), []
-        for joint, family, index in kept:
+        names, tests = list(self._order), []
+        for joint, family, index in candidates:
             p = alone.p_by_touch(index, self._freedom)
             gain = self._gain(alone, index) - len(index) * float(np.log(alone.touches))
             p_variance = alone.p_variance(index, self._equations, self.free)
-            found.append(
+            tests.append(
                 ScoreTest(
                     joint,
                     family,
                     tuple(names[i] for i in index),
                     tuple(float(v) for v in alone.step(index)),
                     p,
-                    min(1.0, len(kept) * p),
-                    min(1.0, len(kept) * beside.p_by_touch(index, self._freedom)),
-                    min(1.0, len(kept) * p_variance),
+                    min(1.0, len(candidates) * p),
+                    min(1.0, len(candidates) * beside.p_by_touch(index, self._freedom)),
+                    min(1.0, len(candidates) * p_variance),
                     gain > self.by_geometry,
                     gain,
                 )
             )
-        return tuple(sorted(found, key=lambda test: test.p_single))
+        return tuple(sorted(tests, key=lambda test: test.p_single))
 
     def chance(self, names: Iterable[str]) -> float:
         """Chance of so suspicious residuals as for these candidates together, without cause."""
@@ -178,9 +178,9 @@ class Residuals:
     @cached_property
     def _geometry(self) -> IntArray:
         """Columns of the geometry that was not fitted."""
-        known = self._order.keys() | self.fitted
+        not_geometry = self._order.keys() | self.fitted
         return np.array(
-            [k for k, n in enumerate(self.problem.names) if n not in known], dtype=np.intp
+            [k for k, n in enumerate(self.problem.names) if n not in not_geometry], dtype=np.intp
         )
 
     @cached_property
@@ -191,8 +191,8 @@ class Residuals:
     def _beside_geometry(self) -> Scores:
         return self._scores(self._columns, np.zeros(0, dtype=np.intp))
 
-    def _scores(self, columns: IntArray, known: IntArray) -> Scores:
-        return scores_of(self.problem, self.rows, columns, known, self._curvature)
+    def _scores(self, columns: IntArray, fixed: IntArray) -> Scores:
+        return scores_of(self.problem, self.rows, columns, fixed, self._curvature)
 
     @cached_property
     def _curvature(self) -> FloatArray:

@@ -46,12 +46,12 @@ class Scores:
 
     def p_by_touch(self, chosen: IntArray, freedom: int) -> float:
         """Chance of so large scores of some columns together, by their variance among touches."""
-        kept = chosen[self.telling[chosen]]
-        if not len(kept):
+        telling = chosen[self.telling[chosen]]
+        if not len(telling):
             return 1.0
-        part = self.score[kept]
-        pushed = np.linalg.pinv(self.variance[np.ix_(kept, kept)], hermitian=True) @ part
-        return float(fdtrc(len(kept), freedom, part @ pushed / len(kept)))
+        part = self.score[telling]
+        pushed = np.linalg.pinv(self.variance[np.ix_(telling, telling)], hermitian=True) @ part
+        return float(fdtrc(len(telling), freedom, part @ pushed / len(telling)))
 
     def step(self, chosen: IntArray) -> FloatArray:
         """What one step of Gauss and Newton makes of some columns together."""
@@ -64,11 +64,11 @@ class Scores:
         A joint's noise turns the tip and displaces it: the components of one row err together. Over
         all candidates, because few touches do not tell it of one (Kish's design effect).
         """
-        kept = self.telling & (np.diag(self.curvature) > 0)
-        if not kept.any():
+        telling = self.telling & (np.diag(self.curvature) > 0)
+        if not telling.any():
             return 1.0
-        alone = np.diag(self.curvature)[kept] * self.squares / max(equations, 1)
-        return max(1.0, float(np.mean(np.diag(self.variance)[kept] / alone)))
+        alone = np.diag(self.curvature)[telling] * self.squares / max(equations, 1)
+        return max(1.0, float(np.mean(np.diag(self.variance)[telling] / alone)))
 
     def p_variance(self, chosen: IntArray, equations: int, free: int) -> float:
         """Chance of so much variance explained, by the F test of nested models."""
@@ -85,26 +85,26 @@ def scores_of(
     problem: Problem,
     rows: Sequence[Rows],
     columns: IntArray,
-    known: IntArray,
+    fixed: IntArray,
     curvature: FloatArray | None = None,
 ) -> Scores:
-    """Of ``columns``, with every other parameter free to follow but the ``known`` ones.
+    """Of ``columns``, with every other parameter free to follow but the ``fixed`` ones.
 
     Args:
         problem: whose rows these are.
         rows: at the fit, with a column for each parameter.
         columns: (k,) to be tested.
-        known: that stay.
+        fixed: that stay.
         curvature: `curvature_of` these, where it is known.
     """
     plausible = problem.parameters.array("plausible")
-    others = np.setdiff1d(np.arange(len(plausible)), np.concatenate([columns, known]))
+    followers = np.setdiff1d(np.arange(len(plausible)), np.concatenate([columns, fixed]))
     if curvature is None:
         curvature = curvature_of(problem, rows)
-    follow = _solved(curvature[np.ix_(others, others)], curvature[np.ix_(others, columns)])
+    follow = _solved(curvature[np.ix_(followers, followers)], curvature[np.ix_(followers, columns)])
     left = np.zeros((len(plausible), len(columns)))
     left[columns, np.arange(len(columns))] = 1.0
-    left[others] = -follow
+    left[followers] = -follow
     reduced = left.T @ curvature @ left
     plausible = plausible[columns]
     telling = np.diag(reduced) * (TELLING * plausible) ** 2 > 1.0

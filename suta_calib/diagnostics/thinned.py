@@ -60,11 +60,11 @@ def _of_fewer_corners(term: Term) -> Term:
     samples = term.poses.samples
     if samples.pixels is None:
         return term
-    each = max(ENOUGH_CORNERS, MOST_SAMPLES // len(samples))
+    most = max(ENOUGH_CORNERS, MOST_SAMPLES // len(samples))
     order = np.random.default_rng(0).permutation(samples.pixels.shape[1])
-    seen = np.isfinite(samples.pixels[:, order]).all(axis=2)
-    left_out = np.cumsum(seen, axis=1) > each
-    if not (left_out & seen).any():
+    detected = np.isfinite(samples.pixels[:, order]).all(axis=2)
+    left_out = np.cumsum(detected, axis=1) > most
+    if not (left_out & detected).any():
         return term
     pixels = samples.pixels.copy()
     pixels[:, order] = np.where(left_out[:, :, None], np.nan, pixels[:, order])

@@ -47,8 +47,8 @@ class TipMotion:
     def main(self) -> tuple[str, ...]:
         """The parameters that do the moving, strongest first: the others are noise."""
         largest = max(self.parts.values(), default=0.0)
-        kept = [name for name, size in self.parts.items() if size >= NOISE * largest]
-        return tuple(sorted(kept, key=lambda name: -self.parts[name]))
+        moving = [name for name, size in self.parts.items() if size >= NOISE * largest]
+        return tuple(sorted(moving, key=lambda name: -self.parts[name]))
 
     @property
     def vanishes(self) -> bool:

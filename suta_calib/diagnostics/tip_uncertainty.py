@@ -98,10 +98,10 @@ def sensitivity(
     Returns:
         Postures, tips in m and the base's frame, and derivatives (n, 3, p), m per m or rad.
     """
-    others = [n for n in values if n in arm.offered and n not in names]
-    batch = Batched(arm.function([*names, *others]), len(q), shared=[0])
+    constants = [n for n in values if n in arm.offered and n not in names]
+    batch = Batched(arm.function([*names, *constants]), len(q), shared=[0])
     nominal = [values.get(n, arm.offered[n].nominal) for n in names]
-    batch.inputs[0][:] = nominal + [values[n] for n in others]
+    batch.inputs[0][:] = nominal + [values[n] for n in constants]
     batch.inputs[1][:] = q
     flat, position, velocity = batch()
     jacobian = velocity.reshape(len(q), 6, -1)[:, :3, : len(names)].copy()

@@ -21,12 +21,12 @@ def taken_as_cool(parameters: ParameterSet, values: Mapping[str, float]) -> str:
         values: what was found, by name.
     """
     grown = {n: v for n, v in values.items() if n in parameters and v}
-    found = {n: v for n, v in grown.items() if parameters[n].key == EXPANSION}
-    if not found:
+    growth = {n: v for n, v in grown.items() if parameters[n].key == EXPANSION}
+    if not growth:
         return ""
-    most = mm(max(map(abs, found.values())) * _WARMER)
+    most = mm(max(map(abs, growth.values())) * _WARMER)
     return (
         f"Nothing says here how warm the arm is: it is taken to be at {REFERENCE_TEMPERATURE:g} °C,"
-        f" though {listed(tuple(found))} was found. {_WARMER:g} K above, a metre of it is off by up"
-        f" to {most:.2g} mm."
+        f" though {listed(tuple(growth))} was found. {_WARMER:g} K above, a metre of it is off by "
+        f"up to {most:.2g} mm."
     )

@@ -36,7 +36,7 @@ def widening(held_out: Sequence[HeldOutErrors]) -> float:
         1 where nothing was held out, where the errors are as predicted, or where wider standard
         deviations do not explain them.
     """
-    factor = max((_factor(each) for each in held_out), default=1.0)
+    factor = max((_factor(errors) for errors in held_out), default=1.0)
     return factor if factor <= MOST else 1.0
 
 

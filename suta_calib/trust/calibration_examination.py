@@ -132,10 +132,12 @@ class CalibrationExamination(Examination):
         """Scatter of the tip among repeats, by set of data; terms with enough repeats only."""
         sets = {"calibration": self.accuracy.calibration, "validation": self.accuracy.validation}
         every = {
-            name: (touch_repeatability(each.term, self.solution.values) for each in terms)
+            name: (touch_repeatability(errors.term, self.solution.values) for errors in terms)
             for name, terms in sets.items()
         }
-        return {name: tuple(each for each in terms if each) for name, terms in every.items()}
+        return {
+            name: tuple(repeats for repeats in terms if repeats) for name, terms in every.items()
+        }
 
     @cached_property
     def effective_unknowns(self) -> float:

@@ -132,12 +132,12 @@ class Examination:
         )
         members = []
         for r in self.rows:
-            some = touches[r.line.view.block.samples + r.line.view.first_sample]
-            members.append(np.repeat(some, r.line.residual.shape[1], axis=0))
-        width = max(each.shape[1] for each in members)
+            touched = touches[r.line.view.block.samples + r.line.view.first_sample]
+            members.append(np.repeat(touched, r.line.residual.shape[1], axis=0))
+        width = max(clusters.shape[1] for clusters in members)
         padded = [
-            np.pad(each, ((0, 0), (0, width - each.shape[1])), constant_values=-1)
-            for each in members
+            np.pad(clusters, ((0, 0), (0, width - clusters.shape[1])), constant_values=-1)
+            for clusters in members
         ]
         return np.concatenate(padded)
 
