@@ -9,7 +9,7 @@ from __future__ import annotations
 import tempfile
 
 import numpy as np
-from limits import IMPORTS, NEEDED_IMPORTS, processor_time, record, times
+from limits import IMPORTS, processor_time, record, times
 
 JOB = "data/suta/calibration.yaml"
 POSES = "data/poses"
@@ -42,17 +42,15 @@ def beside_imports(folder: str) -> None:
     for _ in range(PAIRS):
         for name, arguments in BESIDE_IMPORTS.items():
             bare, bare_waited = times(["-c", IMPORTS])
-            needed = processor_time(["-c", NEEDED_IMPORTS[name]])
-            told = [each.format(out=folder) for each in arguments]
-            taken, waited = times(["-m", "suta_calib", *told])
-            ratios[name].append((taken / bare, waited / bare_waited, needed / bare, taken, waited))
+            command = ["-m", "suta_calib", *(word.format(out=folder) for word in arguments)]
+            taken, waited = times(command)
+            ratios[name].append((taken / bare, waited / bare_waited, taken, waited))
             if name == "calibrate":
-                report.append(taken - processor_time(["-m", "suta_calib", *told, "--no-report"]))
+                report.append(taken - processor_time([*command, "--no-report"]))
     record("report", report)
     for name, rows in ratios.items():
-        ratio, ratio_waited, floor, taken, waited = np.transpose(rows)
-        alone = f"the libraries that it needs alone {np.median(floor):.2f}"
-        record(name, ratio, f"{np.median(taken):.2f} s; {alone}")
+        ratio, ratio_waited, taken, waited = np.transpose(rows)
+        record(name, ratio, f"{np.median(taken):.2f} s")
         if name == "calibrate":
             record("waited", ratio_waited, f"{np.median(waited):.2f} s")
 

@@ -4,6 +4,7 @@ from .camera_view import CameraView as CameraView
 from .fixed_point import FixedPoint as FixedPoint
 from .given import GivenPose as GivenPose
 from .hand_eye import HandEye as HandEye
+from .hand_eye_start import EyeSetup as EyeSetup
 from .hand_eye_start import Poses as Poses
 from .hand_eye_start import close_the_loop as close_the_loop
 from .hand_eye_start import inverse_poses as inverse_poses
