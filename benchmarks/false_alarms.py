@@ -129,7 +129,7 @@ def page(outcomes: Sequence[Outcome]) -> str:
         "# False alarms over sound simulated jobs",
         "",
         "`python benchmarks/false_alarms.py` writes this page. An alarm is any verdict but *good*,",
-        "unless it is care for nothing but parameters that such data leave open. The last column is",
+        "unless it is care for nothing but parameters that such data leave open. The last one is",
         "the upper end of the rate (Clopper and Pearson 1934, 95 %, one-sided).",
         "",
         "| kind | jobs | alarms | rate below |",
