@@ -26,24 +26,14 @@ from rich.progress import track
 from scipy.spatial.transform import Rotation
 from scipy.special import betaincinv
 
-from suta_calib import (
-    Problem,
-    SolverOptions,
-    calibrate_hand_eye,
-    calibrate_pivot,
-    register,
-    solve,
-)
-from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.rich_data import Sort
-from suta_calib.terms import KINDS, EyeSetup
-from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib import calibrate_hand_eye, calibrate_pivot, register
+from suta_calib.terms import EyeSetup
 
 ROOT: Final = Path(__file__).parents[1]
 RESULTS: Final = ROOT / "benchmarks" / "results" / "false_alarms.md"
 # The scenes of the tests are the sound jobs.
 sys.path.insert(0, str(ROOT / "tests" / "support"))
-from clean_jobs import SORTS, as_init_frees, measured, with_priors  # noqa: E402
+from clean_jobs import SORTS, as_init_frees, judged, with_priors  # noqa: E402
 from pose_scenes import pair_numbers, pivot_numbers, point_numbers  # noqa: E402
 from simulated import arm_named  # noqa: E402
 
@@ -95,9 +85,7 @@ def of_arm(case: Case) -> tuple[str, tuple[str, ...]]:
     """Verdict and notes of a job of an arm."""
     arm = arm_named("suta")
     unknown = as_init_frees(arm) if case.unknown == "bounds" else with_priors(arm)
-    term, held_out = measured(arm, unknown, Sort(KINDS[case.kind], case.oriented), case.seed)
-    solution = solve(Problem([term], unknown), SolverOptions())
-    verdict = assess_calibration(CalibrationExamination.of(solution, [held_out]))
+    verdict = judged(arm, unknown, case.kind, case.oriented, case.seed)
     return verdict.level, tuple(verdict.notes)
 
 

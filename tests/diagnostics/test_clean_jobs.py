@@ -3,24 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from clean_jobs import SORTS, as_init_frees, measured, with_priors
+from clean_jobs import SORTS, as_init_frees, judged, with_priors
 from simulated import arm_named
 
-from suta_calib import ArmModel, Problem, SolverOptions, solve
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.rich_data import Sort
-from suta_calib.model.parameters import ParameterSet
-from suta_calib.terms import KINDS
-from suta_calib.trust.calibration_examination import CalibrationExamination
-
-
-def judged(
-    arm: ArmModel, unknown: ParameterSet, kind: str, oriented: bool, seed: int
-) -> Assessment:
-    term, held_out = measured(arm, unknown, Sort(KINDS[kind], oriented), seed)
-    solution = solve(Problem([term], unknown), SolverOptions())
-    return assess_calibration(CalibrationExamination.of(solution, [held_out]))
 
 
 def knows_lengths(kind: str) -> bool:

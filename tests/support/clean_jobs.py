@@ -9,12 +9,15 @@ from typing import Any
 import numpy as np
 from simulated import perturbed, tracked_scene
 
-from suta_calib import ArmModel, Noise, Problem, Selection, Term
+from suta_calib import ArmModel, Noise, Problem, Selection, SolverOptions, Term, solve
+from suta_calib.assessment import Assessment
+from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.rich_data import RichData, Sort
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
+from suta_calib.trust.calibration_examination import CalibrationExamination
 
 SORTS = [
     (kind, oriented)
@@ -56,3 +59,11 @@ def measured(arm: ArmModel, unknown: ParameterSet, sort: Sort, seed: int) -> tup
         held_out = np.isin(places, np.unique(places)[:2])
     huber = Noise(None, 1.35e-3)
     return replace(term.take(~held_out), noise=huber), term.take(held_out)
+
+
+def judged(
+    arm: ArmModel, unknown: ParameterSet, kind: str, oriented: bool, seed: int
+) -> Assessment:
+    term, held_out = measured(arm, unknown, Sort(KINDS[kind], oriented), seed)
+    solution = solve(Problem([term], unknown), SolverOptions())
+    return assess_calibration(CalibrationExamination.of(solution, [held_out]))
