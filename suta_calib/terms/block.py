@@ -98,17 +98,17 @@ class Certified:
             derivative: (n, d, k, 3) of the residual by the coordinates of their landmarks.
         """
         names, number = grouped(touched)
-        found = [artefact.landmark(name) for name in names]
-        keys = tuple((artefact.name, mark.name, *mark.position.tolist()) for mark in found)
-        sigma = np.array([mark.sigma for mark in found])
+        landmarks = [artefact.landmark(name) for name in names]
+        keys = tuple((artefact.name, mark.name, *mark.position.tolist()) for mark in landmarks)
+        sigma = np.array([mark.sigma for mark in landmarks])
         return cls(keys, sigma, number[rows], derivative)
 
     def take(self, rows: BoolArray) -> Certified:
         """The artefact's part in some rows (n,), without landmarks that none of them looks at."""
         marks, derivative = self.marks[rows], self.derivative[rows]
-        seen = np.bincount(marks.reshape(-1), minlength=len(self.keys)) > 0
-        keys = tuple(compress(self.keys, seen.tolist()))
-        return Certified(keys, self.sigma[seen], (np.cumsum(seen) - 1)[marks], derivative)
+        touched = np.bincount(marks.reshape(-1), minlength=len(self.keys)) > 0
+        keys = tuple(compress(self.keys, touched.tolist()))
+        return Certified(keys, self.sigma[touched], (np.cumsum(touched) - 1)[marks], derivative)
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,9 +162,9 @@ class Block:
     ) -> Block:
         """One row for each sample, of which nothing is certified."""
         n = len(data)
-        rows, known = np.arange(n)[:, None], np.zeros(n)
+        rows, certain = np.arange(n)[:, None], np.zeros(n)
         names = labels.tolist() if isinstance(labels, np.ndarray) else map(str, labels)
-        return cls(name, unit, size, residual, rows, own, data, noise, known, tuple(names))
+        return cls(name, unit, size, residual, rows, own, data, noise, certain, tuple(names))
 
     def __len__(self) -> int:
         return len(self.samples)

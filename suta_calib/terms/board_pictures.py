@@ -78,12 +78,12 @@ class BoardPictures:
         """Some of the pictures, of which these are the pixels; what is known of them is kept."""
         if pixels is None:
             return None
-        some = BoardPictures(self.board, self.camera, pixels)
+        taken = BoardPictures(self.board, self.camera, pixels)
         if "poses" in vars(self):
             rotation, position = self.poses
             chosen = np.asarray(rows)
-            vars(some)["poses"] = rotation[chosen], position[chosen]
-        return some
+            vars(taken)["poses"] = rotation[chosen], position[chosen]
+        return taken
 
     def among(self, pixels: FloatArray | None) -> BoardPictures | None:
         """These pictures in another order, or some of them, with what is known of each.
@@ -101,9 +101,9 @@ class BoardPictures:
         """Length, m, that a pixel covers where the board typically is; None if nothing tells."""
         _, position = self.poses
         depth = position[:, 2]
-        seen = depth[np.isfinite(depth) & (depth > 0)]
+        depths = depth[np.isfinite(depth) & (depth > 0)]
         focal = float(np.sqrt(self.camera.intrinsics[0] * self.camera.intrinsics[1]))
-        return float(np.median(seen)) / focal if len(seen) else None
+        return float(np.median(depths)) / focal if len(depths) else None
 
     @property
     def told(self) -> BoolArray:
@@ -150,9 +150,9 @@ class BoardPictures:
         ahead = np.isfinite(self.errors).any(axis=(1, 2))
         if 2 * ahead.sum() <= self.told.sum():
             return np.inf
-        seen = self.pixels[ahead]
-        apart = seen - np.nanmean(seen, axis=1, keepdims=True)
-        squares = (np.nansum(each**2, axis=(1, 2)) for each in (self.errors[ahead], apart))
+        pixels = self.pixels[ahead]
+        spread = pixels - np.nanmean(pixels, axis=1, keepdims=True)
+        squares = (np.nansum(offsets**2, axis=(1, 2)) for offsets in (self.errors[ahead], spread))
         return float(np.sqrt(np.median(np.divide(*squares))))
 
     @property
@@ -160,10 +160,10 @@ class BoardPictures:
         """(n, 2) where the middle of the board is seen; the corners' mean where no pose has it."""
         rotation, position = self.poses
         there = rotation @ self.points.mean(axis=0) + position
-        told = np.isfinite(there[:, 2]) & (there[:, 2] > 0)
-        there[~told] = [0.0, 0.0, 1.0]
+        located = np.isfinite(there[:, 2]) & (there[:, 2] > 0)
+        there[~located] = [0.0, 0.0, 1.0]
         mean = np.nanmean(self.pixels, axis=1)
-        return np.where(told[:, None], projected(there, self.camera.intrinsics), mean)
+        return np.where(located[:, None], projected(there, self.camera.intrinsics), mean)
 
     def numbered_alike(self, hand: Poses, names: Sequence[str], source: Path | None) -> FloatArray:
         """The pixels, a board that looks the same after half a turn numbered from one end in all.
@@ -179,9 +179,9 @@ class BoardPictures:
         if not self.board.symmetric:
             return self.pixels
 
-        seen = self.poses[0][self.told]
+        orientation = self.poses[0][self.told]
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
-        turned[self.told] = half_turned(hand[0][self.told], seen, seen @ HALF_TURN)
+        turned[self.told] = half_turned(hand[0][self.told], orientation, orientation @ HALF_TURN)
         most = "most pictures, by the turns of the hand between them"
         return self._the_other_way(turned, names, source, most)
 
@@ -235,16 +235,16 @@ class BoardPictures:
             hand: ``T_base_hand`` of an eye on the hand, ``T_hand_base`` of one beside it.
         """
         nobody = np.zeros(len(self.pixels), dtype=np.bool_)
-        found = {"board": nobody, "picture": nobody.copy()}
+        turned_over = {"board": nobody, "picture": nobody.copy()}
         rows = np.flatnonzero(self.told)
         if not self.board.flat or len(rows) < 2:
-            return found
+            return turned_over
         A, B = some_poses(hand, self.told), some_poses(self.poses, self.told)
         X, Z = agreeing_hand_eye(A, B)
 
-        def off(seen: Poses) -> tuple[FloatArray, FloatArray]:
+        def off(target: Poses) -> tuple[FloatArray, FloatArray]:
             """(n,) turns of loops against Z, rad, and how far they end from it, in distances."""
-            R, p = loop_closures(A, X, seen)
+            R, p = loop_closures(A, X, target)
             turned = np.linalg.norm(vector_from_rotation(Z[0].T @ R), axis=1)
             return turned, np.linalg.norm(p - Z[1], axis=1) / np.linalg.norm(B[1], axis=1)
 
@@ -256,5 +256,5 @@ class BoardPictures:
         # Of a board straight ahead of the camera the two are one, but for rounding.
         nearer = sum(board) <= (1.0 + ROUNDING) * sum(picture)
         for name, (turned, _), mine in (("board", board, nearer), ("picture", picture, ~nearer)):
-            found[name][rows[strange & mine & (turned < UPRIGHT)]] = True
-        return found
+            turned_over[name][rows[strange & mine & (turned < UPRIGHT)]] = True
+        return turned_over

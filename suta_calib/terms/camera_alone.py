@@ -69,21 +69,21 @@ class PicturesSeen:
     def in_camera(self, at: State) -> tuple[FloatArray, FloatArray]:
         """(n, k, 3) from the board's origin, turned, and from the camera; z is 1 where not seen."""
         turned = np.einsum("nij,kj->nki", at.rotation, self.points)
-        seen = turned + at.position[:, None]
-        return turned, np.where(self.there[..., None], seen, [0.0, 0.0, 1.0])
+        points = turned + at.position[:, None]
+        return turned, np.where(self.there[..., None], points, [0.0, 0.0, 1.0])
 
     def errors(self, at: State) -> FloatArray | None:
         """(n, k, 2) px, zero for what was not found; None where a point is behind the camera."""
-        _, seen = self.in_camera(at)
-        if not (seen[..., 2] > 0).all():
+        _, points = self.in_camera(at)
+        if not (points[..., 2] > 0).all():
             return None
-        off = projected(seen, at.intrinsics) - self.pixels
+        off = projected(points, at.intrinsics) - self.pixels
         return np.where(self.there[..., None], off, 0.0)
 
     def slopes(self, at: State) -> tuple[FloatArray, FloatArray]:
         """Derivatives of the errors by the camera (n, k, 2, 9) and by the poses (n, k, 2, 6)."""
-        turned, seen = self.in_camera(at)
-        x, y, z = seen[..., 0] / seen[..., 2], seen[..., 1] / seen[..., 2], seen[..., 2]
+        turned, points = self.in_camera(at)
+        x, y, z = points[..., 0] / points[..., 2], points[..., 1] / points[..., 2], points[..., 2]
         by_camera, by_ray = _bent(x, y, at.intrinsics)
         by_place = np.zeros((*z.shape, 2, 3))
         by_place[..., 0, 0] = by_place[..., 1, 1] = 1.0 / z
@@ -104,9 +104,9 @@ def _bent(x: FloatArray, y: FloatArray, intrinsics: FloatArray) -> tuple[FloatAr
     mixed = slope * x * y + 2 * p1 * x + 2 * p2 * y
     nothing, one = np.zeros_like(x), np.ones_like(x)
     first = [u, nothing, one, nothing]
-    first += [fx * each for each in (x * s, x * s**2, 2 * x * y, s + 2 * x * x, x * s**3)]
+    first += [fx * radial for radial in (x * s, x * s**2, 2 * x * y, s + 2 * x * x, x * s**3)]
     second = [nothing, v, nothing, one]
-    second += [fy * each for each in (y * s, y * s**2, s + 2 * y * y, 2 * x * y, y * s**3)]
+    second += [fy * radial for radial in (y * s, y * s**2, s + 2 * y * y, 2 * x * y, y * s**3)]
     along = radial + slope * x * x + 2 * p1 * y + 6 * p2 * x
     down = radial + slope * y * y + 6 * p1 * y + 2 * p2 * x
     by_ray = [[fx * along, fx * mixed], [fy * mixed, fy * down]]
@@ -135,25 +135,25 @@ def camera_alone(corners: Corners, board: Board) -> Camera:
     pixels[picture, [numbers[k] for k in corners.point.tolist()]] = corners.pixel
     points = np.array(list(board.points.values()))
     rotation, position = board_poses(points, undistorted(pixels, start.intrinsics))
-    told = np.isfinite(position[:, 0])
-    there = np.isfinite(pixels[told]).all(axis=2)
-    seen = PicturesSeen(points, np.where(there[..., None], pixels[told], 0.0), there)
-    state = State(start.intrinsics, rotation[told], position[told])
-    return replace(start, intrinsics=_refined(seen, state, UNCALIBRATED.stds(start)).intrinsics)
+    located = np.isfinite(position[:, 0])
+    there = np.isfinite(pixels[located]).all(axis=2)
+    pictures = PicturesSeen(points, np.where(there[..., None], pixels[located], 0.0), there)
+    state = State(start.intrinsics, rotation[located], position[located])
+    return replace(start, intrinsics=_refined(pictures, state, UNCALIBRATED.stds(start)).intrinsics)
 
 
-def _refined(seen: PicturesSeen, state: State, prior: FloatArray) -> State:
+def _refined(pictures: PicturesSeen, state: State, prior: FloatArray) -> State:
     """The camera and poses of least reprojection error; ``prior`` (9,) is about the first one."""
     first, damping = state.intrinsics, 1e-3
-    errors = seen.errors(state)
+    errors = pictures.errors(state)
     if errors is None:
         return state
     steps = 60
     for _ in range(steps):
         length = np.linalg.norm(errors, axis=2)
-        sigma = max(float(np.median(length[seen.there])) / _MIDDLE, _FINEST)
+        sigma = max(float(np.median(length[pictures.there])) / _MIDDLE, _FINEST)
         weight = np.minimum(1.0, _FAR * sigma / np.maximum(length, _FINEST * sigma)) / sigma**2
-        A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in seen.slopes(state))
+        A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in pictures.slopes(state))
         w = np.repeat(weight, 2, axis=1)
         WA, WB, r = w[..., None] * A, w[..., None] * B, errors.reshape(len(A), -1)
         away = state.intrinsics - first
@@ -171,17 +171,17 @@ def _refined(seen: PicturesSeen, state: State, prior: FloatArray) -> State:
             camera = -np.linalg.lstsq(curvature, slope, rcond=None)[0]
             poses = -np.einsum("nij,nj->ni", solved, b + np.einsum("nij,i->nj", AB, camera))
             trial = state.moved(camera, poses)
-            found = seen.errors(trial)
-            if found is not None:
+            trial_errors = pictures.errors(trial)
+            if trial_errors is not None:
                 away = trial.intrinsics - first
-                after = float(np.sum(weight[..., None] * found**2))
+                after = float(np.sum(weight[..., None] * trial_errors**2))
                 after += float(np.sum((away / prior) ** 2))
                 if after < before:
                     break
             damping *= 10.0
         else:
             return state
-        state, errors, damping = trial, found, damping / 10.0
+        state, errors, damping = trial, trial_errors, damping / 10.0
         if before - after <= _SETTLED * before:
             break
     return state

@@ -31,7 +31,7 @@ _STEPS: Final = 10
 _SETTLED: Final = 1e-6
 
 
-def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, FloatArray]:
+def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
     """``T_eye_board`` of pictures, each by its own points; NaN where these do not determine it.
 
     Points in a plane give a homography, whose first columns are the plane's axes; others a
@@ -39,25 +39,26 @@ def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, Float
 
     Args:
         points: (k, 3) in the board's frame, m.
-        seen: (n, k, 2) where an ideal camera of focal length one sees them; NaN where it does not.
+        pixels: (n, k, 2) where an ideal camera of focal length one sees them; NaN where it does
+            not.
 
     Returns:
         Rotations (n, 3, 3) and positions (n, 3), m.
     """
-    rotation, position = np.full((len(seen), 3, 3), np.nan), np.full((len(seen), 3), np.nan)
-    there = np.asarray(np.isfinite(seen).all(axis=2))
+    rotation, position = np.full((len(pixels), 3, 3), np.nan), np.full((len(pixels), 3), np.nan)
+    there = np.asarray(np.isfinite(pixels).all(axis=2))
     rows = np.flatnonzero(there.sum(axis=1) >= PLANAR)
     if not len(rows):
         return rotation, position
     middle = _middle(np.broadcast_to(points, (len(rows), *points.shape)), there[rows])
-    apart = np.where(there[rows, :, None], points - middle[:, None], 0.0)
-    _, size, axes = np.linalg.svd(np.linalg.qr(apart, mode="r"))
+    offsets = np.where(there[rows, :, None], points - middle[:, None], 0.0)
+    _, size, axes = np.linalg.svd(np.linalg.qr(offsets, mode="r"))
     axes = axes * np.stack([np.ones(len(rows))] * 2 + [np.linalg.det(axes)], axis=1)[:, :, None]
     line, flat = size[:, 1] <= _LINE * size[:, 0], size[:, 2] <= _FLAT * size[:, 0]
     for kind, dimension in ((flat & ~line, 2), (~flat & ~line, 3)):
         mine = np.flatnonzero(kind)
-        which, local = rows[mine], (apart[mine] @ np.swapaxes(axes[mine], 1, 2))[..., :dimension]
-        matrix = _linear_of_each(local, seen[which], there[which])
+        which, local = rows[mine], (offsets[mine] @ np.swapaxes(axes[mine], 1, 2))[..., :dimension]
+        matrix = _linear_of_each(local, pixels[which], there[which])
         columns, shift = matrix[..., :-1], matrix[..., -1]
         # A homography has no sign: what is seen is ahead.
         sign = np.where(shift[:, 2] < 0.0, -1.0, 1.0)
@@ -66,22 +67,27 @@ def board_poses(points: FloatArray, seen: FloatArray) -> tuple[FloatArray, Float
             length = np.linalg.norm(columns, axis=1).mean(axis=1)
             across = np.cross(columns[..., 0], columns[..., 1]) / length[:, None]
             columns = np.concatenate([columns, across[..., None]], axis=2)
-        told = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(shift).all(axis=1)
-        mine, which, columns, shift = mine[told], which[told], columns[told], shift[told]
+        located = np.isfinite(columns).all(axis=(1, 2)) & np.isfinite(shift).all(axis=1)
+        mine, which, columns, shift = (
+            mine[located],
+            which[located],
+            columns[located],
+            shift[located],
+        )
         if dimension == 3:
             length = np.linalg.svd(columns, compute_uv=False).mean(axis=1)
         else:
-            length = length[told]
-        start = sign[told, None] * shift / length[:, None]
+            length = length[located]
+        start = sign[located, None] * shift / length[:, None]
         turn = nearest_rotation(columns) @ axes[mine]
-        R, p = _refined(apart[mine], seen[which], there[which], turn, start)
+        R, p = _refined(offsets[mine], pixels[which], there[which], turn, start)
         rotation[which], position[which] = R, p - (R @ middle[mine, :, None])[..., 0]
     return rotation, position
 
 
 def _refined(
     points: FloatArray,
-    seen: FloatArray,
+    pixels: FloatArray,
     there: BoolArray,
     rotation: FloatArray,
     position: FloatArray,
@@ -92,19 +98,19 @@ def _refined(
 
     Args:
         points: (n, k, 3) about the middle of each picture's points.
-        seen: (n, k, 2) of them.
+        pixels: (n, k, 2) of them.
         there: (n, k) which are seen.
         rotation: (n, 3, 3) to begin with.
         position: (n, 3) of that middle.
     """
     best = rotation.copy(), position.copy()
-    rows, error = np.arange(len(seen)), np.full(len(seen), np.inf)
+    rows, error = np.arange(len(pixels)), np.full(len(pixels), np.inf)
     for _ in range(_STEPS):
         turned = points[rows] @ np.swapaxes(rotation, 1, 2)
         x, y, z = np.moveaxis(turned + position[:, None], 2, 0)
         # What is not seen counts as seen where it belongs.
         z = np.where(there[rows], z, 1.0)
-        residual = np.stack([x / z, y / z], axis=2) - seen[rows]
+        residual = np.stack([x / z, y / z], axis=2) - pixels[rows]
         residual[~there[rows]] = 0.0
         squared = np.sum(residual**2, axis=(1, 2))
         better = (squared < error[rows]) & (z > 0).all(axis=1)
@@ -114,7 +120,7 @@ def _refined(
         rows, rotation, position = rows[going], rotation[going], position[going]
         if not len(rows):
             break
-        x, y, z, turned, residual = (each[going] for each in (x, y, z, turned, residual))
+        x, y, z, turned, residual = (part[going] for part in (x, y, z, turned, residual))
         by_point = np.zeros((*z.shape, 2, 3))
         by_point[..., 0, 0] = by_point[..., 1, 1] = 1.0 / z
         by_point[..., 0, 2], by_point[..., 1, 2] = -x / z**2, -y / z**2
@@ -130,31 +136,33 @@ def _refined(
     return best
 
 
-def _linear(points: FloatArray, seen: FloatArray) -> FloatArray | None:
+def _linear(points: FloatArray, pixels: FloatArray) -> FloatArray | None:
     """(3, d + 1) that takes points (k, d) to homogeneous coordinates of what is seen (k, 2).
 
     Up to a factor; None where several do.
     """
-    (found,) = _linear_of_each(points[None], seen[None], np.ones((1, len(points)), dtype=np.bool_))
-    return found if np.isfinite(found).all() else None
+    (matrix,) = _linear_of_each(
+        points[None], pixels[None], np.ones((1, len(points)), dtype=np.bool_)
+    )
+    return matrix if np.isfinite(matrix).all() else None
 
 
-def _linear_of_each(points: FloatArray, seen: FloatArray, there: BoolArray) -> FloatArray:
+def _linear_of_each(points: FloatArray, pixels: FloatArray, there: BoolArray) -> FloatArray:
     """(n, 3, d + 1) that take points (n, k, d) to homogeneous coordinates of what is seen.
 
     Up to a factor; NaN where several do.
 
     Args:
         points: of each picture.
-        seen: (n, k, 2) of them.
+        pixels: (n, k, 2) of them.
         there: (n, k) which are seen.
     """
     n, k, dimension = points.shape
     width = dimension + 1
-    to_points, to_seen = _unit_size(points, there), _unit_size(seen, there)
+    to_points, to_seen = _unit_size(points, there), _unit_size(pixels, there)
     counted = there[..., None].astype(float)
     source = np.concatenate([np.where(there[..., None], points, 0.0), counted], axis=2)
-    target = np.concatenate([np.where(there[..., None], seen, 0.0), counted], axis=2)
+    target = np.concatenate([np.where(there[..., None], pixels, 0.0), counted], axis=2)
     source, target = (
         rows @ np.swapaxes(to, 1, 2) for rows, to in ((source, to_points), (target, to_seen))
     )
@@ -163,16 +171,18 @@ def _linear_of_each(points: FloatArray, seen: FloatArray, there: BoolArray) -> F
     rows[:, :k, 0, :width] = rows[:, :k, 1, width : 2 * width] = source
     rows[:, :k, :, 2 * width :] = -target[:, :, :2, None] * source[:, :, None, :]
     rows = rows.reshape(n, 2 * rows.shape[1], 3 * width)
-    found = np.full((n, 3, width), np.nan)
-    told = there.sum(axis=1) >= (PLANAR if dimension == 2 else SPATIAL)
-    told &= np.isfinite(rows).all(axis=(1, 2))
+    matrices = np.full((n, 3, width), np.nan)
+    enough = there.sum(axis=1) >= (PLANAR if dimension == 2 else SPATIAL)
+    enough &= np.isfinite(rows).all(axis=(1, 2))
     # Of the many rows nothing but their triangle is looked at.
-    _, singular, vectors = np.linalg.svd(np.linalg.qr(rows[told], mode="r"))
+    _, singular, vectors = np.linalg.svd(np.linalg.qr(rows[enough], mode="r"))
     several = singular[:, 3 * width - 2] <= _SINGULAR * singular[:, 0]
-    matrix = np.linalg.solve(to_seen[told], vectors[:, -1].reshape(-1, 3, width) @ to_points[told])
+    matrix = np.linalg.solve(
+        to_seen[enough], vectors[:, -1].reshape(-1, 3, width) @ to_points[enough]
+    )
     matrix[several] = np.nan
-    found[told] = matrix
-    return found
+    matrices[enough] = matrix
+    return matrices
 
 
 def _middle(points: FloatArray, there: BoolArray) -> FloatArray:
@@ -208,12 +218,12 @@ def closed_form_camera(corners: Corners, board: Board) -> Camera:
             "a flat one, where no camera is given",
             hint="calibrate the camera first, and name its file",
         )
-    each = [corners.take(corners.image == image) for image in corners.images]
-    boards = [board.positions(mine.point) for mine in each]
-    pictures = [mine.pixel for mine in each]
-    _check_board(each, board)
-    found = closed_form_intrinsics(boards, pictures)
-    if found is None:
+    by_image = [corners.take(corners.image == image) for image in corners.images]
+    boards = [board.positions(mine.point) for mine in by_image]
+    pictures = [mine.pixel for mine in by_image]
+    _check_board(by_image, board)
+    closed_form = closed_form_intrinsics(boards, pictures)
+    if closed_form is None:
         raise SamplesError(
             "pictures that do not tell the focal length",
             "a board that is seen at a slant, in several directions",
@@ -221,7 +231,7 @@ def closed_form_camera(corners: Corners, board: Board) -> Camera:
             hint="or give the camera's file",
         )
     width, height = (int(size) + 1 for size in corners.pixel.max(axis=0))
-    intrinsics = np.concatenate([found, np.zeros(len(DISTORTION))])
+    intrinsics = np.concatenate([closed_form, np.zeros(len(DISTORTION))])
     return Camera(width, height, intrinsics)
 
 
@@ -256,19 +266,19 @@ def _off_plane(pictures: Sequence[Corners], board: Board) -> float:
 
     Root mean squares; of the middle one of the pictures.
     """
-    found = [0.0]
+    distances = [0.0]
     for mine in pictures:
-        points, seen = board.positions(mine.point), mine.pixel
+        points, pixels = board.positions(mine.point), mine.pixel
         if len(points) <= PLANAR:  # These fit any board.
             continue
-        centred = seen - seen.mean(axis=0)
+        centred = pixels - pixels.mean(axis=0)
         size = float(np.sqrt(np.mean(centred**2)))
         H = _linear(points[:, :2], centred / size)
         if H is not None:
             there = np.column_stack([points[:, :2], np.ones(len(points))]) @ H.T
             error = there[:, :2] / there[:, 2:] - centred / size
-            found.append(float(np.sqrt(np.mean(error**2))))
-    return float(np.median(found[1:] or found))
+            distances.append(float(np.sqrt(np.mean(error**2))))
+    return float(np.median(distances[1:] or distances))
 
 
 def closed_form_intrinsics(
@@ -288,8 +298,12 @@ def closed_form_intrinsics(
     """
     every = np.concatenate(pictures)
     middle, size = (every.min(axis=0) + every.max(axis=0)) / 2.0, float(np.ptp(every, axis=0).max())
-    found = (_linear(b[:, :2], (p - middle) / size) for b, p in zip(boards, pictures, strict=True))
-    rows = [row for H in found if H is not None for row in _conic_rows(H / np.linalg.norm(H))]
+    homographies = (
+        _linear(b[:, :2], (p - middle) / size) for b, p in zip(boards, pictures, strict=True)
+    )
+    rows = [
+        row for H in homographies if H is not None for row in _conic_rows(H / np.linalg.norm(H))
+    ]
     if not rows:
         return None
     for answer in (_free_centre(np.array(rows)), _given_centre(np.array(rows))):

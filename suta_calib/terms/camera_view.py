@@ -161,11 +161,11 @@ class CameraView(FramedTerm):
         """
         given = dict(setup.settings)
         noise, corners = given.pop("noise", None), given.pop("corners", None)
-        known: dict[str, Any] = {"noise": setup.noise, "label": setup.label, **given}
+        attributes: dict[str, Any] = {"noise": setup.noise, "label": setup.label, **given}
         term = (
-            cls(poses, **known)
+            cls(poses, **attributes)
             if corners is None
-            else cls.of_corners(poses, read_corners(corners), **known)
+            else cls.of_corners(poses, read_corners(corners), **attributes)
         )
         if "pixel" in given:
             return term.where_pixels_cover(term.pixel, noise)
@@ -261,8 +261,8 @@ class CameraView(FramedTerm):
 
         And with this noise, in px, if any.
         """
-        told = None if self.poses.samples.pixels is None else self.pictures.pixel
-        return self.where_pixels_cover(told or self.pixel, noise)
+        metres_per_pixel = None if self.poses.samples.pixels is None else self.pictures.pixel
+        return self.where_pixels_cover(metres_per_pixel or self.pixel, noise)
 
     def where_pixels_cover(self, pixel: float, noise: Noise | None = None) -> Self:
         """The same where a pixel covers this length, m, and with this noise, in px, if any."""
@@ -301,8 +301,8 @@ class CameraView(FramedTerm):
             if other.label == self.label and other.camera.corners and other.prior is not None
         )
         term = replace(self, prior=next(once, None)) if self.prior is None else self
-        alike = (o for o in views if (o.target, o.setup) == (self.target, self.setup))
-        first = next(alike, self)
+        same_mount = (o for o in views if (o.target, o.setup) == (self.target, self.setup))
+        first = next(same_mount, self)
         if first is self or not self.board.symmetric or self.poses.samples.pixels is None:
             return term
         hands = self._to_board, first._to_board
@@ -377,20 +377,20 @@ class CameraView(FramedTerm):
     @cached_property
     def pixels(self) -> FloatArray:
         """(n, points, 2) of the samples; the origin for samples that nobody has looked at."""
-        seen = self.poses.samples.pixels
+        pixels = self.poses.samples.pixels
         count = len(self.board.points)
-        if seen is None:
+        if pixels is None:
             return np.zeros((len(self.poses), count, 2))
-        if seen.shape[1] != count:
-            raise self.refuse(f"pixels of {seen.shape[1]} points", f"of the board's {count}")
-        return seen
+        if pixels.shape[1] != count:
+            raise self.refuse(f"pixels of {pixels.shape[1]} points", f"of the board's {count}")
+        return pixels
 
     @cached_property
     def pictures(self) -> BoardPictures:
         """What the corners tell without the poses of any hand."""
-        known = self.known_pictures
+        pictures = self.known_pictures
         same = (self.board, self.camera, self.pixels)
-        return known if known is not None and known.of(*same) else BoardPictures(*same)
+        return pictures if pictures is not None and pictures.of(*same) else BoardPictures(*same)
 
     @property
     def points(self) -> FloatArray:
@@ -474,23 +474,25 @@ class CameraView(FramedTerm):
         """The same corners of the same pictures, or those that are in sight where none were."""
         ideal = self.observed(values, self.poses)
         assert ideal.pixels is not None
-        seen = self.poses.samples.pixels
-        if seen is not None:
-            pixels = np.where(np.isfinite(seen), self._sight(values, self.poses).everywhere, np.nan)
+        measured = self.poses.samples.pixels
+        if measured is not None:
+            pixels = np.where(
+                np.isfinite(measured), self._sight(values, self.poses).everywhere, np.nan
+            )
             ideal = replace(ideal, pixels=pixels)
         sigma = {"pixels": noise[0] / self.pixel}
         return self.over_poses(again.seen(self.poses, ideal, sigma, self.blocks[0].relative))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Poses of the board by every picture, and the closed form of those that agree."""
-        told = self.pictures.told
+        located = self.pictures.told
         hand = as_eye_in_hand((rotation, position), self.setup)
-        X, Z = agreeing_hand_eye(some_poses(hand, told), some_poses(self.seen_poses, told))
-        found = [pose_values(*X), pose_values(*Z)]
+        X, Z = agreeing_hand_eye(some_poses(hand, located), some_poses(self.seen_poses, located))
+        values = [pose_values(*X), pose_values(*Z)]
         if self.free:
-            found.append(self.camera.intrinsics)
-        rest = len(self.own) - sum(map(len, found))
-        return np.concatenate([*found, np.zeros(rest)])
+            values.append(self.camera.intrinsics)
+        rest = len(self.own) - sum(map(len, values))
+        return np.concatenate([*values, np.zeros(rest)])
 
     def single_touches(self) -> CameraView:
         """The board's middle in every picture, where the picture's own pose of the board has it."""
@@ -500,10 +502,10 @@ class CameraView(FramedTerm):
 
     def check_enough(self) -> None:
         """Three pictures at least of which each tells where the board is, of this very board."""
-        told = int(self.pictures.told.sum())
-        if told < FEWEST:
+        located = int(self.pictures.told.sum())
+        if located < FEWEST:
             raise self.refuse(
-                f"{told} pictures that tell where the board is",
+                f"{located} pictures that tell where the board is",
                 f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
             )
         check_files(self.pictures)
@@ -512,8 +514,8 @@ class CameraView(FramedTerm):
         """Views with one label are of one camera, and those with one target of one board."""
         if not isinstance(other, CameraView):
             return
-        for (key, whose, name), said in other._said.items():
-            if self._said.get((key, whose, name), said) != said:
+        for (key, whose, name), statement in other._said.items():
+            if self._said.get((key, whose, name), statement) != statement:
                 raise SamplesError(
                     f"another {key} than in a row before, of the same {whose} {name!r}",
                     "one camera as it is, and one board",

@@ -69,15 +69,15 @@ def _or_a_length(term: Term, size: float, extent: Callable[[FloatArray], float])
     if not isinstance(term.poses, ArmPoses):
         return ""
     off = [
-        (abs(math.log(extent(term.poses.at(each.values)[1]) / size)), each)
-        for each in other_lengths(term.poses.arm)
+        (abs(math.log(extent(term.poses.at(length.values)[1]) / size)), length)
+        for length in other_lengths(term.poses.arm)
     ]
     # Those of what is in the same unit, for all that is wrong of a drawn arm, differ by less.
     same_unit = 1.5
-    found = [each for each in off if each[0] < math.log(same_unit)]
-    if len({each.owner for _, each in found}) != 1:
+    fitting = [length for length in off if length[0] < math.log(same_unit)]
+    if len({length.owner for _, length in fitting}) != 1:
         return ""
-    return f" They would agree if {min(found, key=lambda each: each[0])[1].sentence}."
+    return f" They would agree if {min(fitting, key=lambda length: length[0])[1].sentence}."
 
 
 def check_turned(term: Term) -> None:

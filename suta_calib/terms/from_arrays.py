@@ -54,26 +54,30 @@ def columns_of(kind: SampleColumns) -> dict[str, Column]:
     about = kind.about
     # Pictures need no names where each row has its own.
     named = not kind.pixels
-    found = {name: Column(_LABELS, named, about.get(name, "")) for name in kind.labels}
+    columns = {name: Column(_LABELS, named, about.get(name, "")) for name in kind.labels}
     if kind.pixels:
-        said = "Where the board's points were seen, in the order of its numbers; NaN where not."
-        found["pixels"] = Column("(n, points, 2) in px", True, said)
+        about_column = (
+            "Where the board's points were seen, in the order of its numbers; NaN where not."
+        )
+        columns["pixels"] = Column("(n, points, 2) in px", True, about_column)
     if kind.position:
-        found["position"] = Column("(n, 3) in m", True, about.get("x, y, z", ""))
+        columns["position"] = Column("(n, 3) in m", True, about.get("x, y, z", ""))
     if kind.orientation != "none":
         takes, needed = "(n, 4) quaternions x, y, z, w, or (n, 3, 3)", kind.orientation
-        said = about.get("qx, qy, qz, qw", "")
-        found["orientation"] = Column(takes, needed == "required", said)
+        about_column = about.get("qx, qy, qz, qw", "")
+        columns["orientation"] = Column(takes, needed == "required", about_column)
     if kind.position_sigma:
-        said = "Standard deviation of each coordinate."
-        found["position_sigma"] = Column("(n, 3) in m, or (n,), or one for all", about=said)
+        about_column = "Standard deviation of each coordinate."
+        columns["position_sigma"] = Column(
+            "(n, 3) in m, or (n,), or one for all", about=about_column
+        )
     for number in kind.numbers:
         takes = "(n,)" if number.unit == "1" else f"(n,) in {number.unit}"
-        found[number.name] = Column(takes, number.required, about.get(number.name, ""))
+        columns[number.name] = Column(takes, number.required, about.get(number.name, ""))
     more = (*kind.common_labels, *kind.optional_labels)
-    found |= {name: Column(_LABELS, about=about.get(name, "")) for name in more}
+    columns |= {name: Column(_LABELS, about=about.get(name, "")) for name in more}
     side = "1 (it came from smaller readings), -1 (from larger ones) or 0, of each joint's reading"
-    return found | {
+    return columns | {
         "direction": Column(f"(n, joints) of {side}"),
         "temperature": Column("(n,) in °C, or one for all", about="Of the arm."),
         "origin": Column("(n,) names of the rows, for messages"),
@@ -103,17 +107,17 @@ class FromArrays:
 
 def _signature(kind: Any) -> Signature:
     columns, place = columns_of(kind.columns), Parameter.POSITIONAL_OR_KEYWORD
-    found = [Parameter("arm", place), Parameter("q", place)]
+    parameters = [Parameter("arm", place), Parameter("q", place)]
     needed = {name: column.required for name, column in columns.items()}
     needed |= {name: _required(field) for name, field in attributes_of(kind).items()}
     for name in sorted(needed, key=needed.__getitem__, reverse=True):
         default = Parameter.empty if needed[name] else None
-        found.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
-    return Signature(found)
+        parameters.append(Parameter(name, Parameter.KEYWORD_ONLY, default=default))
+    return Signature(parameters)
 
 
 def _documentation(kind: Any) -> str:
-    told = "".join(
+    lines = "".join(
         f"    {name}: {column.takes}{'' if column.required else ' (may be left out)'}. "
         f"{column.about}\n"
         for name, column in columns_of(kind.columns).items()
@@ -122,7 +126,7 @@ def _documentation(kind: Any) -> str:
         f"{kind.__name__} of an arm's readings and what was observed with each of them.\n\n"
         "Args:\n    arm: whose readings they are.\n"
         "    q: (n, joints) readings in the order of the arm's joints, rad (m where they slide).\n"
-        f"{told}    {', '.join(attributes_of(kind))}: attributes of the class.\n\n"
+        f"{lines}    {', '.join(attributes_of(kind))}: attributes of the class.\n\n"
         "Raises:\n    InputError: says which argument cannot be used, and what it should be.\n"
     )
 
@@ -228,13 +232,13 @@ def _spread(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 def _labels(name: str, values: Any, n: int) -> list[Any]:
     """Labels of n rows; one stands for all."""
     try:
-        found = [values] * n if np.ndim(values) == 0 else [*values]
+        labels = [values] * n if np.ndim(values) == 0 else [*values]
     except (TypeError, ValueError):
         raise SamplesError(_shown(values), _LABELS, where=name) from None
-    for row, label in enumerate(found):
+    for row, label in enumerate(labels):
         if label is None or (isinstance(label, Real) and not math.isfinite(label)):
             raise SamplesError(str(label), "a label", where=f"{name}[{row}]")
-    return found
+    return labels
 
 
 def _rotations(values: ArrayLike) -> FloatArray:
@@ -255,14 +259,16 @@ def _rotations(values: ArrayLike) -> FloatArray:
 def _check_type(kind: Any, name: str, value: Any) -> None:
     """Refuse an attribute of another type than its class says."""
     base = next(b for b in kind.__mro__ if name in vars(b).get("__annotations__", {}))
-    said = str(vars(base)["__annotations__"][name])
+    declared = str(vars(base)["__annotations__"][name])
     try:
-        expected = eval(said, _TYPES | vars(sys.modules[base.__module__]))
+        expected = eval(declared, _TYPES | vars(sys.modules[base.__module__]))
         fits = isinstance(value, Real if expected is float else expected)
     except (NameError, TypeError):
         return  # Arrays and literals are looked at where they are used.
     if not fits or (expected is float and not math.isfinite(value)):
-        raise InputError(_shown(value), said.removesuffix(" | None"), where=f"{kind.kind}: {name}")
+        raise InputError(
+            _shown(value), declared.removesuffix(" | None"), where=f"{kind.kind}: {name}"
+        )
 
 
 def _shown(value: Any) -> str:

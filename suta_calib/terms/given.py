@@ -109,12 +109,12 @@ class GivenPose:
 
     def of_pose(self, owner: str) -> dict[str, Known]:
         """The unknowns ``owner.x … owner.rz``; without the last three where no turn is known."""
-        known = self.of_point(owner)
+        by_name = self.of_point(owner)
         if self.rotation is None:
-            return known
+            return by_name
         vector = vector_from_rotation(self.rotation)
         inverse = np.linalg.inv(tangent_of_vector(vector))
-        return known | self._turns(owner, ROTATION, vector, np.asarray(inverse))
+        return by_name | self._turns(owner, ROTATION, vector, np.asarray(inverse))
 
     def of_axis(self, owner: str, axis: int, along: tuple[str, ...]) -> dict[str, Known]:
         """The unknowns of something that only an axis of the pose matters for: ``rx``, ``ry``.
@@ -134,16 +134,18 @@ class GivenPose:
         frame = rotation_from_vector(turn)
         there = frame.T @ self.position
         std = None if self.position_std is None else np.sqrt((frame.T**2) @ self.position_std**2)
-        known = {}
+        by_name = {}
         for key in along:
             k = POSITION.index(key)
-            known[f"{owner}.{key}"] = Known(float(there[k]), None if std is None else float(std[k]))
+            by_name[f"{owner}.{key}"] = Known(
+                float(there[k]), None if std is None else float(std[k])
+            )
         # Turned about the horizontal it leans by one for one; aside by the sine of its lean.
         lean = float(np.linalg.norm(turn))
         radial = turn[:2] / lean if lean else np.array([1.0, 0.0])
         stretch = lean / np.sin(lean) if lean else 1.0
         by_tilt = np.column_stack([radial, stretch * np.array([-radial[1], radial[0]])])
-        return known | self._turns(owner, ROTATION[:2], turn[:2], by_tilt)
+        return by_name | self._turns(owner, ROTATION[:2], turn[:2], by_tilt)
 
     def _turns(
         self, owner: str, keys: tuple[str, ...], values: FloatArray, derivative: FloatArray
@@ -158,17 +160,17 @@ class GivenPose:
 POSE_KEYS: Final = fields_of(GivenPose)
 
 
-def with_known(own: Sequence[Parameter], known: Mapping[str, Known]) -> tuple[Parameter, ...]:
+def with_known(own: Sequence[Parameter], by_name: Mapping[str, Known]) -> tuple[Parameter, ...]:
     """Unknowns, of which some are known beforehand: fixed there, or with a prior about it."""
     return tuple(
         replace(
             p,
-            nominal=known[p.name].value,
-            prior=known[p.name].std,
-            free=known[p.name].std is not None,
+            nominal=by_name[p.name].value,
+            prior=by_name[p.name].std,
+            free=by_name[p.name].std is not None,
             prior_fixed=True,
         )
-        if p.name in known
+        if p.name in by_name
         else p
         for p in own
     )
@@ -178,7 +180,7 @@ def check_in_mm(
     where: str,
     label: str,
     own: Sequence[Parameter],
-    known: Mapping[str, Known],
+    by_name: Mapping[str, Known],
     start: Mapping[str, float],
 ) -> None:
     """Refuse a given position that the nominal arm finds a thousand times as far away.
@@ -187,15 +189,16 @@ def check_in_mm(
         where: whose pose it is.
         label: of the place.
         own: unknowns of all places.
-        known: what is given of this one.
+        by_name: what is given of this one.
         start: the same by the nominal arm.
 
     Raises:
         SamplesError: says both distances.
     """
-    names = [p.name for p in own if p.name in known and p.key in POSITION]
+    names = [p.name for p in own if p.name in by_name and p.key in POSITION]
     near, far = (
-        math.hypot(*found) for found in ([known[n].value for n in names], [start[n] for n in names])
+        math.hypot(*coordinates)
+        for coordinates in ([by_name[n].value for n in names], [start[n] for n in names])
     )
     # Metres that stand where millimetres belong: how many times too near that is, nearly.
     in_metres = (700.0, 1400.0)

@@ -33,30 +33,30 @@ OTHER_MOTIONS: Final = np.radians(10.0)
 OTHER_BOARD: Final = np.radians(45.0)
 
 
-def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> BoolArray:
+def half_turned(hand: FloatArray, target: FloatArray, otherwise: FloatArray) -> BoolArray:
     """(n,) which boards agree with most of the others once they are turned by half a turn.
 
     None where hand and pictures do not move alike even so: something else is wrong.
 
     Args:
         hand: (n, 3, 3) rotations of the hand in the base, or of the base in the hand.
-        seen: (n, 3, 3) of the board in the eye.
+        target: (n, 3, 3) of the board in the eye.
         otherwise: (n, 3, 3) the same, of the board numbered from its other end.
     """
     n = len(hand)
     if n < 2:
         return np.zeros(n, dtype=np.bool_)
-    some = np.unique(np.linspace(0, n - 1, min(n, COMPARED)).astype(np.intp))
-    moved = _angles(hand, hand[some])
-    same = np.abs(_angles(seen, seen[some]) - moved)
-    other = np.abs(_angles(otherwise, seen[some]) - moved)
-    said = other - same
+    chosen = np.unique(np.linspace(0, n - 1, min(n, COMPARED)).astype(np.intp))
+    moved = _angles(hand, hand[chosen])
+    same = np.abs(_angles(target, target[chosen]) - moved)
+    other = np.abs(_angles(otherwise, target[chosen]) - moved)
+    evidence = other - same
     # A picture says nothing of itself.
-    said[some, np.arange(len(some))] = 0.0
-    vector = np.linalg.eigh(said[some])[1][:, -1]
-    alike = np.where(vector < 0.0, -1.0, 1.0)
-    sign = np.where(said @ alike < 0.0, -1.0, 1.0)
-    left = np.where(sign[:, None] * alike > 0.0, same, other)
+    evidence[chosen, np.arange(len(chosen))] = 0.0
+    vector = np.linalg.eigh(evidence[chosen])[1][:, -1]
+    signs = np.where(vector < 0.0, -1.0, 1.0)
+    sign = np.where(evidence @ signs < 0.0, -1.0, 1.0)
+    left = np.where(sign[:, None] * signs > 0.0, same, other)
     if np.median(left) > OTHER_MOTIONS:
         return np.zeros(n, dtype=np.bool_)
     turned = sign < 0.0
@@ -64,7 +64,7 @@ def half_turned(hand: FloatArray, seen: FloatArray, otherwise: FloatArray) -> Bo
 
 
 def from_other_end(
-    hand: Poses, seen: Poses, first: tuple[Poses, Poses], *, same_eye: bool
+    hand: Poses, target: Poses, first: tuple[Poses, Poses], *, same_eye: bool
 ) -> BoolArray:
     """(n,) which boards are numbered from the other end than in the ``first`` pictures.
 
@@ -73,7 +73,7 @@ def from_other_end(
     Args:
         hand: ``T_base_hand`` of an eye on the hand, ``T_hand_base`` of one beside it: rotations
             (n, 3, 3) and positions (n, 3).
-        seen: ``T_eye_board``, the same shapes.
+        target: ``T_eye_board``, the same shapes.
         first: the same two of the pictures that come first.
         same_eye: whether one camera took both: its X is that of the first ones, and every other
             picture is judged by itself; else all that a camera took are.
@@ -84,9 +84,9 @@ def from_other_end(
     X, there = agreeing_hand_eye(*first)
     board: FloatArray
     if same_eye:
-        board = loop_closures(hand, X, seen)[0]
+        board = loop_closures(hand, X, target)[0]
     else:
-        board = agreeing_hand_eye(hand, seen)[1][0][None]
+        board = agreeing_hand_eye(hand, target)[1][0][None]
     off = np.stack([_angles(side, there[0][None])[:, 0] for side in (board, board @ HALF_TURN)])
     if np.median(off.min(axis=0)) > OTHER_BOARD:
         return np.zeros(n, dtype=np.bool_)

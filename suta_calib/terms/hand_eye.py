@@ -54,16 +54,16 @@ def _target_in_eye(poses: Sequence[Pose], own: Symbol) -> Pose:
 
 def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
     """In the eye's frame, which moves with the arm: the base gauge stays unobservable."""
-    seen, robot_noise_fraction = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
+    target, robot_noise_fraction = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
     expected, hand_in_eye = _target_in_eye(poses, own), pose_of(own[0:6]).inverse_act([0, 0, 0])
-    turn = symbolic_chordal_log(expected.R @ seen.R.T)
-    lever = robot_noise_fraction * (seen.p - hand_in_eye) + data[13:16]
-    return expected.p - seen.p - ca.cross(turn, lever)
+    turn = symbolic_chordal_log(expected.R @ target.R.T)
+    lever = robot_noise_fraction * (target.p - hand_in_eye) + data[13:16]
+    return expected.p - target.p - ca.cross(turn, lever)
 
 
 def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    seen = ca.reshape(data, 3, 3)
-    return symbolic_chordal_log(seen.T @ _target_in_eye(poses, own).R)
+    target = ca.reshape(data, 3, 3)
+    return symbolic_chordal_log(target.T @ _target_in_eye(poses, own).R)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -188,8 +188,8 @@ class HandEye(SeenTerm):
         moved = MeasuredPoses(*(hand or EXACT).scattered(noise, (R, p)), samples)
         ideal = exact.observed(truth, exact.poses)
         assert ideal.rotation is not None
-        seen = (eye or EXACT).scattered(noise, (ideal.rotation, ideal.place))
-        (R_seen, p_seen), outliers = contaminated(errors, seen, gross or NO_OUTLIERS)
+        targets = (eye or EXACT).scattered(noise, (ideal.rotation, ideal.place))
+        (R_seen, p_seen), outliers = contaminated(errors, targets, gross or NO_OUTLIERS)
         samples = replace(samples, position=p_seen, rotation=R_seen)
         return Simulated(exact.over_poses(moved.with_samples(samples)), truth, outliers)
 
@@ -199,16 +199,16 @@ class HandEye(SeenTerm):
             raise self.refuse(f"{len(self.poses)} poses", "at least 3, turned about different axes")
         if not isinstance(self.poses, ArmPoses):
             return
-        _, seen = self._seen
-        away = float(np.median(np.linalg.norm(seen, axis=1)))
+        _, target = self._seen
+        away = float(np.median(np.linalg.norm(target, axis=1)))
         # About a target in its middle a camera may turn without seeing it move.
         if away > FAR or away < NEAR:
             what, expected = "the target's positions", "the target's positions in the eye, in m"
-            check_unit(self, what, extent(seen), extent, expected, SEEN_UNIT)
+            check_unit(self, what, extent(target), extent, expected, SEEN_UNIT)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Quaternions of consecutive motions for X, then the mean of the loops for Z."""
-        hand, seen = (rotation, position), self._seen
-        X = quaternion_hand_eye(hand, seen)
-        Z = close_the_loop(hand, X, seen)
+        hand, target = (rotation, position), self._seen
+        X = quaternion_hand_eye(hand, target)
+        Z = close_the_loop(hand, X, target)
         return np.concatenate([pose_values(*X), pose_values(*Z)])

@@ -40,7 +40,7 @@ STILL: Final = float(np.radians(0.5))
 SAY_OF_STILL: Final = 0.01
 
 
-def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
+def quaternion_hand_eye(hand: Poses, target: Poses) -> Poses:
     """X of AX = XB from consecutive motions: rotation by quaternions, then translation.
 
     The rotation's quaternion is the right singular vector of the stacked rows
@@ -53,14 +53,14 @@ def quaternion_hand_eye(hand: Poses, seen: Poses) -> Poses:
 
     Args:
         hand: ``T_base_hand``, rotations (..., n, 3, 3) and positions (..., n, 3).
-        seen: ``T_eye_target``, the same shapes.
+        target: ``T_eye_target``, the same shapes.
 
     Returns:
         Rotation (..., 3, 3) and position (..., 3) of ``T_hand_eye``. What the motions leave
         undetermined is chosen arbitrarily (rotation) or as small as possible (translation).
     """
     A = _after(inverse_poses(_rows(hand, slice(1, None))), _rows(hand, slice(-1)))
-    B = _after(_rows(seen, slice(1, None)), inverse_poses(_rows(seen, slice(-1))))
+    B = _after(_rows(target, slice(1, None)), inverse_poses(_rows(target, slice(-1))))
     R = _rotation_between(A, B)
     left = A[0] - np.eye(3)
     right = np.einsum("...ij,...nj->...ni", R, B[1]) - A[1]
@@ -77,7 +77,7 @@ def some_poses(poses: Poses, rows: BoolArray | IntArray) -> Poses:
     return poses[0][rows], poses[1][rows]
 
 
-def agreeing_hand_eye(hand: Poses, seen: Poses) -> tuple[Poses, Poses]:
+def agreeing_hand_eye(hand: Poses, target: Poses) -> tuple[Poses, Poses]:
     """X and Z of ``A_i X B_i = Z``: quaternions of motions, the mean of the loops.
 
     Pairs whose loops are far from the middle one, such as of a board that was taken to be turned,
@@ -85,64 +85,64 @@ def agreeing_hand_eye(hand: Poses, seen: Poses) -> tuple[Poses, Poses]:
 
     Args:
         hand: ``T_base_hand``, rotations (n, 3, 3) and positions (n, 3).
-        seen: ``T_eye_target``, the same shapes.
+        target: ``T_eye_target``, the same shapes.
     """
     nothing = np.eye(3), np.zeros(3)
     if len(hand[1]) < 2:
         return nothing, nothing
-    X, Z, off = _trimmed(hand, seen, np.ones(len(hand[1]), dtype=np.bool_))
+    X, Z, off = _trimmed(hand, target, np.ones(len(hand[1]), dtype=np.bool_))
     if off > _LOOSE and len(hand[1]) > FEWEST:
         # A fifth of all boards half a turn off spoils the mean beyond what leaving out mends.
-        other = _trimmed(hand, seen, _like_a_few(hand, seen))
+        other = _trimmed(hand, target, _like_a_few(hand, target))
         if other[2] < off:
             X, Z, _ = other
     return X, Z
 
 
-def _trimmed(hand: Poses, seen: Poses, kept: BoolArray) -> tuple[Poses, Poses, float]:
-    """X and Z of the pairs ``kept``, then of those that agree with these, until they are the same.
+def _trimmed(hand: Poses, target: Poses, agreeing_rows: BoolArray) -> tuple[Poses, Poses, float]:
+    """X and Z of some pairs, then of those that agree with these, until they are the same.
 
     And how far the middle one of all loops is turned from Z, rad.
     """
     for _ in range(_ROUNDS):
-        A, B = some_poses(hand, kept), some_poses(seen, kept)
+        A, B = some_poses(hand, agreeing_rows), some_poses(target, agreeing_rows)
         X = quaternion_hand_eye(A, B)
         Z = close_the_loop(A, X, B)
-        apart, turned = _off(hand, seen, X, Z[0])
-        agreeing = np.ones_like(kept)
-        for off in (apart, turned):
+        distance, turned = _off(hand, target, X, Z[0])
+        agreeing = np.ones_like(agreeing_rows)
+        for off in (distance, turned):
             agreeing &= off <= _STRANGE * max(float(np.median(off)), 1e-9)
-        if agreeing.sum() < FEWEST or np.array_equal(agreeing, kept):
+        if agreeing.sum() < FEWEST or np.array_equal(agreeing, agreeing_rows):
             break
-        kept = agreeing
+        agreeing_rows = agreeing
     return X, Z, float(np.median(turned))
 
 
-def _off(hand: Poses, seen: Poses, X: Poses, R_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _off(hand: Poses, target: Poses, X: Poses, R_Z: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(..., n) how far loops end from the middle one, m, and how they are turned against Z, rad."""
-    R, p = loop_closures(hand, X, seen)
-    apart = np.linalg.norm(p - np.median(p, axis=-2, keepdims=True), axis=-1)
+    R, p = loop_closures(hand, X, target)
+    distance = np.linalg.norm(p - np.median(p, axis=-2, keepdims=True), axis=-1)
     # Of small turns, √2 times their angle.
     turned = np.linalg.norm(R - R_Z[..., None, :, :], axis=(-2, -1)) / np.sqrt(2.0)
-    return apart, turned
+    return distance, turned
 
 
-def _like_a_few(hand: Poses, seen: Poses) -> BoolArray:
+def _like_a_few(hand: Poses, target: Poses) -> BoolArray:
     """(n,) pairs whose loops close as those of the few that most of all agree with."""
     n = len(hand[1])
     random = np.random.default_rng(0)
     few = np.array([random.choice(n, FEWEST, replace=False) for _ in range(_GUESSES)])
-    A, B = (hand[0][few], hand[1][few]), (seen[0][few], seen[1][few])
+    A, B = (hand[0][few], hand[1][few]), (target[0][few], target[1][few])
     X = quaternion_hand_eye(A, B)
-    _, turned = _off(hand, seen, X, close_the_loop(A, X, B)[0])
+    _, turned = _off(hand, target, X, close_the_loop(A, X, B)[0])
     middle = np.median(turned, axis=1)
     best = int(np.argmin(middle))
     return np.asarray(turned[best] <= _STRANGE * max(float(middle[best]), 1e-9))
 
 
-def close_the_loop(hand: Poses, X: Poses, seen: Poses) -> Poses:
+def close_the_loop(hand: Poses, X: Poses, target: Poses) -> Poses:
     """Z as the mean of ``A_i X B_i``: chordal mean of the rotations, mean of the positions."""
-    R, p = loop_closures(hand, X, seen)
+    R, p = loop_closures(hand, X, target)
     return chordal_mean(R), p.mean(axis=-2)
 
 
@@ -151,10 +151,10 @@ def chordal_mean(rotation: FloatArray) -> FloatArray:
     return nearest_rotation(rotation.sum(axis=-3))
 
 
-def loop_closures(hand: Poses, X: Poses, seen: Poses) -> Poses:
+def loop_closures(hand: Poses, X: Poses, target: Poses) -> Poses:
     """Every ``A_i X B_i``, which would all be Z without noise."""
     every = X[0][..., None, :, :], X[1][..., None, :]
-    return _after(_after(hand, every), seen)
+    return _after(_after(hand, every), target)
 
 
 def as_eye_in_hand(hand: Poses, setup: EyeSetup) -> Poses:

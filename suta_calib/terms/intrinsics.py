@@ -77,8 +77,8 @@ def intrinsic_parameters(
         prior: (9,) standard deviations, px and 1, that the data do not change; None for those that
             the camera's file says, or for those of any camera that somebody calibrated.
     """
-    known = camera.stds if prior is None else prior
-    stds = CALIBRATED.stds(camera) if known is None else known
+    stated = camera.stds if prior is None else prior
+    stds = CALIBRATED.stds(camera) if stated is None else stated
     values = zip(INTRINSICS, camera.intrinsics.tolist(), stds.tolist(), strict=True)
     return tuple(
         Parameter(
@@ -88,7 +88,7 @@ def intrinsic_parameters(
             value,
             prior=max(std, HELD),
             prior_fixed=prior is not None,
-            prior_assumed=known is None,
+            prior_assumed=stated is None,
         )
         for key, value, std in values
     )
@@ -96,6 +96,6 @@ def intrinsic_parameters(
 
 def camera_at(camera: Camera, owner: str, values: Mapping[str, float]) -> Camera:
     """The camera with the intrinsics that these values have, or with its own."""
-    known = camera.values
-    found = [values.get(f"{owner}.{key}", known[key]) for key in INTRINSICS]
-    return replace(camera, intrinsics=np.array(found))
+    nominal = camera.values
+    intrinsics = [values.get(f"{owner}.{key}", nominal[key]) for key in INTRINSICS]
+    return replace(camera, intrinsics=np.array(intrinsics))

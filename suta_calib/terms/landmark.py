@@ -134,8 +134,8 @@ class TouchedLandmark(Term):
         touched = Certified.of(self.artefact, marks, rows[:, None], by_mark)
         residual = _position if self.artefact.stretch is None else _position_stretched
         position = Block.per_sample("position", "m", 3, residual, own, data, self.noise, marks)
-        known = touched.sigma[touched.marks[:, 0]]
-        position = replace(position, known_sigma=known, certified=touched)
+        sigma = touched.sigma[touched.marks[:, 0]]
+        position = replace(position, known_sigma=sigma, certified=touched)
         if not len(oriented):
             return (position,)
         own, data = self._own_rows(oriented, (".rz",)), flat(self._seats[oriented])
@@ -160,17 +160,17 @@ class TouchedLandmark(Term):
         Seats get the orientation that they would have had, rather than the arm readings that give
         both: an arm of few joints cannot reach any orientation.
         """
-        found = super().resimulated(values, noise, again)
+        simulated = super().resimulated(values, noise, again)
         if not len(self._oriented):
-            return found
+            return simulated
         rows, (names, placement) = self._oriented, self.places
         R = np.array([pose_named(values, f"placement[{name}]")[0] for name in names])[placement]
-        rotation, _ = found.poses.at(values)
+        rotation, _ = simulated.poses.at(values)
         seats = again.turned(np.swapaxes(R[rows], 1, 2) @ rotation[rows], noise[1])
         _, turn = seated_at(self.own, values)
         every = np.tile(np.eye(3), (len(placement), 1, 1))
         every[rows] = seats @ rotation_from_vector([0.0, 0.0, -turn])
-        return replace(found, seats=every)
+        return replace(simulated, seats=every)
 
     def take(self, rows: ArrayLike) -> Self:
         """The term over some of its samples."""
@@ -325,10 +325,10 @@ def check_artefact_unit(term: Term, certified: FloatArray, groups: IntArray) -> 
         middle = summed(points, groups, len(count)) / np.maximum(count, 1)
         return rms_length(points - middle[groups])
 
-    if (known := size(certified)) > 0.0:  # else each landmark stands alone
+    if (extent := size(certified)) > 0.0:  # else each landmark stands alone
         expected = "landmarks as far apart as the arm touched them"
         hint = "position_mm of the artefact is in mm: is it another unit, or another artefact?"
-        check_unit(term, "landmarks", known, size, expected, hint)
+        check_unit(term, "landmarks", extent, size, expected, hint)
 
 
 def certified_positions(poses: PoseSource, artefact: Artefact) -> FloatArray:

@@ -66,12 +66,12 @@ def scale_carrier(term: Term) -> ScaleCarrier | None:
 
 def scale_carriers(terms: Iterable[Term]) -> tuple[ScaleCarrier, ...]:
     """The carriers of some terms, each once; of two that say otherwise, the less certain."""
-    found: dict[tuple[str, str], ScaleCarrier] = {}
+    carriers: dict[tuple[str, str], ScaleCarrier] = {}
     for carrier in filter(None, map(scale_carrier, terms)):
         key = carrier.what, carrier.name
-        if key not in found or carrier.scale.std > found[key].scale.std:
-            found[key] = carrier
-    return tuple(found.values())
+        if key not in carriers or carrier.scale.std > carriers[key].scale.std:
+            carriers[key] = carrier
+    return tuple(carriers.values())
 
 
 def lengthened(term: Term, factors: ArrayLike) -> Term:

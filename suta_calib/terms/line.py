@@ -156,11 +156,11 @@ class TouchedLine(Term):
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The line of least squares through the touches, by singular value decomposition."""
         del rotation
-        found = []
+        values = []
         for _, middle, along in self._by_line(position):
             turn = vector_turning_z_to(along)
-            found.append([*(rotation_from_vector(turn).T @ middle)[:2], *turn[:2]])
-        return np.concatenate(found)
+            values.append([*(rotation_from_vector(turn).T @ middle)[:2], *turn[:2]])
+        return np.concatenate(values)
 
     def _by_line(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
         """Rows of every line, the middle (3,) of their touches, and its direction (3,)."""

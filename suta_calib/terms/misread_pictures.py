@@ -47,16 +47,16 @@ def check_files(pictures: BoardPictures) -> None:
         SamplesError: names what explains them.
     """
     if len(pictures.pixels) > ENOUGH:
-        some = np.linspace(0, len(pictures.pixels) - 1, ENOUGH).astype(np.intp)
-        fewer = pictures.take(some, pictures.pixels[some])
+        chosen = np.linspace(0, len(pictures.pixels) - 1, ENOUGH).astype(np.intp)
+        fewer = pictures.take(chosen, pictures.pixels[chosen])
         assert fewer is not None
         check_files(fewer)
         return
     if pictures.misfit <= FINE:
         return
-    others = list(_others(pictures))
-    _pose_together([other for other, _ in others if other.board is pictures.board])
-    misfits = [(other.misfit, error) for other, error in others]
+    candidates = list(_others(pictures))
+    _pose_together([other for other, _ in candidates if other.board is pictures.board])
+    misfits = [(other.misfit, error) for other, error in candidates]
     least, cause = min(misfits, key=lambda other: other[0], default=(np.inf, None))
     if cause is not None and FAR_BETTER * least < pictures.misfit:
         raise cause
@@ -69,15 +69,17 @@ def check_files(pictures: BoardPictures) -> None:
         )
 
 
-def _pose_together(others: Sequence[BoardPictures]) -> None:
+def _pose_together(candidates: Sequence[BoardPictures]) -> None:
     """Find the poses of one board's pictures by several cameras at once, a tenth of the work."""
-    if not others:
+    if not candidates:
         return
-    seen = [undistorted(each.pixels, each.camera.intrinsics) for each in others]
-    rotation, position = board_poses(others[0].points, np.concatenate(seen))
-    ends = np.cumsum([len(each) for each in seen])[:-1]
-    for each, R, p in zip(others, np.split(rotation, ends), np.split(position, ends), strict=True):
-        vars(each)["poses"] = R, p
+    rays = [undistorted(pictures.pixels, pictures.camera.intrinsics) for pictures in candidates]
+    rotation, position = board_poses(candidates[0].points, np.concatenate(rays))
+    ends = np.cumsum([len(pictures) for pictures in rays])[:-1]
+    for pictures, R, p in zip(
+        candidates, np.split(rotation, ends), np.split(position, ends), strict=True
+    ):
+        vars(pictures)["poses"] = R, p
 
 
 def _last_row(board: Board) -> BoolArray:
@@ -89,9 +91,9 @@ def _last_row(board: Board) -> BoolArray:
 def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesError]]:
     """The same corners of another board, or by a camera of another size, and what it means."""
     exchanged = pictures.board.exchanged
-    found = np.asarray(np.isfinite(pictures.pixels).all(axis=2))
+    found_corners = np.asarray(np.isfinite(pictures.pixels).all(axis=2))
     # A board of fewer rows has as many columns as this one exchanged, but never its last row.
-    if exchanged is not None and found[:, _last_row(exchanged)].any():
+    if exchanged is not None and found_corners[:, _last_row(exchanged)].any():
         yield replace(pictures, board=exchanged), columns_exchanged()
     if pictures.misfit > NO_BOARD:
         for other in pictures.board.recounted:
@@ -108,7 +110,7 @@ def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesErr
             )
     if other_markers := _other_markers(pictures):
         yield other_markers
-    corners = pictures.pixels[found]
+    corners = pictures.pixels[found_corners]
     for factor in RESIZED:
         camera = pictures.camera.resized(factor)
         if not camera.inside(corners).all():
@@ -156,17 +158,17 @@ def other_size(pictures: BoardPictures) -> str:
     size = np.array([camera.width, camera.height])
     # Pixels are counted from the centre of the first one.
     middle = camera.intrinsics[2:4]
-    whole = 2.0 * middle + 1.0
+    full_size = 2.0 * middle + 1.0
     # Part of a picture's size up to which twice its principal point comes near it in any camera.
     centred = 0.8
-    small = whole < centred * size
-    seen = pictures.pixels[np.isfinite(pictures.pixels).all(axis=2)]
-    if not small.any() or (seen + 0.5 > whole)[:, small].any():
+    small = full_size < centred * size
+    pixels = pictures.pixels[np.isfinite(pictures.pixels).all(axis=2)]
+    if not small.any() or (pixels + 0.5 > full_size)[:, small].any():
         return ""
     return (
         f"The camera's file says {camera.width} x {camera.height} px, but its principal point "
-        f"({middle[0]:.1f}, {middle[1]:.1f}) px is the middle of some {whole[0]:.0f} x "
-        f"{whole[1]:.0f} px, and no corner is beyond: image_width and image_height, or "
+        f"({middle[0]:.1f}, {middle[1]:.1f}) px is the middle of some {full_size[0]:.0f} x "
+        f"{full_size[1]:.0f} px, and no corner is beyond: image_width and image_height, or "
         "camera_matrix, are of pictures of another size."
     )
 
@@ -198,18 +200,18 @@ def doubts(
         robust: whether corners that are far off pull no harder than others: then they spoil
             nothing.
     """
-    found: dict[str, Level] = {}
+    levels: dict[str, Level] = {}
     if pictures.behind:
-        found[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
+        levels[f"{MIRRORED} The camera's pose does not depend on it; the board's does."] = "care"
     if other := other_size(pictures):
-        found[other] = "care"
-    told: Level = "care" if robust else "bad"
-    found |= dict.fromkeys(_strange(pictures, names), told)
+        levels[other] = "care"
+    level: Level = "care" if robust else "bad"
+    levels |= dict.fromkeys(_strange(pictures, names), level)
     for what, rows in pictures.upside_down(hand).items():
         if rows.any():
             turned = listed(np.array(names)[rows].tolist(), QUOTED)
-            found[f"In {turned} {TURNED[what]} Leave them out (exclude)."] = "bad"
-    return found
+            levels[f"In {turned} {TURNED[what]} Leave them out (exclude)."] = "bad"
+    return levels
 
 
 def _strange(pictures: BoardPictures, names: Sequence[str]) -> list[str]:
@@ -217,31 +219,31 @@ def _strange(pictures: BoardPictures, names: Sequence[str]) -> list[str]:
     off = pictures.rms
     limit = max(FAR_OFF * float(np.nanmedian(off)), SEEN) if np.isfinite(off).any() else np.inf
     nowhere = pictures.told & np.isnan(off)
-    said = []
+    sentences = []
     for k in np.flatnonzero(nowhere | (off > limit)).tolist():
         what = "" if nowhere[k] else _blunder(pictures, k, limit)
         how_far = "" if nowhere[k] else f" {off[k]:.0f} px"
-        said.append(
+        sentences.append(
             f"In {names[k]} {what or f'the corners are{how_far}'} off where the board has them "
             "in any pose: leave the picture out (exclude)."
         )
-    return said
+    return sentences
 
 
 def _blunder(pictures: BoardPictures, picture: int, limit: float) -> str:
     """The corner without which all others are within ``limit`` px; empty if there is none."""
-    found = np.flatnonzero(np.isfinite(pictures.pixels[picture]).all(axis=1))
-    if len(found) <= PLANAR:
+    corners = np.flatnonzero(np.isfinite(pictures.pixels[picture]).all(axis=1))
+    if len(corners) <= PLANAR:
         return ""
-    pixels = np.repeat(pictures.pixels[picture][None], len(found), axis=0)
-    pixels[np.arange(len(found)), found] = np.nan
+    pixels = np.repeat(pictures.pixels[picture][None], len(corners), axis=0)
+    pixels[np.arange(len(corners)), corners] = np.nan
     without = replace(pictures, pixels=pixels)
     off = without.rms
     if not np.isfinite(off).any() or np.nanmin(off) > limit:
         return ""
     best = int(np.nanargmin(off))
     rotation, position = (part[best] for part in without.poses)
-    place = rotation @ pictures.points[found[best]] + position
-    seen = pictures.pixels[picture, found[best]]
-    away = float(np.linalg.norm(projected(place, pictures.camera.intrinsics) - seen))
-    return f"corner {list(pictures.board.points)[found[best]]} is {away:.0f} px"
+    place = rotation @ pictures.points[corners[best]] + position
+    pixel = pictures.pixels[picture, corners[best]]
+    away = float(np.linalg.norm(projected(place, pictures.camera.intrinsics) - pixel))
+    return f"corner {list(pictures.board.points)[corners[best]]} is {away:.0f} px"

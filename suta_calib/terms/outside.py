@@ -63,14 +63,14 @@ def frames_of(
         owners: keys of the unknowns, by owner.
         words: what it is and in whose frame, by what stands before the owner's label in brackets.
     """
-    found = []
+    frames = []
     for owner, keys in owners.items():
-        for whole in (PLACEMENT, POSITION):
+        for every_key in (PLACEMENT, POSITION):
             named = words.get(owner.partition("[")[0])
-            if named is not None and set(whole) <= keys:
-                found.append(OutsideFrame(owner, *named, whole))
+            if named is not None and set(every_key) <= keys:
+                frames.append(OutsideFrame(owner, *named, every_key))
                 break
-    return found
+    return frames
 
 
 def labelled(owner: str, label: str) -> str:

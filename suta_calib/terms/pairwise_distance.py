@@ -131,40 +131,40 @@ class PairwiseDistance(Term):
             )
         first, second = pairs.T
         _check_apart(poses, first, second)
-        apart = certified[first] - certified[second]
-        length = np.linalg.norm(apart, axis=1)
-        along = (apart / length[:, None])[:, None, None, :]
+        difference = certified[first] - certified[second]
+        length = np.linalg.norm(difference, axis=1)
+        along = (difference / length[:, None])[:, None, None, :]
         by_mark = np.concatenate([-along, along], axis=2)
         touched = Certified.of(artefact, names, pairs, by_mark)
         data = length[:, None]
         residual = _distance
         if artefact.stretch is not None:
-            data, residual = apart, _distance_stretched
+            data, residual = difference, _distance_stretched
         if self._shift:
             axes = seat_axes(artefact, names)
-            data = np.hstack([apart, flat(axes[first] - axes[second])])
+            data = np.hstack([difference, flat(axes[first] - axes[second])])
         own = np.tile(np.arange(len(self.own)), (len(pairs), 1))
-        known = np.hypot(*touched.sigma[touched.marks].T)
+        sigma = np.hypot(*touched.sigma[touched.marks].T)
         labels = _pair_labels(names, pairs)
         block = Block.per_sample("distance", "m", 1, residual, own, data, self.noise, labels)
-        return (replace(block, samples=pairs, known_sigma=known, certified=touched),)
+        return (replace(block, samples=pairs, known_sigma=sigma, certified=touched),)
 
     def take(self, rows: ArrayLike) -> Self:
         """Some of its samples: pairs that have been formed and checked are not formed again."""
         index = np.arange(len(self.poses))[np.asarray(rows)]
         if not self._every_pair or np.any(np.diff(index) <= 0):
             return super().take(rows)
-        (whole,) = self.blocks
-        block = whole.among(index)
+        (all_pairs,) = self.blocks
+        block = all_pairs.among(index)
         if not len(block):
             return super().take(rows)  # which says what is missing
         # Past the constructor, which forms all pairs. What is known is no field: whoever replaces
         # another one would take it along.
-        found = object.__new__(type(self))
-        for each in fields(self):
-            object.__setattr__(found, each.name, getattr(self, each.name))
-        object.__setattr__(found, "poses", self.poses.take(index))
-        known = {
+        taken = object.__new__(type(self))
+        for attribute in fields(self):
+            object.__setattr__(taken, attribute.name, getattr(self, attribute.name))
+        object.__setattr__(taken, "poses", self.poses.take(index))
+        values = {
             "blocks": (block,),
             "own": self.own,
             "_certified": self._certified[index],
@@ -172,8 +172,8 @@ class PairwiseDistance(Term):
             "_every_pair": True,
             "_larger": self._larger or self,
         }
-        found.__dict__.update(known)
-        return found
+        taken.__dict__.update(values)
+        return taken
 
     def check_enough(self) -> None:
         """An artefact in mm, as the arm touched it."""
@@ -194,8 +194,10 @@ class PairwiseDistance(Term):
         """Whether all pairs are looked at, so that any of its samples have those among them."""
         mark = grouped(self.poses.samples.labels["landmark"])[1]
         of_mark = self._numbered * (mark.max(initial=0) + 1) + mark
-        within, alike = (_possible_pairs(np.bincount(each)) for each in (self._numbered, of_mark))
-        return len(self.blocks[0]) == within - alike
+        within, same_mark = (
+            _possible_pairs(np.bincount(groups)) for groups in (self._numbered, of_mark)
+        )
+        return len(self.blocks[0]) == within - same_mark
 
     @cached_property
     def _certified(self) -> FloatArray:
@@ -266,8 +268,8 @@ class PairwiseDistance(Term):
     def errors_of_touches(self, displacement: FloatArray, samples: IntArray) -> FloatArray:
         """What moves the ends of a distance along it, to first order."""
         ends = self.artefact.position_of(self.poses.samples.labels["landmark"])[samples]
-        apart = ends[:, 0] - ends[:, 1]
-        along = apart / np.linalg.norm(apart, axis=1)[:, None]
+        difference = ends[:, 0] - ends[:, 1]
+        along = difference / np.linalg.norm(difference, axis=1)[:, None]
         # A touch takes part in many distances: a sparse product gathers nothing.
         columns = (3 * samples[:, :, None] + np.arange(3)).reshape(-1)
         signed = np.stack([along, -along], axis=1).reshape(-1)
@@ -317,17 +319,17 @@ def landmark_pairs(samples: Samples) -> IntArray:
     sets = placement * (repeat.max(initial=0) + 1) + repeat
     original = _original(np.column_stack([sets, landmark, samples.q]), samples.origin)
     thinned = _possible_pairs(np.bincount(sets[original])) > MOST_PAIRS
-    kept = np.flatnonzero(original)
-    kept = kept[np.argsort(sets[kept], kind="stable")]
-    found = [np.zeros((0, 2), dtype=np.intp)]
+    sorted_rows = np.flatnonzero(original)
+    sorted_rows = sorted_rows[np.argsort(sets[sorted_rows], kind="stable")]
+    found_pairs = [np.zeros((0, 2), dtype=np.intp)]
     if thinned:
         partners = max(1, MOST_PAIRS // len(sets))
-        large = np.bincount(sets[kept])[sets[kept]] - 1 > 2 * partners
-        some, kept = kept[large], kept[~large]
-        found.append(some[_some_pairs(sets[some], landmark[some], partners)])
-    for rows in np.split(kept, np.flatnonzero(np.diff(sets[kept])) + 1):
-        found.append(rows[_all_pairs(len(rows))])
-    pairs = np.concatenate(found).astype(np.intp)
+        large = np.bincount(sets[sorted_rows])[sets[sorted_rows]] - 1 > 2 * partners
+        of_large, sorted_rows = sorted_rows[large], sorted_rows[~large]
+        found_pairs.append(of_large[_some_pairs(sets[of_large], landmark[of_large], partners)])
+    for rows in np.split(sorted_rows, np.flatnonzero(np.diff(sets[sorted_rows])) + 1):
+        found_pairs.append(rows[_all_pairs(len(rows))])
+    pairs = np.concatenate(found_pairs).astype(np.intp)
     different = landmark[pairs[:, 0]] != landmark[pairs[:, 1]]
     return np.asarray(pairs[different])
 
@@ -337,9 +339,9 @@ def _original(numbers: FloatArray, origin: Sequence[str]) -> BoolArray:
     ordered = np.sort(numbers[:, -1])
     if not np.any(ordered[1:] == ordered[:-1]):
         return np.ones(len(numbers), dtype=np.bool_)
-    _, first, alike = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
+    _, first, original = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
     places = np.array(origin)
-    return np.asarray(places == places[first[alike.reshape(-1)]])
+    return np.asarray(places == places[first[original.reshape(-1)]])
 
 
 def _pair_labels(names: NDArray[np.str_], pairs: IntArray) -> list[str]:
@@ -385,9 +387,9 @@ def _some_pairs(sets: IntArray, landmark: IntArray, partners: int) -> IntArray:
     of_set, of_mark = sets[order], sets[order] * (landmark.max(initial=0) + 1) + landmark[order]
     begin, end = (np.searchsorted(of_set, of_set, side) for side in ("left", "right"))
     first, behind = (np.searchsorted(of_mark, of_mark, side) for side in ("left", "right"))
-    others = (end - begin) - (behind - first)
+    partner_rank = (end - begin) - (behind - first)
     drawn = np.random.default_rng(0).random((len(order), partners))
-    chosen = (behind - begin)[:, None] + np.floor(drawn * others[:, None]).astype(np.intp)
+    chosen = (behind - begin)[:, None] + np.floor(drawn * partner_rank[:, None]).astype(np.intp)
     second = order[begin[:, None] + chosen % (end - begin)[:, None]]
     low, high = np.minimum(order[:, None], second), np.maximum(order[:, None], second)
     return np.column_stack(np.divmod(np.unique(low * len(order) + high), max(len(order), 1)))

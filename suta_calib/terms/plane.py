@@ -102,8 +102,8 @@ class TouchedPlane(Term):
 
     def __post_init__(self) -> None:
         if not self.radius >= 0.0:
-            found, expected = f"{self.radius:g}", "a radius in m, 0 for a point"
-            raise SamplesError(found, expected, where=f"{self.kind}: radius")
+            radius, expected = f"{self.radius:g}", "a radius in m, 0 for a point"
+            raise SamplesError(radius, expected, where=f"{self.kind}: radius")
         super().__post_init__()
 
     @classmethod
@@ -192,13 +192,13 @@ class TouchedPlane(Term):
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The plane of least squares through the touches, by singular value decomposition."""
-        found = []
+        values = []
         for rows, centred in self._by_plane(position):
             normal = right_singular(centred)[1][2]
             normal = -normal if normal[2] < 0 else normal
             heights = position[rows] @ normal - self._side(normal, rotation[rows])
-            found.append([heights.mean(), *vector_turning_z_to(normal)[:2]])
-        return np.concatenate(found)
+            values.append([heights.mean(), *vector_turning_z_to(normal)[:2]])
+        return np.concatenate(values)
 
     def _by_plane(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
         """Rows of every plane, and their positions (k, 3) about their mean."""

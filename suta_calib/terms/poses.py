@@ -167,10 +167,10 @@ class ArmPoses(PoseSource):
     def take(self, rows: ArrayLike) -> ArmPoses:
         """The poses of some samples of the same arm."""
         # A study takes thousands of times: what the constructor refuses is in none of these.
-        found = object.__new__(ArmPoses)
-        found.arm, found.samples = self.arm, self.samples.take(rows)
-        found._levers, found._standing = self._levers, self._standing.take(rows)
-        return found
+        taken = object.__new__(ArmPoses)
+        taken.arm, taken.samples = self.arm, self.samples.take(rows)
+        taken._levers, taken._standing = self._levers, self._standing.take(rows)
+        return taken
 
 
 @dataclass(frozen=True, eq=False)
@@ -270,9 +270,9 @@ class MeasuredPoses(PoseSource):
 
     def take(self, rows: ArrayLike) -> MeasuredPoses:
         """Some of the poses."""
-        some, samples = np.asarray(rows), self.samples.take(rows)
+        chosen, samples = np.asarray(rows), self.samples.take(rows)
         kinds = {"exact": self.exact, "judged": self.judged}
-        return MeasuredPoses(self.rotation[some], self.position[some], samples, **kinds)
+        return MeasuredPoses(self.rotation[chosen], self.position[chosen], samples, **kinds)
 
 
 def together(q: FloatArray, apart: float = WANDER) -> IntArray:
@@ -300,12 +300,12 @@ def together(q: FloatArray, apart: float = WANDER) -> IntArray:
 
 def _neighbours(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
     """Which rows (n, joints) have another within one in every joint; what finds all of a row's."""
-    some, place = _not_alone(steps), np.zeros(len(steps), dtype=np.intp)
-    place[some] = np.arange(len(some))
-    beside, near_to = _searched(steps[some])
-    found = np.zeros(len(steps), dtype=np.bool_)
-    found[some] = beside
-    return found, lambda row: some[near_to(int(place[row]))]
+    shared, place = _not_alone(steps), np.zeros(len(steps), dtype=np.intp)
+    place[shared] = np.arange(len(shared))
+    beside, near_to = _searched(steps[shared])
+    near = np.zeros(len(steps), dtype=np.bool_)
+    near[shared] = beside
+    return near, lambda row: shared[near_to(int(place[row]))]
 
 
 def _not_alone(steps: FloatArray) -> IntArray:
@@ -316,45 +316,45 @@ def _not_alone(steps: FloatArray) -> IntArray:
     than there are joints, one has both in a cell. Where rows are many, most have every cell for
     themselves.
     """
-    some = np.arange(len(steps), dtype=np.intp)
-    joints = np.argsort(-np.ptp(steps, axis=0), kind="stable") if len(steps) else some
-    if len(some) <= FEW:
+    candidates = np.arange(len(steps), dtype=np.intp)
+    joints = np.argsort(-np.ptp(steps, axis=0), kind="stable") if len(steps) else candidates
+    if len(candidates) <= FEW:
         return _not_alone_in_order(steps, joints)
     for first in range(0, len(joints), GRID):
-        if len(some) <= FEWEST:
+        if len(candidates) <= FEWEST:
             break
         looked_at = joints[first : first + GRID]
         grids = len(looked_at) + 1
-        cells = [steps[some, joint] / (grids * APART) for joint in looked_at]
-        shared = np.zeros(len(some), dtype=np.bool_)
+        cells = [steps[candidates, joint] / (grids * APART) for joint in looked_at]
+        shared = np.zeros(len(candidates), dtype=np.bool_)
         for moved in np.arange(grids) / grids:
             # The cells of all these joints, mixed into one number.
-            number = np.zeros(len(some), dtype=np.int64)
-            for each, mixed in zip(cells, MIXED, strict=False):
-                number += np.floor(each + moved).astype(np.int64) * mixed
+            number = np.zeros(len(candidates), dtype=np.int64)
+            for cell, mixed in zip(cells, MIXED, strict=False):
+                number += np.floor(cell + moved).astype(np.int64) * mixed
             ordered = np.sort(number)
             twice = ordered[1:][ordered[1:] == ordered[:-1]]
             if len(twice):
                 at = np.minimum(np.searchsorted(twice, number), len(twice) - 1)
                 shared |= twice[at] == number
-        some = some[shared]
-    return some
+        candidates = candidates[shared]
+    return candidates
 
 
 def _not_alone_in_order(steps: FloatArray, joints: IntArray) -> IntArray:
     """`_not_alone` of few rows: whoever is alone in one joint's order has nobody beside it."""
-    some = np.arange(len(steps), dtype=np.intp)
+    candidates = np.arange(len(steps), dtype=np.intp)
     for joint in joints:
-        if not len(some):
+        if not len(candidates):
             break
-        values = steps[some, joint]
+        values = steps[candidates, joint]
         order = np.argsort(values)
         near = np.diff(values[order]) <= 1.0
-        beside = np.zeros(len(some), dtype=np.bool_)
+        beside = np.zeros(len(candidates), dtype=np.bool_)
         beside[order[1:]] = near
         beside[order[:-1]] |= near
-        some = some[beside]
-    return some
+        candidates = candidates[beside]
+    return candidates
 
 
 def _searched(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
@@ -363,10 +363,12 @@ def _searched(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
         return np.zeros(0, dtype=np.bool_), np.flatnonzero
     if len(steps) <= FEW:
         # In less time than it takes to import the tree.
-        apart = np.zeros((len(steps), len(steps)))
+        distances = np.zeros((len(steps), len(steps)))
         for joint in steps.T:
-            np.maximum(apart, np.abs(joint[:, None] - joint), out=apart)
-        return np.sum(apart < 1.0, axis=1) > 1, lambda row: np.flatnonzero(apart[row] <= 1.0)
+            np.maximum(distances, np.abs(joint[:, None] - joint), out=distances)
+        return np.sum(distances < 1.0, axis=1) > 1, lambda row: np.flatnonzero(
+            distances[row] <= 1.0
+        )
 
     tree = KDTree(steps)
     # The nearest row of each is itself.
@@ -381,15 +383,15 @@ def resolutions(q: FloatArray) -> FloatArray:
     # A few readings of a fine encoder show that it is, and many take long to sort.
     gaps = np.diff(np.sort(q[:FEW], axis=0), axis=0)
     coarse = np.min(gaps, axis=0, where=gaps > 0.0, initial=np.inf) > WANDER
-    found = np.zeros(q.shape[1])
-    found[coarse] = [_resolution(joint) for joint in q.T[coarse]]
-    return found
+    steps = np.zeros(q.shape[1])
+    steps[coarse] = [_resolution(joint) for joint in q.T[coarse]]
+    return steps
 
 
 def _resolution(readings: FloatArray) -> float:
     steps = np.diff(np.sort(readings))
     steps = steps[steps > 0.0]
     smallest = float(steps.min(initial=np.inf))
-    whole = steps / smallest
+    multiples = steps / smallest
     coarse = WANDER < smallest < COARSEST and len(steps) > 1
-    return smallest if coarse and np.abs(whole - np.round(whole)).max() < 0.01 else 0.0
+    return smallest if coarse and np.abs(multiples - np.round(multiples)).max() < 0.01 else 0.0

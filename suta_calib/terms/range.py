@@ -143,12 +143,14 @@ class MeasuredRange(Term):
     @cached_property
     def own(self) -> tuple[Parameter, ...]:
         """Every anchor, followed by its radius where no length was measured."""
-        found = list[Parameter]()
+        parameters = list[Parameter]()
         for name in self.places[0]:
-            found += point_parameters(f"anchor[{name}]")
+            parameters += point_parameters(f"anchor[{name}]")
             if self._lengths is None:
-                found.append(Parameter(f"radius[{name}]", "", "m", plausible=PLAUSIBLE_POSITION))
-        return tuple(found)
+                parameters.append(
+                    Parameter(f"radius[{name}]", "", "m", plausible=PLAUSIBLE_POSITION)
+                )
+        return tuple(parameters)
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
@@ -229,13 +231,13 @@ def anchor_of(tips: FloatArray, lengths: FloatArray | None = None) -> tuple[Floa
     middle = tips.mean(axis=0)
     about = tips - middle
     squared = np.sum(about**2, axis=1)
-    known = np.zeros(len(tips)) if lengths is None else lengths**2
+    squared_lengths = np.zeros(len(tips)) if lengths is None else lengths**2
     _, singular, v = np.linalg.svd(about, full_matrices=False)
-    kept = v[singular > _PLANE * max(singular[0], 1e-12)]
-    columns = np.column_stack([-2.0 * about @ kept.T, np.ones(len(tips))])
-    solved = np.linalg.lstsq(columns, known - squared, rcond=None)[0]
-    anchor = solved[:-1] @ kept
-    if lengths is not None and len(v) == 3 and len(kept) == 2:
+    directions = v[singular > _PLANE * max(singular[0], 1e-12)]
+    columns = np.column_stack([-2.0 * about @ directions.T, np.ones(len(tips))])
+    solved = np.linalg.lstsq(columns, squared_lengths - squared, rcond=None)[0]
+    anchor = solved[:-1] @ directions
+    if lengths is not None and len(v) == 3 and len(directions) == 2:
         off = np.sqrt(max(solved[-1] - anchor @ anchor, 0.0))
         anchor = anchor - off * v[2] * (1.0 if v[2, 2] >= 0 else -1.0)
     return _refined(about, anchor, lengths, middle)

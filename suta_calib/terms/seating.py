@@ -108,6 +108,6 @@ def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
 
 def seated_at(own: Iterable[Parameter], values: Mapping[str, float]) -> tuple[FloatArray, float]:
     """Shift (2,), m, and turn, rad, of the seating among a term's unknowns; zero without one."""
-    found = {p.key: values[p.name] for p in own if p.owner.startswith(_OWNER)}
-    x, y, turn = (found.get(key, 0.0) for key in KEYS)
+    by_key = {p.key: values[p.name] for p in own if p.owner.startswith(_OWNER)}
+    x, y, turn = (by_key.get(key, 0.0) for key in KEYS)
     return np.array([x, y]), turn

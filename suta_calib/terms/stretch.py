@@ -52,5 +52,5 @@ def stretched_point(point: Symbol, stretch: Symbol) -> Symbol:
 
 def stretch_factors(own: Iterable[Parameter], values: Mapping[str, float]) -> FloatArray:
     """(3,) factors on a body's coordinates, by a term's own unknowns; 1 where none is a stretch."""
-    found = {p.key: values.get(p.name, 0.0) for p in own if is_stretch(p)}
-    return np.array([1.0 + found.get(key, 0.0) for key in KEYS] + [1.0])
+    by_key = {p.key: values.get(p.name, 0.0) for p in own if is_stretch(p)}
+    return np.array([1.0 + by_key.get(key, 0.0) for key in KEYS] + [1.0])

@@ -46,37 +46,40 @@ ASKED: Final = 500
 
 
 def instrument_and_targets(
-    arm: Poses, seen: FloatArray, target: IntArray, turned: FloatArray | None = None
+    arm: Poses, positions: FloatArray, target: IntArray, turned: FloatArray | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The instrument and its targets that fit best.
 
     Args:
         arm: ``T_base_tip``, rotations (n, 3, 3) and positions (n, 3), m.
-        seen: (n, 3) the targets in the instrument, m.
+        positions: (n, 3) the targets in the instrument, m.
         target: (n,) which target each row saw, from 0.
         turned: (n, 3, 3) rotations of the targets in the instrument, where they were seen.
 
     Returns:
         ``T_instrument_base``, rotation (3, 3) and position (3,), and the targets in the tip (k, 3).
     """
-    beginnings = [*_beginnings(arm, seen, target)]
+    beginnings = [*_beginnings(arm, positions, target)]
     if turned is not None:
-        beginnings.append(_by_hand_eye(arm, (turned, seen), target))
-    found = [_refined(arm, seen, target, first) for first in beginnings]
-    off = [squares + _squares_of_turns(arm[0], turned, target, each[0]) for squares, each in found]
-    return found[int(np.argmin(off))][1]
+        beginnings.append(_by_hand_eye(arm, (turned, positions), target))
+    refined = [_refined(arm, positions, target, first) for first in beginnings]
+    off = [
+        squares + _squares_of_turns(arm[0], turned, target, unknowns[0])
+        for squares, unknowns in refined
+    ]
+    return refined[int(np.argmin(off))][1]
 
 
 Unknowns = tuple[FloatArray, FloatArray, FloatArray]
 
 
-def _by_hand_eye(arm: Poses, seen: Poses, target: IntArray) -> Unknowns:
+def _by_hand_eye(arm: Poses, target_poses: Poses, target: IntArray) -> Unknowns:
     """The mean Z of all targets whose rows turn, and where each then sits in the tip."""
     places = list[Poses]()
     for k in range(int(target.max()) + 1):
         rows = np.flatnonzero(target == k)
         if len(rows) >= FEWEST:
-            hand, back = some_poses(arm, rows), inverse_poses(some_poses(seen, rows))
+            hand, back = some_poses(arm, rows), inverse_poses(some_poses(target_poses, rows))
             _, Z = agreeing_hand_eye(hand, back)
             places += [Z] * len(rows)
     if not places:
@@ -84,7 +87,7 @@ def _by_hand_eye(arm: Poses, seen: Poses, target: IntArray) -> Unknowns:
     R = chordal_mean(np.array([Z[0] for Z in places])).T
     b = -R @ np.mean([Z[1] for Z in places], axis=0)
     # In the tip's frame, what is seen less where the tip is.
-    away = np.einsum("nji,nj->ni", arm[0], (seen[1] - b) @ R - arm[1])
+    away = np.einsum("nji,nj->ni", arm[0], (target_poses[1] - b) @ R - arm[1])
     sits = [away[target == k].mean(axis=0) for k in range(int(target.max()) + 1)]
     return R, b, np.array(sits)
 
@@ -101,7 +104,7 @@ def _squares_of_turns(
     return 0.5 * LEVER**2 * float(np.sum((sits - means[target]) ** 2))
 
 
-def _beginnings(arm: Poses, seen: FloatArray, target: IntArray) -> Iterator[Unknowns]:
+def _beginnings(arm: Poses, positions: FloatArray, target: IntArray) -> Iterator[Unknowns]:
     """The tip in place of its targets; and, of all turns of the instrument, the best.
 
     With W = Rᵀ the equations ``W z_i - p_i = R_i t_k + w`` are linear in t and w for any W: with
@@ -109,16 +112,20 @@ def _beginnings(arm: Poses, seen: FloatArray, target: IntArray) -> Iterator[Unkn
     """
     rotation, position = arm
     count = int(target.max()) + 1
-    yield *register_points(position, seen), np.zeros((count, 3))
+    yield *register_points(position, positions), np.zeros((count, 3))
     # About the middle, so that lengths are alike.
-    middle = seen.mean(axis=0)
-    some = np.unique(np.linspace(0, len(seen) - 1, min(len(seen), ASKED)).astype(np.intp))
+    middle = positions.mean(axis=0)
+    chosen = np.unique(
+        np.linspace(0, len(positions) - 1, min(len(positions), ASKED)).astype(np.intp)
+    )
     sits = _of_targets(rotation, target, count)
-    shift = np.broadcast_to(np.eye(3), (len(seen), 3, 3))
+    shift = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
     columns = np.concatenate([sits, shift], axis=2)
-    entries = np.kron(np.eye(3), (seen - middle)[some, None, :]).reshape(3 * len(some), 9)
-    right = position[some].reshape(-1)
-    basis, size, _ = np.linalg.svd(columns[some].reshape(-1, columns.shape[2]), full_matrices=False)
+    entries = np.kron(np.eye(3), (positions - middle)[chosen, None, :]).reshape(3 * len(chosen), 9)
+    right = position[chosen].reshape(-1)
+    basis, size, _ = np.linalg.svd(
+        columns[chosen].reshape(-1, columns.shape[2]), full_matrices=False
+    )
     basis = basis[:, size > _ROUNDING * size[0]]
     entries, right = entries - basis @ (basis.T @ entries), right - basis @ (basis.T @ right)
     square, linear = entries.T @ entries, entries.T @ right
@@ -127,14 +134,14 @@ def _beginnings(arm: Poses, seen: FloatArray, target: IntArray) -> Iterator[Unkn
     w = turns.reshape(-1, 9)
     off = np.einsum("ni,ij,nj->n", w, square, w) - 2.0 * w @ linear
     for W in turns[[0, *(1 + np.argsort(off[1:], kind="stable")[:BEST])]]:
-        solved = _least_squares(columns, (seen - middle) @ W.T - position)
+        solved = _least_squares(columns, (positions - middle) @ W.T - position)
         targets = solved[: 3 * count].reshape(count, 3)
         points = position + np.einsum("nij,nj->ni", rotation, targets[target])
-        yield W.T, (seen - points @ W).mean(axis=0), targets
+        yield W.T, (positions - points @ W).mean(axis=0), targets
 
 
 def _refined(
-    arm: Poses, seen: FloatArray, target: IntArray, first: Unknowns
+    arm: Poses, positions: FloatArray, target: IntArray, first: Unknowns
 ) -> tuple[float, Unknowns]:
     """Sum of squared residuals, and the unknowns, at the end of the descent."""
     rotation, position = arm
@@ -143,13 +150,13 @@ def _refined(
 
     def left(R: FloatArray, b: FloatArray, targets: FloatArray) -> tuple[FloatArray, FloatArray]:
         lever = (position + sits @ targets.reshape(-1)) @ R.T
-        return seen - lever - b, lever
+        return positions - lever - b, lever
 
     residual, lever = left(R, b, targets)
     # A step that takes no more of the squared residuals is the last.
     gain = 1e-9
     for _ in range(_STEPS):
-        shift = np.broadcast_to(np.eye(3), (len(seen), 3, 3))
+        shift = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
         columns = np.concatenate([-skew(lever), shift, R @ sits], axis=2)
         step = _least_squares(columns, residual)
         moved = (

@@ -152,10 +152,10 @@ class Term(ABC):
         if not self.given:
             return self.own
 
-        known: dict[str, Known] = {}
+        by_name: dict[str, Known] = {}
         for label, pose in self.given.items():
-            known |= self.known(label, pose)
-        return with_known(self.own, known)
+            by_name |= self.known(label, pose)
+        return with_known(self.own, by_name)
 
     def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
         """The own unknowns, by name, that a given pose tells of a place; empty for no such place.
@@ -182,8 +182,8 @@ class Term(ABC):
             return
 
         for label, pose in self.given.items():
-            known = self.checked_known(label, pose)
-            check_in_mm(f"{self.kind}: pose", label, self.own, known, self.start_values({}))
+            by_name = self.checked_known(label, pose)
+            check_in_mm(f"{self.kind}: pose", label, self.own, by_name, self.start_values({}))
 
     def checked_known(self, label: str, pose: GivenPose) -> dict[str, Known]:
         """What `known` makes of a given pose, which is of something that this kind looks at.
@@ -198,22 +198,22 @@ class Term(ABC):
                 "position_mm alone: it is a point",
                 where=where,
             )
-        known = self.known(label, pose)
-        if not known:
+        by_name = self.known(label, pose)
+        if not by_name:
             raise SamplesError(
                 f"a pose of {self.place} '{label}'" if label else "one pose",
                 f"poses by label, of {', '.join(there)}",
                 where=where,
                 hint=did_you_mean(label, there) if label else "",
             )
-        if not set(known) <= {p.name for p in self.own}:
+        if not set(by_name) <= {p.name for p in self.own}:
             raise SamplesError(
                 f"a pose of {self.place} {label}".strip(),
                 "none",
                 where=where,
                 hint=f"{self.kind} does not see where it stands",
             )
-        return known
+        return by_name
 
     @classmethod
     def refuse(cls, found: str, expected: str, hint: str = "") -> SamplesError:

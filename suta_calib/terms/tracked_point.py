@@ -260,10 +260,10 @@ class TrackedPoint(SeenTerm):
         exact = cls(MeasuredPoses(upright, points, samples))
         truth = named(exact, (pose_values(*T),))
         ideal = exact.observed(truth, exact.poses).place
-        seen, outliers = contaminated(
+        positions, outliers = contaminated(
             errors, (spread or EXACT).scattered(noise, (upright, ideal)), gross or NO_OUTLIERS
         )
-        samples = replace(samples, position=seen[1])
+        samples = replace(samples, position=positions[1])
         return Simulated(cls(MeasuredPoses(upright, points, samples)), truth, outliers)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
@@ -280,11 +280,13 @@ class TrackedPoint(SeenTerm):
         self, rotation: FloatArray, position: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray | None, FloatArray]:
         """``T_instrument_base``, and turns (k, 3, 3) and places (k, 3) of targets in the tip."""
-        seen, (_, target) = self.poses.samples.rotation, self._targets
-        R, p, targets = instrument_and_targets((rotation, position), self._seen, target, seen)
-        if seen is None:
+        orientations, (_, target) = self.poses.samples.rotation, self._targets
+        R, p, targets = instrument_and_targets(
+            (rotation, position), self._seen, target, orientations
+        )
+        if orientations is None:
             return R, p, None, targets
-        sits = np.swapaxes(R @ rotation, 1, 2) @ seen
+        sits = np.swapaxes(R @ rotation, 1, 2) @ orientations
         turns = [chordal_mean(sits[target == k]) for k in range(len(targets))]
         return R, p, np.array(turns), targets
 
