@@ -154,16 +154,19 @@ def test_commands_end_with_the_answer_whatever_fails(
     assert (tmp_path / "calibrated.urdf").is_file()
 
 
-POSES = "suta_calib.pose_calibration"
+WRONG = "suta_calib.trust.hypotheses"
 
 
 @pytest.mark.filterwarnings("ignore::suta_calib.assessment.NotExplainedWarning")
 @pytest.mark.parametrize(
     ("command", "parts"),
     [
-        ("pivot", [f"{POSES}.pivot.weigh_effects", f"{POSES}.pivot.moved"]),
-        ("hand-eye", [f"{POSES}.hand_eye.distance_trend", f"{POSES}.hand_eye.moved"]),
-        ("register", [f"{POSES}.registration.strain", f"{POSES}.registration.moved"]),
+        ("pivot", [f"{WRONG}.bent_tip.BentTip.weigh", f"{WRONG}.moved.Moved.weigh"]),
+        ("hand-eye", [f"{WRONG}.depth_scale.DepthScale.weigh", f"{WRONG}.moved.Moved.weigh"]),
+        (
+            "register",
+            [f"{WRONG}.strained_points.StrainedPoints.weigh", f"{WRONG}.moved.Moved.weigh"],
+        ),
     ],
 )
 def test_answers_on_poses_survive_their_judges(

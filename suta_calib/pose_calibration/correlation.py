@@ -18,8 +18,8 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.terms.block import summed
+from suta_calib.trust.serial_correlation import correlation_length
 
 # Part of the variance that neighbours may share. An arm repeats some fifteen times better than it
 # is accurate: what its neighbouring poses do not share may be that little.

@@ -27,7 +27,7 @@ def with_scale(found: HandEyeCalibration, scale_ppm: float) -> HandEyeCalibratio
         scale_ppm: standard deviation of the factor on what was seen, against what the hand moved,
             1e-6.
     """
-    if found.trend.significant or scale_ppm == 0.0:
+    if found.far_sight or scale_ppm == 0.0:
         return found
     solution, scale = found.solution, LengthScale(scale_ppm * PPM)
     problem = Problem([replace(term, scale=scale) for term in solution.problem.terms])

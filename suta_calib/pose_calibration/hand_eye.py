@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment, attempt, judged
+from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
@@ -27,12 +27,10 @@ from suta_calib.pose_calibration.constant_poses import refuse_constant
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
 from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.noise_made import noise_made_directions
-from suta_calib.pose_calibration.robot_noise import EYE, RobotNoise
+from suta_calib.pose_calibration.robot_noise import EYE, TARGET, RobotNoise
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
-from suta_calib.pose_calibration.trends import Trend, distance_trend
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.showing import Shown
 from suta_calib.terms.hand_eye_start import (
@@ -47,6 +45,9 @@ from suta_calib.terms.hand_eye_start import (
     quaternion_hand_eye,
 )
 from suta_calib.terms.poses import together
+from suta_calib.trust.evidence import Rule
+from suta_calib.trust.hypotheses.depth_scale import DepthScale
+from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.units import deg, from_deg, text
 
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
@@ -65,9 +66,15 @@ FINEST_POSITION: Final = 5e-4
 # Part of the noise within which hand and eye are read alike only where they were not read again.
 ALIKE: Final = 0.05
 # What X and Z are another by, where it is moved.
-MAY_MOVE: Final[dict[EyeSetup, tuple[str, str]]] = {
-    EYE_IN_HAND: ("the eye on the hand (or the hand's tool frame)", "the target (or the base)"),
-    EYE_TO_HAND: ("the eye (or the base)", "the target on the hand (or the hand's tool frame)"),
+MAY_MOVE: Final[dict[EyeSetup, dict[str, str]]] = {
+    EYE_IN_HAND: {
+        EYE: "the eye on the hand (or the hand's tool frame)",
+        TARGET: "the target (or the base)",
+    },
+    EYE_TO_HAND: {
+        EYE: "the eye (or the base)",
+        TARGET: "the target on the hand (or the hand's tool frame)",
+    },
 }
 
 
@@ -83,8 +90,6 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         rotation_residuals: (n, 3), the turn between ``A_i X B_i`` and Z, rad.
         axes: (n - 1, 3) rotation vectors of the hand's consecutive motions, rad.
         robot_noise_fraction: part of the rotational noise that seems to be the hand's, 0 to 1.
-        trend: of the residuals with the distance from the eye; the covariance allows for it.
-        moved: what stands elsewhere from some pair on; None where nothing does.
         copies: how many of the pairs that were fitted repeat another: no measurements.
         length: m per unit of `solution`.
     """
@@ -96,8 +101,6 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     rotation_residuals: FloatArray
     axes: FloatArray
     robot_noise_fraction: float
-    trend: Trend
-    moved: Moved | None
     copies: int
     length: float
 
@@ -118,10 +121,24 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         return rms_length(self.rotation_residuals[self.inliers])
 
     @property
-    def _std_without_trend(self) -> float:
-        """Standard deviation of X's position if its trend with the distance were none, m, 3-D."""
-        by_trend = float(np.trace(self.trend.covariance[:3, :3])) * self.length**2
-        return math.sqrt(max(float(np.trace(self.covariance[:3, :3])) - by_trend, 0.0))
+    def far_sight(self) -> Finding | None:
+        """That the eye sees too far or too near; the covariance allows for it."""
+        return self.finding(DepthScale.name)
+
+    @property
+    def distance_trend(self) -> tuple[float, float]:
+        """By what share the eye seems to see too far, and its standard deviation."""
+        evidence = self.evidence(DepthScale.name)
+        return (0.0, 0.0) if evidence is None else (float(evidence.size[0]), float(evidence.std[0]))
+
+    @property
+    def _std_without_far_sight(self) -> float:
+        """Standard deviation of X's position but for `far_sight`, m, 3-D."""
+        evidence = self.evidence(DepthScale.name)
+        moves = np.zeros(3) if evidence is None else self.length * evidence.moves[:3]
+        more = 0.0 if evidence is None else 1.0 + 1.0 / evidence.significance**2
+        by_it = more * float(moves @ moves)
+        return math.sqrt(max(float(np.trace(self.covariance[:3, :3])) - by_it, 0.0))
 
     @property
     @judged
@@ -137,21 +154,17 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
                 f"Only {count} pairs: the standard deviations are guesses "
                 "themselves, and a wrong pair may not show; take a dozen or more."
             )
-        if self.trend.significant:
+        if self.far_sight:
             caution.append(
-                f"The eye seems to see the target {abs(self.trend.share):.2%} ± "
-                f"{self.trend.std:.2%} of its distance too "
-                f"{'far' if self.trend.share > 0 else 'near'}. The focal length of the camera is "
-                "wrong, or the target has another size. X is off by this error, and ± includes "
-                f"it (without it, ± would be {text(self._std_without_trend, 'm')} mm, and a part "
-                "of the pairs that does not show the error states that too). Calibrate the "
-                "camera again and measure the target, or give the corners in the pictures "
-                "(--corners), which also corrects the camera."
+                f"{self.far_sight.sentence} Without it, ± would be "
+                f"{text(self._std_without_far_sight, 'm')} mm, and a part of the pairs that does "
+                "not show the error states that too."
             )
         if self.moved:
-            caution.append(self.moved.sentence("pairs"))
-        elif self.unsure and not self.trend.significant:
+            caution.append(self.moved.sentence)
+        elif self.unsure and not self.far_sight:
             caution.append(f"{self.unsure}: add poses, turned by 30° or more about different axes.")
+        caution += self.others_found(DepthScale.name)
         bad = self.objections("pairs", self.inliers, self.length)
         if self.inverted != "good":
             (bad if self.inverted == "bad" else caution).append(
@@ -177,6 +190,7 @@ def calibrate_hand_eye(
     model: Model = "AX=XB",
     robust: bool = True,
     seed: int = 0,
+    rule: Rule = Rule(),
 ) -> HandEyeCalibration:
     """X (and Z) of ``A_i X B_i = Z`` from pairs of poses.
 
@@ -192,6 +206,7 @@ def calibrate_hand_eye(
         model: which of the two is asked for.
         robust: False for least squares over all pairs.
         seed: of the minimal samples.
+        rule: when a hypothesis about wrong data is reported.
 
     Raises:
         SamplesError: too few pairs; pairs that do not agree with any X, with what would make them
@@ -240,12 +255,15 @@ def calibrate_hand_eye(
         made_by_noise,
     )
     failed = list[str]()
-    trend = attempt(
-        "judged: errors that grow with the distance",
-        lambda: distance_trend(fit, _depth(scaled, fit.solution.x)),
-        Trend.none(fit.covariance),
-        failed,
-    )
+    answer = fit.examined(length, "pairs", MAY_MOVE[setup])
+    weighed = weigh(answer, failed)
+    far = next((f for f in weighed if f.hypothesis.name == DepthScale.name), None)
+    explained: tuple[FloatArray, ...] = ()
+    followed = np.zeros_like(fit.covariance)
+    if far is not None and far.supported(rule):
+        change = answer.plain_fit.explained(far.evidence).reshape(len(fit.sigmas), -1, 3)
+        explained = tuple(-s * part for s, part in zip(fit.sigmas, change, strict=True))
+        followed = fit.followed(far.evidence)
     x = fit.solution.x
     X = rotation_from_vector(x[3:6]), x[:3] * length
     Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
@@ -257,42 +275,21 @@ def calibrate_hand_eye(
         model=model,
         X=homogeneous(*X),
         Z=homogeneous(*Z),
-        covariance=jacobian @ (fit.spread(trend.explained) + trend.covariance) @ jacobian.T,
+        covariance=jacobian @ (fit.spread(explained) + followed) @ jacobian.T,
         residuals=found[1] - Z[1],
         rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
         inliers=fit.inliers,
         suspects=fit.suspects,
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
         robot_noise_fraction=noise.fraction,
-        trend=trend,
-        moved=attempt(
-            "judged: whether anything moved",
-            lambda: moved(
-                fit, dict(zip(MAY_MOVE[setup], (range(6), range(6, 12)), strict=True)), jacobian
-            ),
-            None,
-            failed,
-        ),
         copies=_copies(scaled, target, fit),
         solution=fit.solution,
         length=length,
         unjudged=tuple(failed),
+        examination=answer,
+        weighed=tuple(weighed),
+        rule=rule,
     )
-
-
-def _depth(hand: Poses, x: FloatArray) -> FloatArray:
-    """The target's depth (n,) in the eye, by the hand's poses and the answer.
-
-    What the eye sees holds the same noise as the residuals. From one distance there is nothing but
-    this noise, and residuals would grow with it in full.
-
-    Args:
-        hand: ``T_base_hand``.
-        x: (12,) X and Z, each a position and a rotation vector.
-    """
-    in_hand = np.einsum("nji,nj->ni", hand[0], x[6:9] - hand[1])
-    depth: FloatArray = (in_hand - x[:3]) @ rotation_from_vector(x[3:6])[:, 2]
-    return depth
 
 
 def _copies(A: Poses, B: Poses, fit: RobustFit) -> int:

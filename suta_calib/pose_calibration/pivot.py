@@ -10,14 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.assessment import Assessment, Level, attempt, judged
+from suta_calib.assessment import Assessment, Level, judged
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.robust_answer import (
     LARGEST,
     LONGEST_TIP,
@@ -26,16 +25,14 @@ from suta_calib.pose_calibration.robust_answer import (
     exchanged,
 )
 from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
-from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.showing import Shown
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, rows_of_each, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.trust.evidence import Rule, weigh_effects
-from suta_calib.trust.examination import Examination
+from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.bent_tip import EVENLY, BentTip, displacement
-from suta_calib.trust.hypothesis import Finding
+from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.units import deg, from_deg, mm, text
 
 LEAST_POSES: Final = 3
@@ -51,9 +48,7 @@ NO_POINT: Final = 0.1
 HARDLY_TURNED: Final = from_deg(2.0)
 
 
-# The p-value decides: of four numbers at once each may be small. And standard deviations at which
-# an effect of one number is found by it in half of all sets.
-TILTED: Final = Rule(times_std=2.0)
+# Standard deviations at which an effect of one number is found in half of all sets.
 HARDLY_FOUND: Final = 3.3
 # Standard deviations from which on a tip that bends evenly widens ± though nothing is said: of 30
 # poses with 0.1 mm of noise, tilted by 40°, 1 mm per rad has two and a half, and moves the tip by
@@ -74,8 +69,6 @@ class PivotCalibration(Shown, RobustAnswer):
         sigma: scatter of one component of an inlier's residual, m.
         turn: root mean square turn of the inliers' orientations about their mean, as far as it
             tells the tip along the direction of the tool that they tell least about, rad.
-        moved: what is elsewhere from some pose on; None where nothing is.
-        bent: what the tip does as the tool tilts; None where nothing is found.
         unseen: displacement of the tip at the largest tilt, m, that would hardly be found if the
             tip bent by it to all sides alike, and that tilt, rad; None where it was not tested.
         by_bending: part of the tip's standard deviation, 3-D, that allows for a tip that bends, m.
@@ -88,8 +81,6 @@ class PivotCalibration(Shown, RobustAnswer):
     posts: dict[str, FloatArray]
     sigma: float
     turn: float
-    moved: Moved | None
-    bent: Finding | None
     unseen: tuple[float, float] | None
     by_bending: float
     length: float
@@ -127,10 +118,11 @@ class PivotCalibration(Shown, RobustAnswer):
                 "matters most): the tip is badly determined; turn it by 30° or more to every side."
             )
         if self.moved:
-            caution.append(self.moved.sentence("poses"))
+            caution.append(self.moved.sentence)
         unsure = float(np.linalg.norm(self.tip_std))
         if self.bent:
             caution.append(self.bent.sentence)
+        caution += self.others_found(BentTip.name)
         # A rigid tool seems to bend by chance in one of 20 sets: no reason for care.
         if unsure > UNSURE and (self.bent or unsure**2 - self.by_bending**2 > UNSURE**2):
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
@@ -158,6 +150,11 @@ class PivotCalibration(Shown, RobustAnswer):
             care=[*caution, *self.set_aside("poses", self.inliers), *self.kept("poses")],
             known=[self.relied_on],
         )
+
+    @property
+    def bent(self) -> Finding | None:
+        """What the tip does as the tool tilts; None where nothing is found."""
+        return self.finding(BentTip.name)
 
     @property
     def relied_on(self) -> str:
@@ -200,6 +197,7 @@ def calibrate_pivot(
     robust: bool = True,
     seed: int = 0,
     scale_ppm: float = INSTRUMENT_PPM,
+    rule: Rule = Rule(),
 ) -> PivotCalibration:
     """Tip and posts from poses ``T_tracker_tool`` of a tool that pivots on them.
 
@@ -214,6 +212,7 @@ def calibrate_pivot(
         seed: of the minimal samples.
         scale_ppm: standard deviation of one factor on all positions, 1e-6. With p tip and posts are
             longer by it, and no residual changes.
+        rule: when a hypothesis about wrong data is reported.
 
     Raises:
         SamplesError: too few poses, or turns so small or about so few axes that the tip is not
@@ -269,21 +268,23 @@ def calibrate_pivot(
     parameters = [f"{label}.{axis}" for label in labels_of for axis in "xyz"]
     x = np.array([fit.solution.values[n] for n in parameters]) * length
     order = [fit.solution.problem.names.index(n) for n in parameters]
-    posts = {
-        f"the post {name}" if len(names) > 1 else "the post": order[3 + 3 * k : 6 + 3 * k]
-        for k, name in enumerate(names)
-    }
     posts_in_tracker = x[3:].reshape(-1, 3) + centre
     by_scale = scale_ppm * PPM * np.concatenate([x[:3], posts_in_tracker.reshape(-1)])
     failed = list[str]()
-    bending = attempt(
-        "judged: tips that move with the tilt",
-        lambda: _bending(fit, length),
-        _Bending(None, None, np.zeros_like(fit.covariance)),
-        failed,
+    places = {f"{FixedPoint.place_unknown}[{name}]": name for name in names}
+    called = {
+        place: f"the post {n}" if len(names) > 1 else "the post" for place, n in places.items()
+    }
+    answer = fit.examined(
+        length,
+        "poses",
+        {"tip": "the tip on the tool", **called},
+        seen_by={place: np.flatnonzero(index == k) for k, place in enumerate(places)},
     )
-    covariance = (fit.covariance + bending.covariance)[np.ix_(order, order)] * length**2
-    tip_moves = np.diag(bending.covariance)[order[:3]]
+    weighed = weigh(answer, failed)
+    unseen, by_bending = _bending(fit, weighed, rule)
+    covariance = (fit.covariance + by_bending)[np.ix_(order, order)] * length**2
+    tip_moves = np.diag(by_bending)[order[:3]]
     return PivotCalibration(
         tip=x[:3],
         posts=dict(zip(names, posts_in_tracker, strict=True)),
@@ -293,68 +294,38 @@ def calibrate_pivot(
         suspects=fit.suspects,
         sigma=fit.sigmas[0] * length,
         turn=float(_turns(R[fit.inliers])[0]),
-        moved=attempt(
-            "judged: whether anything moved",
-            lambda: moved(
-                fit,
-                {"the tip on the tool": order[:3], **posts},
-                length * np.eye(len(order)),
-                {post: np.flatnonzero(index == k) for k, post in enumerate(posts)},
-            ),
-            None,
-            failed,
-        ),
-        bent=bending.bent,
-        unseen=bending.unseen,
+        unseen=unseen,
         by_bending=length * float(np.sqrt(tip_moves.sum())),
         solution=fit.solution,
         length=length,
         scale_ppm=scale_ppm,
         unjudged=tuple(failed),
+        examination=answer,
+        weighed=tuple(weighed),
+        rule=rule,
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Bending:
-    """What a tool does as it tilts.
-
-    Attributes:
-        bent, unseen: as in `PivotCalibration`.
-        covariance: (p, p) of the solution's parameters, for having followed it.
-    """
-
-    bent: Finding | None
-    unseen: tuple[float, float] | None
-    covariance: FloatArray
-
-
-def _bending(fit: RobustFit, length: float) -> _Bending:
-    """Whether the tip bends, and what that does to the answer.
+def _bending(
+    fit: RobustFit, weighed: Sequence[Finding], rule: Rule
+) -> tuple[tuple[float, float] | None, FloatArray]:
+    """`PivotCalibration.unseen`, and the fit's covariance for having followed a tip that bends.
 
     Args:
         fit: of the poses.
-        length: m per unit of its lengths.
+        weighed: all hypotheses.
+        rule: when they are reported.
     """
-    # Poses of a stream that err alike are fewer than they are.
-    repeated = correlation_length(fit.residuals[0][fit.inliers] / fit.sigmas[0])
-    answer = Examination.of_poses(fit.solution, fit.sigmas, repeated, length)
-    bends = BentTip()
-    # The registry is not asked: it would load what only arms can have.
-    found = weigh_effects(answer.fit, bends.effects(answer))
-    findings = (Finding(bends, evidence) for evidence in found)
-    bent = next((each for each in findings if each.supported(TILTED)), None)
-    evenly = next((evidence for evidence in found if evidence.effect.name == EVENLY), None)
-    followed, unseen = None if bent is None else bent.evidence, None
+    bends = [finding for finding in weighed if finding.hypothesis.name == BentTip.name]
+    followed = next((f.evidence for f in bends if f.supported(rule)), None)
+    evenly = next((f.evidence for f in bends if f.evidence.effect.name == EVENLY), None)
+    unseen = None
     if evenly is not None:
         unseen = HARDLY_FOUND * displacement(evenly)[1], evenly.effect.about
         if followed is None and evenly.significance > DOUBTFUL:
             followed = evenly
-    covariance = np.zeros_like(fit.covariance)
-    if followed is not None:
-        free = fit.solution.free
-        more = 1.0 + 1.0 / max(followed.significance, 1.0) ** 2
-        covariance[np.ix_(free, free)] = more * np.outer(followed.moves, followed.moves)
-    return _Bending(bent, unseen, covariance)
+    nothing = np.zeros_like(fit.covariance)
+    return unseen, nothing if followed is None else fit.followed(followed)
 
 
 def pivot_from_poses(

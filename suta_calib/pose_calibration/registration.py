@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.assessment import Assessment, Level, attempt, judged
+from suta_calib.assessment import Assessment, Level, judged
 from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
@@ -17,9 +17,7 @@ from suta_calib.geometry.numbers import (
 )
 from suta_calib.measurements.pose_files import Points
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
-from suta_calib.pose_calibration.deformation import Strain, common_scale, strain
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
-from suta_calib.pose_calibration.moved import Moved, moved
 from suta_calib.pose_calibration.repeated_points import repeats
 from suta_calib.pose_calibration.rigid_fit import (
     LEAST_POINTS,
@@ -29,13 +27,15 @@ from suta_calib.pose_calibration.rigid_fit import (
     rigid_fit,
 )
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
-from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit
+from suta_calib.pose_calibration.robust_fit import ROUNDING
 from suta_calib.pose_calibration.stated import StatedSpread
 from suta_calib.showing import Shown
 from suta_calib.terms.poses import together
-from suta_calib.trust.evidence import weigh_effects
-from suta_calib.trust.examination import Examination
+from suta_calib.terms.tracked_point import TrackedPoint
+from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
+from suta_calib.trust.hypotheses.strained_points import StrainedPoints
+from suta_calib.trust.hypothesis import weigh
 from suta_calib.units import deg, from_deg, mm, text
 
 if TYPE_CHECKING:
@@ -45,23 +45,15 @@ if TYPE_CHECKING:
 # Standard deviations, m and rad, that deserve a word.
 UNSURE: Final = 1e-3
 UNSURE_TURN: Final = from_deg(1.0)
-# Difference in scale that no temperature makes.
-OTHER_SCALE: Final = 0.005
-# Chance that a strain is seen where there is none, and a scale, which is one number and not five:
-# of six points with 0.3 mm of noise, 80 mm from their middle, 1 % is found in six of ten sets, and
-# in the others ± of targets allows for it.
-FALSE_ALARM: Final = 1e-4
-SCALE_FALSE_ALARM: Final = 3e-4
-# And that below which it widens the ± of targets though it is no finding: of sound sets one of 20.
+# Chance of a scale below which it widens the ± of targets though it is no finding: of sound sets
+# one of 20.
 DOUBTFUL: Final = 0.05
-# What one displaces the points by, in units of their scatter, to be worth a word however many
-# points tell it.
-NOTICEABLE: Final = 0.3
 # Distance within which rows may be one point, in units of the scatter: were it less, those that err
 # alike would be found for it.
 NEAR: Final = 6.0
 # What stands elsewhere in its frame, from a row on.
 MAY_MOVE: Final = "one of the two sets"
+DEFORMED: Final = (ScaledPoints.name, StrainedPoints.name)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -81,15 +73,7 @@ class Registration(Shown, RobustAnswer):
             common to all their touches.
         repeats: these; None where there are none.
         sigma: scatter of one component of an inlier's residual, m.
-        scale: how many times larger the fitted points are in the target than in the source, which
-            a rigid transform cannot make up for.
-        scale_std: standard deviation of that.
-        scale_chance: p-value of a scale as far from one where there is none.
-        scale_rms: what `rms` would be with that scale, m.
-        strain: the same with a scale of its own along every direction; None where too few points
-            tell it.
         extent: of the fitted points, root mean square from their middle, m.
-        moved: since when one set stands elsewhere in its frame; None where it always did not.
         stated: standard deviation of one component of a typical residual as instruments state it,
             m; None where they state nothing. Then `sigma` is of such a residual too.
         agreement: of the residuals with what is stated; None likewise.
@@ -102,14 +86,8 @@ class Registration(Shown, RobustAnswer):
     centre: FloatArray
     distinct: BoolArray
     sigma: float
-    scale: float
-    scale_std: float
-    scale_chance: float
-    scale_rms: float
-    strain: Strain | None
     extent: float
     repeats: Repeats | None = None
-    moved: Moved | None = None
     stated: float | None = None
     agreement: Agreement | None = None
     scale_ppm: float = 0.0
@@ -157,11 +135,11 @@ class Registration(Shown, RobustAnswer):
         caution, inliers = list[str](), self.inliers[self.distinct]
         bad = self.objections("points", inliers, self.extent)
         bad += self.deformed("bad")
-        caution += self.deformed("care")
+        caution += [*self.deformed("care"), *self.others_found(*DEFORMED)]
         if self.agreement is not None and self.agreement.contradicted:
             caution.append(self.agreement.note)
         if self.moved:
-            caution.append(self.moved.sentence("points"))
+            caution.append(self.moved.sentence)
         again = self.repeats.count if self.repeats is not None else 0
         if copies := int(np.sum(~self.distinct)) - again:
             rows = "1 row repeats" if copies == 1 else f"{copies} rows repeat"
@@ -192,38 +170,26 @@ class Registration(Shown, RobustAnswer):
 
     def deformed(self, level: Level) -> list[str]:
         """What is said, at this level, of a scale or a strain that no rigid transform has."""
-        scaled, strained, found = self.scaled, self.strained, list[str]()
-        if self.strain is not None and strained == level:
-            found.append(self.strain.note)
+        scaled, strained = self.finding(ScaledPoints.name), self.finding(StrainedPoints.name)
         # A strain has a mean, which says no more than it does.
-        if scaled == level and (strained == "good" or (scaled, strained) == ("bad", "care")):
-            found.append(self.scale_note)
-        return found
+        if scaled and strained and (scaled.level, strained.level) != ("bad", "care"):
+            scaled = None
+        return [f.sentence for f in (strained, scaled) if f is not None and f.level == level]
 
     @property
-    def scaled(self) -> Level:
-        """Whether one common scale explains what no rigid transform can: ``good`` if not.
+    def scale(self) -> float:
+        """How many times larger the fitted points are in the target than in the source.
 
-        ``bad`` where it explains most of the residuals and is more than temperature makes.
+        A rigid transform cannot make up for it.
         """
-        off = abs(self.scale - 1.0)
-        if self.scale_chance > SCALE_FALSE_ALARM:
-            return "good"
-        return self._worth(off, off * self.extent, self.scale_rms)
+        evidence = self.evidence(ScaledPoints.name)
+        return 1.0 if evidence is None else 1.0 + float(evidence.size[0])
 
     @property
-    def strained(self) -> Level:
-        """Likewise whether scales along some directions do."""
-        if self.strain is None or self.strain.chance > FALSE_ALARM:
-            return "good"
-        return self._worth(self.strain.size, self.strain.displaced, self.strain.rms)
-
-    def _worth(self, size: float, displaced: float, left: float) -> Level:
-        """What is said of a deformation of this size that is no chance (lengths in m)."""
-        dominates = left < self.rms / 2
-        if displaced < NOTICEABLE * left and not dominates:
-            return "good"
-        return "bad" if dominates and size > OTHER_SCALE else "care"
+    def scale_std(self) -> float:
+        """Standard deviation of `scale`."""
+        evidence = self.evidence(ScaledPoints.name)
+        return 0.0 if evidence is None else float(evidence.std[0])
 
     @property
     def scale_spread(self) -> float:
@@ -236,7 +202,8 @@ class Registration(Shown, RobustAnswer):
 
     @property
     def _scale_doubtful(self) -> bool:
-        return self.scale_chance < DOUBTFUL
+        evidence = self.evidence(ScaledPoints.name)
+        return evidence is not None and evidence.p_single < DOUBTFUL
 
     @property
     def relied_on(self) -> str:
@@ -252,15 +219,6 @@ class Registration(Shown, RobustAnswer):
             f"(--scale-ppm); {found}."
         )
 
-    @property
-    def scale_note(self) -> str:
-        """What a reader is told of the scale."""
-        return (
-            f"The points are {self.scale:.6g} ± {self.scale_std:.1g} times as far apart in the "
-            f"second set as in the first: look for a scale or a unit. With it the rms would be "
-            f"{text(self.scale_rms, 'm', with_unit=True)}."
-        )
-
 
 @doubting
 def register(
@@ -272,6 +230,7 @@ def register(
     robust: bool = True,
     seed: int = 0,
     scale_ppm: float = INSTRUMENT_PPM,
+    rule: Rule = Rule(),
 ) -> Registration:
     """Least-squares rigid transform between corresponding points, robustly.
 
@@ -294,6 +253,7 @@ def register(
         robust: False for plain least squares over all points.
         seed: of the minimal samples.
         scale_ppm: standard deviation of the factor between the lengths of the two sets, 1e-6.
+        rule: when a hypothesis about wrong data is reported.
 
     Raises:
         SamplesError: numbers of points that differ, fewer than three, points on a line, points
@@ -325,19 +285,13 @@ def register(
         suspects = agreeing & found.fit.suspects[again.point]
         first = first[once]
         distinct = np.isin(np.arange(len(distinct)), first)
-    fit, R = found.fit, found.rotation
-    placed, seen = (a @ R.T)[fit.inliers], b[fit.inliers]
-    weight = 1.0 / found.relative[fit.inliers] ** 2
-    scale, scale_std, scale_rms = common_scale(placed, seen, weight)
-    failed = list[str]()
-    since = attempt(
-        "judged: whether anything moved",
-        lambda: moved(fit, {MAY_MOVE: range(6)}, found.jacobian),
-        None,
-        failed,
-    )
+    fit, failed = found.fit, list[str]()
+    placed = a[fit.inliers]
+    called = {TrackedPoint.frames[0].own: MAY_MOVE}
+    answer = fit.examined(found.length, "points", called, first)
+    weighed = weigh(answer, failed)
     return Registration(
-        rotation=R,
+        rotation=found.rotation,
         position=found.position,
         covariance=found.jacobian @ fit.covariance @ found.jacobian.T,
         centre=found.middle,
@@ -346,31 +300,16 @@ def register(
         suspects=suspects[like],
         distinct=distinct,
         sigma=found.sigma,
-        scale=scale,
-        scale_std=scale_std,
-        scale_chance=attempt("judged: a scale", lambda: _scale_chance(found.fit), 1.0, failed),
-        scale_rms=scale_rms,
-        strain=attempt("judged: a strain", lambda: strain(placed, seen, weight, R), None, failed),
         extent=rms_length(placed - placed.mean(axis=0)),
         repeats=again,
-        moved=None if since is None else replace(since, since=int(first[since.since])),
         stated=None if spread is None else spread.typical,
         agreement=fit.agreement,
         solution=fit.solution,
         scale_ppm=scale_ppm,
         unjudged=tuple(failed),
-    )
-
-
-def _scale_chance(fit: RobustFit) -> float:
-    """`Registration.scale_chance`; 1 where too few points tell it.
-
-    Points are measured one by one: of five of them a variance by clusters would tell nothing.
-    """
-    answer = Examination.of_poses(fit.solution, fit.sigmas)
-    one_by_one = replace(answer.fit, clusters=None)
-    return next(
-        (e.p_single for e in weigh_effects(one_by_one, ScaledPoints().effects(answer))), 1.0
+        examination=answer,
+        weighed=tuple(weighed),
+        rule=rule,
     )
 
 

@@ -51,7 +51,7 @@ class RigidFit:
         fit: the lengths in it in units of the points' extent.
         rotation, position: of the transform, m.
         middle: (3,) middle of the fitted points in frame b, m.
-        sigma: scatter of one component, m.
+        length: m per unit of the lengths in `fit`.
         jacobian: (6, 6) derivative of a displacement of the middle, m, and a small turn by the
             fit's parameters.
         relative: (n,) how much each row scatters in units of a typical one.
@@ -61,9 +61,14 @@ class RigidFit:
     rotation: FloatArray
     position: FloatArray
     middle: FloatArray
-    sigma: float
+    length: float
     jacobian: FloatArray
     relative: FloatArray
+
+    @property
+    def sigma(self) -> float:
+        """Scatter of one component, m."""
+        return self.fit.sigmas[0] * self.length
 
     def off(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Residuals (n, 3) of points, m."""
@@ -123,9 +128,7 @@ def rigid_fit(
     jacobian = length * np.eye(6)
     jacobian[3:, 3:] = R @ tangent_of_vector(x[3:6])
     _check_fit(fit, placed[fit.inliers], length)
-    return RigidFit(
-        fit, R, middle - R @ from_centre, middle, fit.sigmas[0] * length, jacobian, relative
-    )
+    return RigidFit(fit, R, middle - R @ from_centre, middle, length, jacobian, relative)
 
 
 def _start(a: FloatArray, b: FloatArray, seed: int | None, relative: FloatArray) -> Consensus:

@@ -38,8 +38,8 @@ SURE: Final = 2.0
 # Times of a known unknown's plausible range that hand-eye's may take: what the pairs tell badly
 # gets a large standard deviation. Only what is singular is held, and then refused.
 ANYTHING: Final = 100.0
-# What the pose of the eye in the hand is called among the unknowns.
-EYE: Final = HandEye.frames[0].own
+# What the poses of the eye in the hand and of the target are called among the unknowns.
+EYE, TARGET = (frame.own for frame in HandEye.frames)
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,6 +14,11 @@ from suta_calib.assessment import Level, attempt
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.evidence import Evidence, Rule
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypotheses.moved import Moved
+from suta_calib.trust.hypotheses.outlier_block import OutlierBlock
+from suta_calib.trust.hypothesis import Finding
 from suta_calib.units import text
 from suta_calib.words import listed
 
@@ -44,6 +49,9 @@ class RobustAnswer:
         notes: what the files of the data give to think about, one sentence each.
         all_believed: whether they were to be: plain least squares.
         unjudged: what of judging it failed, one sentence each.
+        examination: the answer, prepared for the hypotheses about wrong data.
+        weighed: the evidence on every hypothesis about wrong data, supported or not.
+        rule: when evidence is reported.
     """
 
     covariance: FloatArray
@@ -54,6 +62,40 @@ class RobustAnswer:
     notes: tuple[str, ...] = ()
     all_believed: bool = False
     unjudged: tuple[str, ...] = ()
+    examination: Examination | None = None
+    weighed: tuple[Finding, ...] = ()
+    rule: Rule = Rule()
+
+    def evidence(self, hypothesis: str, effect: str = "") -> Evidence | None:
+        """On a hypothesis by its name, and on one of its effects; None where it was not tested."""
+        return next(
+            (
+                finding.evidence
+                for finding in self.weighed
+                if finding.hypothesis.name == hypothesis
+                and effect in ("", finding.evidence.effect.name)
+            ),
+            None,
+        )
+
+    def finding(self, hypothesis: str) -> Finding | None:
+        """A hypothesis by its name, where the data support it."""
+        return next((f for f in self.findings if f.hypothesis.name == hypothesis), None)
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What the data support of the hypotheses about wrong data."""
+        return tuple(finding for finding in self.weighed if finding.supported(self.rule))
+
+    @property
+    def moved(self) -> Finding | None:
+        """What was moved while rows were measured, or where outliers begin; None if nothing."""
+        return self.finding(Moved.name) or self.finding(OutlierBlock.name)
+
+    def others_found(self, *but: str) -> list[str]:
+        """Sentences about all other findings; those ``but`` are the answer's own."""
+        but = (*but, Moved.name, OutlierBlock.name)
+        return [f.sentence for f in self.findings if f.hypothesis.name not in but]
 
     @cached_property
     def rms(self) -> float:

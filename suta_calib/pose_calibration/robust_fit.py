@@ -18,7 +18,6 @@ from scipy.special import chdtr, chdtrc, fdtrc
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
-from suta_calib.pose_calibration.serial_correlation import blocks
 from suta_calib.pose_calibration.stated import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import (
@@ -37,6 +36,9 @@ from suta_calib.solver.solve import judged, solve, solve_again, solve_unjudged
 from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import Evidence, log_ways
+from suta_calib.trust.examination import Examination, Measured
+from suta_calib.trust.serial_correlation import blocks, correlation_length
 
 if TYPE_CHECKING:
     from suta_calib.pose_calibration.stated import Agreement
@@ -102,6 +104,37 @@ class RobustFit:
         """
         return self.spread(())
 
+    def examined(
+        self,
+        length: float,
+        rows: str,
+        called: Mapping[str, str],
+        numbers: IntArray | None = None,
+        seen_by: Mapping[str, IntArray] | None = None,
+    ) -> Examination:
+        """The answer, prepared for the hypotheses about wrong data.
+
+        Args:
+            length: m per unit of the fit's lengths.
+            rows: what they are, in the plural.
+            called: words for what an unknown belongs to, by its owner.
+            numbers: (n,) of the rows in their file; as they are by default.
+            seen_by: rows that look at an unknown that not all of them look at.
+        """
+        every = np.arange(len(self.inliers), dtype=np.intp) if numbers is None else numbers
+        measured = Measured(self.inliers, every, rows, called, seen_by or {})
+        # Rows of a stream that err alike are fewer than they are.
+        white = [r[self.inliers] / s for r, s in zip(self.residuals, self.sigmas, strict=True)]
+        repeated = correlation_length(np.hstack(white))
+        return Examination.of_poses(self.solution, self.sigmas, repeated, length, measured)
+
+    def followed(self, evidence: Evidence) -> FloatArray:
+        """(p, p) covariance of the solution's parameters for having followed an effect."""
+        covariance, free = np.zeros((len(self.solution.x),) * 2), self.solution.free
+        more = 1.0 + 1.0 / max(evidence.significance, 1.0) ** 2
+        covariance[np.ix_(free, free)] = more * np.outer(evidence.moves, evidence.moves)
+        return covariance
+
 
 def parts_of(poses: MeasuredPoses) -> Callable[[IntArray], MeasuredPoses]:
     """What takes rows of poses, each once and in order.
@@ -162,7 +195,7 @@ def robust_fit(
         gain = (total / rest - 1.0) * freedom / dropped
         # Any choice of as many rows might have been the suspicious one.
         alone = fdtrc(dropped, freedom, gain) if freedom > 0 else 1.0
-        chance = min(alone * _choices(count, dropped), 1.0)
+        chance = min(alone * math.exp(min(log_ways(count, dropped), 700.0)), 1.0)
         # Where many are wrong so many choices are possible that no chance is small. A hand, whose
         # turns are fitted too, may err alike in many like poses.
         if len(fit.sigmas) == 1 and count >= MANY_ROWS and dropped >= ANOTHER_THING * count:
@@ -176,12 +209,6 @@ def robust_fit(
         found = plainly(believed)
     told = least < REMARKABLE and found is not fit
     return replace(found, suspects=found.inliers & ~fit.inliers) if told else found
-
-
-def _choices(count: int, chosen: int) -> float:
-    """In how many ways one may choose, or the largest such number that is one."""
-    ways = math.lgamma(count + 1) - math.lgamma(chosen + 1) - math.lgamma(count - chosen + 1)
-    return math.exp(min(ways, 700.0))
 
 
 def _misfit(fit: RobustFit, sigmas: Sequence[float]) -> FloatArray:

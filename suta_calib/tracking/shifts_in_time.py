@@ -18,7 +18,6 @@ from scipy.special import fdtrc
 from suta_calib.acquisition.averaging import NORMAL
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.tracking.errors_in_time import (
     NOTHING,
     SAME,
@@ -28,6 +27,7 @@ from suta_calib.tracking.errors_in_time import (
     fitted,
     per_axis,
 )
+from suta_calib.trust.serial_correlation import correlation_length
 
 # Rows are taken together to so many at most.
 BINS: Final = 1000

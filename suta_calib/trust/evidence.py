@@ -128,7 +128,7 @@ class LinearFit:
 
         Zero step for parameters that were fitted. Parameters that were held move now.
         """
-        return self.residual + self.jacobian @ self._step
+        return self.residual + self.jacobian @ self.step
 
     @property
     def _from_prior(self) -> FloatArray:
@@ -136,7 +136,7 @@ class LinearFit:
         return none if self.from_prior is None else self.from_prior
 
     @cached_property
-    def _step(self) -> FloatArray:
+    def step(self) -> FloatArray:
         """(p,) to the minimum of the linear fit."""
         slope = self._weighted.T @ self.residual + self._prior * self._from_prior
         return -self._inverse @ slope
@@ -144,7 +144,7 @@ class LinearFit:
     @cached_property
     def squares(self) -> float:
         """Weighted squares of the settled residuals, and of the pulls of the priors there."""
-        pulls = self._prior * (self._from_prior + self._step) ** 2
+        pulls = self._prior * (self._from_prior + self.step) ** 2
         return float(self._weight @ self.settled**2 + np.sum(pulls))
 
     @cached_property
@@ -158,14 +158,14 @@ class LinearFit:
         rows = len(self.residual) if self.independent_rows is None else self.independent_rows
         return rows / self.rows_per_independent_row
 
-    def follow(self, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Let all parameters follow columns (m, k).
+    def moves(self, columns: FloatArray) -> FloatArray:
+        """(p, k) how far all parameters move per unit when they follow columns (m, k)."""
+        return np.asarray(-self._inverse @ (self._weighted.T @ columns))
 
-        Returns:
-            (m, k) what remains of the columns, and (p, k) how far the parameters move per unit.
-        """
-        moves = -self._inverse @ (self._weighted.T @ columns)
-        return columns + self.jacobian @ moves, moves
+    def explained(self, evidence: Evidence) -> FloatArray:
+        """(m,) by which the residuals change when an effect is taken into account."""
+        columns = evidence.effect.columns_in(evidence.window)
+        return np.asarray(columns @ evidence.size + self.jacobian @ evidence.moves)
 
     def scores(self, columns: FloatArray, residual: FloatArray) -> FloatArray:
         """(m, k) products of columns with the weighted residuals (m,)."""
@@ -229,6 +229,12 @@ class Effect:
     about: Any = None
     log_choices: float = 0.0
 
+    def columns_in(self, window: int | None) -> FloatArray:
+        """(m, k) in one of the windows."""
+        if window is None or self.windows is None:
+            return self.columns
+        return self.columns * self.windows[window][:, None]
+
 
 @dataclass(frozen=True, eq=False)
 class Evidence:
@@ -275,6 +281,11 @@ class Evidence:
         return length, math.sqrt(max(float(along @ covariance @ along), 0.0))
 
     @property
+    def strength(self) -> tuple[float, float]:
+        """To compare the windows of one effect: larger is better."""
+        return -self.p_single, self.gain
+
+    @property
     def significance(self) -> float:
         """How many standard deviations the size is away from zero, as a vector."""
         # Of components with different units the length depends on the units, this does not.
@@ -309,6 +320,11 @@ class Evidence:
         )
 
 
+def log_ways(count: int, chosen: int) -> float:
+    """Logarithm of the number of ways to choose some of ``count``."""
+    return math.lgamma(count + 1) - math.lgamma(chosen + 1) - math.lgamma(count - chosen + 1)
+
+
 def weigh_effects(fit: LinearFit, effects: Iterable[Effect]) -> list[Evidence]:
     """Test every effect, strongest first (Schwarz's criterion); of windows the best one.
 
@@ -327,10 +343,11 @@ def weigh_effects(fit: LinearFit, effects: Iterable[Effect]) -> list[Evidence]:
     design = _design_effect(fit, tests)
     best: dict[int, Evidence] = {}
     for test in tests:
-        found = test.evidence(fit, design, len(tests))
+        evidence = test.evidence(fit, design, len(tests))
         before = best.get(id(test.effect))
-        if found is not None and (before is None or found.p_single < before.p_single):
-            best[id(test.effect)] = found
+        # Where all p-values are zero by underflow the gain decides.
+        if evidence is not None and (before is None or evidence.strength > before.strength):
+            best[id(test.effect)] = evidence
     return sorted(best.values(), key=lambda evidence: -evidence.criterion(fit.rows))
 
 
@@ -347,17 +364,20 @@ class _Trial:
 
     Attributes:
         effect, window: which.
-        columns: (m, k) that all parameters have followed; moves: (p, k) how.
+        moves: (p, k) how all parameters follow.
         axes: (k, rank) directions of the size that the data determine, N = 1 along each.
         score: (rank,) along them.
     """
 
     effect: Effect
     window: int | None
-    columns: FloatArray
     moves: FloatArray
     axes: FloatArray
     score: FloatArray
+
+    def columns(self, fit: LinearFit) -> FloatArray:
+        """(m, k) that all parameters have followed."""
+        return self.effect.columns_in(self.window) + fit.jacobian @ self.moves
 
     @property
     def rank(self) -> int:
@@ -401,8 +421,7 @@ class _Trial:
         """
         if fit.clusters is None:
             return 0.0
-        axes = self.columns @ self.axes
-        variance = fit.score_variance(axes, fit.settled)
+        variance = fit.score_variance(self.columns(fit) @ self.axes, fit.settled)
         ratio = float(self.score @ np.linalg.pinv(variance, hermitian=True) @ self.score)
         freedom = max(fit.cluster_count - self.rank, 1)
         p = float(fdtrc(self.rank, freedom, max(ratio, 0.0) / self.rank))
@@ -411,37 +430,35 @@ class _Trial:
 
 def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
     """All effects in all windows, with what the parameters cannot imitate."""
-    asked: list[tuple[Effect, int | None, FloatArray]] = []
+    noise, trials = fit.squares / max(fit.rows - fit.spent, 1.0), list[_Trial]()
+    whole = [effect for effect in effects if effect.windows is None]
+    # One product for all that are in all rows; of the windows of one effect the columns of all
+    # together would need much memory.
+    moves = fit.moves(np.hstack([effect.columns for effect in whole])) if whole else None
+    first = 0
     for effect in effects:
-        if effect.windows is None:
-            asked.append((effect, None, effect.columns))
-        else:
-            windows = enumerate(effect.windows)
-            asked += [(effect, k, effect.columns * w[:, None]) for k, w in windows]
-    if not asked:
-        return []
-    # One product for all of them.
-    columns = np.hstack([each for _, _, each in asked])
-    remaining, moves = fit.follow(columns)
-    weighted = columns if fit.weight is None else columns * fit.weight[:, None]
-    score = weighted.T @ fit.settled
-    noise = fit.squares / max(fit.rows - fit.spent, 1.0)
-    ends = np.cumsum([0, *(each.shape[1] for _, _, each in asked)])
-    found = []
-    for (effect, window, own), first, end in zip(asked, ends[:-1], ends[1:], strict=True):
-        some = slice(int(first), int(end))
-        curvature = weighted[:, some].T @ remaining[:, some]
-        if effect.plausible is None:
-            whole = np.einsum("mk,mk->k", weighted[:, some], own)
-            scale, least = 1.0 / np.sqrt(np.maximum(whole, 1e-300)), INDEPENDENT
-        else:
-            scale, least = effect.plausible, noise / WELL_DETERMINED**2
-        eigenvalues, axes = np.linalg.eigh(curvature * np.outer(scale, scale))
-        kept = eigenvalues > max(least, 1e-300)
-        axes = scale[:, None] * axes[:, kept] / np.sqrt(eigenvalues[kept])
-        along = axes.T @ score[some]
-        found.append(_Trial(effect, window, remaining[:, some], moves[:, some], axes, along))
-    return found
+        for window in (None,) if effect.windows is None else range(len(effect.windows)):
+            columns = effect.columns_in(window)
+            if window is None and moves is not None:
+                follows, first = (
+                    moves[:, first : first + columns.shape[1]],
+                    first + columns.shape[1],
+                )
+            else:
+                follows = fit.moves(columns)
+            weighted = columns if fit.weight is None else columns * fit.weight[:, None]
+            curvature = weighted.T @ columns + (weighted.T @ fit.jacobian) @ follows
+            if effect.plausible is None:
+                power = np.einsum("mk,mk->k", weighted, columns)
+                scale, least = 1.0 / np.sqrt(np.maximum(power, 1e-300)), INDEPENDENT
+            else:
+                scale, least = effect.plausible, noise / WELL_DETERMINED**2
+            eigenvalues, axes = np.linalg.eigh(curvature * np.outer(scale, scale))
+            determined = eigenvalues > max(least, 1e-300)
+            axes = scale[:, None] * axes[:, determined] / np.sqrt(eigenvalues[determined])
+            score = axes.T @ (weighted.T @ fit.settled)
+            trials.append(_Trial(effect, window, follows, axes, score))
+    return trials
 
 
 def _design_effect(fit: LinearFit, tests: Sequence[_Trial]) -> float:
@@ -453,9 +470,9 @@ def _design_effect(fit: LinearFit, tests: Sequence[_Trial]) -> float:
     if fit.clusters is None or not tests:
         return 1.0
     best = max(tests, key=lambda test: test.gain)
-    residual = fit.settled - best.columns @ (best.axes @ best.score)
+    residual = fit.settled - best.columns(fit) @ (best.axes @ best.score)
     freedom = max(fit.rows - fit.spent - best.rank, 1.0)
     noise = max(fit.squares - best.gain, 1e-12 * fit.squares, 1e-300) / freedom
-    axes = np.hstack([test.columns @ test.axes for test in tests])
+    axes = np.hstack([test.columns(fit) @ test.axes for test in tests])
     variance = np.diag(fit.score_variance(axes, residual)) * fit.rows / freedom
     return max(1.0, float(np.mean(variance)) / noise)

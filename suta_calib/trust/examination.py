@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.evaluation import PoseTable
 from suta_calib.solver.information import Rows, kept_rows
 from suta_calib.solver.problem import Problem
@@ -25,6 +25,25 @@ STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
+class Measured:
+    """What was measured for an answer on poses, of which outliers were left out.
+
+    Attributes:
+        inliers: (n,) rows that were fitted.
+        numbers: (n,) of the rows in their file, from 0.
+        rows: what they are, in the plural.
+        called: words for what an unknown frame or point belongs to, by its owner.
+        seen_by: rows that look at an unknown that not all of them look at, by its owner.
+    """
+
+    inliers: BoolArray
+    numbers: IntArray
+    rows: str = "rows"
+    called: Mapping[str, str] = field(default_factory=dict)
+    seen_by: Mapping[str, IntArray] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class Examination:
     """A converged answer, linear about its solution; each part is computed once, when asked for.
 
@@ -35,12 +54,14 @@ class Examination:
         sigmas: standard deviation of one component of each block.
         rows_per_independent_row: see `LinearFit`.
         length: m per unit of length of the problem.
+        measured: rows of an answer on poses; None of an arm.
     """
 
     solution: Solution
     sigmas: Sequence[float]
     rows_per_independent_row: float = 1.0
     length: float = 1.0
+    measured: Measured | None = None
 
     @classmethod
     def of_poses(
@@ -49,6 +70,7 @@ class Examination:
         sigmas: Sequence[float] | None = None,
         rows_per_independent_row: float = 1.0,
         length: float = 1.0,
+        measured: Measured | None = None,
     ) -> Examination:
         """Examine an answer without an arm: pivot, hand-eye, registration.
 
@@ -60,9 +82,13 @@ class Examination:
             rows_per_independent_row: 2.0 where neighbouring poses are so correlated that every
                 two count as one.
             length: m per unit of length of the problem.
+            measured: rows that were measured; those of the solution by default.
         """
         sigmas = solution.sigmas if sigmas is None else sigmas
-        return cls(solution, sigmas, rows_per_independent_row, length)
+        if measured is None:
+            count = sum(len(term.poses) for term in solution.problem.terms)
+            measured = Measured(np.ones(count, dtype=np.bool_), np.arange(count, dtype=np.intp))
+        return cls(solution, sigmas, rows_per_independent_row, length, measured)
 
     @property
     def problem(self) -> Problem:
@@ -100,6 +126,11 @@ class Examination:
             sum(term.equations() for term in self.problem.terms),
             self.rows_per_independent_row,
         )
+
+    @cached_property
+    def plain_fit(self) -> LinearFit:
+        """The same with every row believed and independent: of few rows nothing else is known."""
+        return LinearFit(self.fit.jacobian, self.fit.residual)
 
     @property
     def _prior(self) -> tuple[FloatArray, FloatArray]:

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
-from typing import Any, ClassVar, Final
+from functools import cache, partial
+from typing import Any, ClassVar, Final, TypeVar
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Level, attempt
 from suta_calib.registry import all_classes
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Rule, weigh_effects
 from suta_calib.trust.examination import Examination
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,8 +51,9 @@ class Hypothesis(ABC):
         needs_arm: whether it is about an arm (True), or about measured poses (False).
         before_others: whether it is said before other readings of the data and before changes where
             it is the strongest, because its fault looks like these.
-        worth: share of the squared residuals from which on it is reported, where that is less than
-            `Rule.share`; the module says why.
+        by_itself: whether it is tested by a fit of its own, and not beside the other hypotheses.
+        worth, times_std, false_alarm: thresholds that replace those of the `Rule` where they are
+            less; the module says why.
     """
 
     name: ClassVar[str]
@@ -56,12 +61,36 @@ class Hypothesis(ABC):
     applies_to: ClassVar[tuple[type[Term], ...]] = (Term,)
     needs_arm: ClassVar[bool] = True
     before_others: ClassVar[bool] = False
+    by_itself: ClassVar[bool] = False
     worth: ClassVar[float] = 1.0
+    times_std: ClassVar[float] = math.inf
+    false_alarm: ClassVar[float] = 1.0
 
     def applies(self, answer: Examination) -> bool:
         """Whether the answer can have it."""
         right = any(isinstance(term, self.applies_to) for term in answer.problem.terms)
         return right and self.needs_arm == (answer.arm is not None)
+
+    def weigh(self, answer: Examination) -> list[Evidence]:
+        """What the data say of it by themselves, strongest first."""
+        del answer
+        return []
+
+    def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
+        """Whether it is worth a report."""
+        return evidence.supported(
+            replace(
+                rule,
+                share=min(rule.share, self.worth),
+                times_std=min(rule.times_std, self.times_std),
+                false_alarm=min(rule.false_alarm, self.false_alarm),
+            )
+        )
+
+    def level(self, evidence: Evidence) -> Level:
+        """What the answer is worth with it; ``good`` where it is not worth a word."""
+        del evidence
+        return "care"
 
     @abstractmethod
     def sentence(self, evidence: Evidence) -> str:
@@ -84,6 +113,10 @@ class AddedVariable(Hypothesis):
     @abstractmethod
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """The effects to be tested, one after another."""
+
+    def weigh(self, answer: Examination) -> list[Evidence]:
+        """What the data say of its effects, by the fit as it is."""
+        return weigh_effects(answer.fit, self.effects(answer))
 
 
 class Reinterpretation(Hypothesis):
@@ -111,9 +144,14 @@ class Finding:
         """What was found, its size with ±, and what to do."""
         return self.hypothesis.sentence(self.evidence)
 
+    @property
+    def level(self) -> Level:
+        """What the answer is worth with it."""
+        return self.hypothesis.level(self.evidence)
+
     def supported(self, rule: Rule = Rule()) -> bool:
         """Whether it is worth a report."""
-        return self.evidence.supported(replace(rule, share=min(rule.share, self.hypothesis.worth)))
+        return self.level != "good" and self.hypothesis.supported(self.evidence, rule)
 
 
 # Of joints it is said more carefully (`diagnostics.score_tests`): this test says whether what
@@ -164,13 +202,36 @@ def examine(answer: Examination, rule: Rule = Rule()) -> list[Finding]:
     return [each for each in weigh(answer) if each.supported(rule)]
 
 
-def weigh(answer: Examination) -> list[Finding]:
-    """Every hypothesis that was tested with its evidence, supported or not, strongest first."""
+def weigh(answer: Examination, failed: list[str] | None = None) -> list[Finding]:
+    """Every hypothesis that was tested with its evidence, supported or not, strongest first.
+
+    Args:
+        answer: a converged one.
+        failed: where a sentence about each hypothesis that could not be tested is added. Without
+            it the failure is raised.
+    """
     owner: dict[int, Hypothesis] = {}
-    effects: list[Effect] = []
+    effects, findings = list[Effect](), list[Finding]()
+
+    def effects_of(hypothesis: Hypothesis) -> list[Effect]:
+        return [*hypothesis.effects(answer)] if isinstance(hypothesis, AddedVariable) else []
+
+    def tried(hypothesis: Hypothesis, what: Callable[[], list[T]]) -> list[T]:
+        nothing = list[T]()
+        if failed is None:
+            return what()
+        return attempt(f"judged: {hypothesis.name}", what, nothing, failed)
+
     for hypothesis in known_hypotheses().values():
-        if isinstance(hypothesis, AddedVariable) and hypothesis.applies(answer):
-            for effect in hypothesis.effects(answer):
-                owner[id(effect)] = hypothesis
-                effects.append(effect)
-    return [Finding(owner[id(e.effect)], e) for e in weigh_effects(answer.fit, effects)]
+        if not hypothesis.applies(answer):
+            continue
+        if hypothesis.by_itself:
+            evidence = tried(hypothesis, partial(hypothesis.weigh, answer))
+            findings += [Finding(hypothesis, each) for each in evidence]
+            continue
+        for effect in tried(hypothesis, partial(effects_of, hypothesis)):
+            owner[id(effect)] = hypothesis
+            effects.append(effect)
+    findings += [Finding(owner[id(e.effect)], e) for e in weigh_effects(answer.fit, effects)]
+    rows = answer.fit.rows
+    return sorted(findings, key=lambda finding: -finding.evidence.criterion(rows))

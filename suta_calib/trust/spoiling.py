@@ -64,3 +64,19 @@ def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Ter
         for name, value in samples.numbers.items()
     }
     return term.over_poses(term.poses.with_samples(replace(samples, **changed)))
+
+
+def seen_elsewhere(term: Term, by: FloatArray) -> Term:
+    """The term of measured poses, with what they saw or touched elsewhere by ``by`` (n, 3), m.
+
+    Of a tool on a point the post, of a hand and its eye the target (along its own axes), of two
+    sets of points the second set.
+    """
+    poses = term.poses
+    samples = poses.samples
+    if isinstance(poses, MeasuredPoses) and samples.position is None:
+        return term.over_poses(MeasuredPoses(poses.rotation, poses.position + by, samples))
+    assert samples.position is not None
+    turned = by if samples.rotation is None else np.einsum("nij,nj->ni", samples.rotation, by)
+    seen = replace(samples, position=samples.position + turned)
+    return term.over_poses(poses.with_samples(seen))

@@ -140,8 +140,9 @@ def test_a_focal_length_that_errs_is_said_and_is_within_what_is_stated(count: in
     """One per cent: X is off by 5 mm, of which the scatter alone tells 0.4 to 0.6 mm."""
     for seed in range(4):
         off, found = with_focal_error(0.01, count, seed)
-        assert found.trend.significant
-        assert found.trend.share == pytest.approx(0.01, abs=4.0 * found.trend.std)
+        assert found.far_sight is not None
+        share, std = found.distance_trend
+        assert share == pytest.approx(0.01, abs=4.0 * std)
         assert any("too far" in note for note in found.assessment.notes)
         assert off < 2.0
 
@@ -151,16 +152,16 @@ def test_a_part_of_the_pairs_may_not_show_why_plus_minus_is_wide() -> None:
     data = noisy(113, seed=2)
     (RA, pA), (RB, pB) = data.poses, data.seen
     whole = calibrate_hand_eye((RA, pA), (RB, [1.0, 1.0, 1.03] * pB))
-    assert whole.trend.significant
+    assert whole.far_sight is not None
     wide = float(np.linalg.norm(whole.std["X"][:3]))
     off = float(errors(whole, data)[1])
     assert off < 3.0 * wide
     (note,) = (n for n in whole.assessment.notes if "focal length of the camera is wrong" in n)
-    narrow = re.search(r"without it, ± would be ([\d.]+) mm", note)
+    narrow = re.search(r"Without it, ± would be ([\d.]+) mm", note)
     assert narrow is not None
     assert 1e-3 * float(narrow[1]) < 0.5 * wide
 
 
 def test_a_good_camera_is_not_doubted() -> None:
-    doubted = [with_focal_error(0.0, 20, seed)[1].trend.significant for seed in range(10)]
+    doubted = [with_focal_error(0.0, 20, seed)[1].far_sight for seed in range(10)]
     assert not any(doubted)

@@ -14,6 +14,7 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.registration import Registration, register
 from suta_calib.terms import TrackedPoint
 from suta_calib.terms.synthetic import OutlierModel, PoseNoise
+from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 
 
 # ── Exact points ─────────────────────────────────────────────────────────────────────────────
@@ -158,9 +159,12 @@ def test_a_scale_is_told_with_its_uncertainty(count: int, scale: float, level: s
     for seed in range(3):
         _, a, b = simulate(count, spread=PoseNoise(0.05e-3, 0.0), seed=seed)
         found = register(a, scale * b)
-        assert found.scaled == level
+        finding = found.finding(ScaledPoints.name)
+        assert finding is not None
+        assert finding.level == level
         assert found.scale == pytest.approx(scale, abs=5.0 * found.scale_std)
-        assert found.scale_rms < 0.3e-3
+        size, sets = finding.evidence.size[0], finding.evidence.effect.about
+        assert sets.left(size * sets.placed) < 0.3e-3
         assert any("times as far apart" in note for note in found.assessment.notes)
 
 
@@ -168,7 +172,7 @@ def test_no_scale_is_seen_where_there_is_none() -> None:
     for count in (4, 6, 30):
         for seed in range(12):
             _, a, b = simulate(count, spread=NOISE, seed=seed)
-            assert register(a, b).scaled == "good"
+            assert register(a, b).finding(ScaledPoints.name) is None
 
 
 @pytest.mark.slow

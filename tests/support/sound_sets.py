@@ -23,7 +23,11 @@ from simulated import (
 from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples
-from suta_calib.terms import ArmPoses, FixedPoint, MeasuredPoses, Term, TrackedPoint
+from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.pivot import calibrate_pivot
+from suta_calib.pose_calibration.registration import register
+from suta_calib.pose_calibration.robust_answer import RobustAnswer
+from suta_calib.terms import ArmPoses, FixedPoint, HandEye, MeasuredPoses, Term, TrackedPoint
 from suta_calib.terms.synthetic import PoseNoise
 from suta_calib.trust import Examination
 from suta_calib.trust.calibration_examination import CalibrationExamination
@@ -49,11 +53,25 @@ class Sound:
     unknown: ParameterSet = field(default_factory=ParameterSet)
 
     def examined(self, term: Term) -> Examination:
+        if isinstance(term.poses, MeasuredPoses):
+            examination = answer_on_poses(term).examination
+            assert examination is not None
+            return examination
         solution = solve(Problem([term], self.unknown), SolverOptions(starts=1, confirm=False))
         assert solution.converged
-        if len(self.unknown):
-            return CalibrationExamination.of(solution)
-        return Examination.of_poses(solution)
+        return CalibrationExamination.of(solution)
+
+
+def answer_on_poses(term: Term) -> RobustAnswer:
+    """What the command for this kind of poses answers."""
+    rotation, position = term.poses.at({})
+    samples = term.poses.samples
+    if isinstance(term, FixedPoint):
+        return calibrate_pivot(rotation, position)
+    assert samples.position is not None
+    if samples.rotation is None:
+        return register(position, samples.position)
+    return calibrate_hand_eye((rotation, position), (samples.rotation, samples.position))
 
 
 def of_scene(scene: Scene, unknown: ParameterSet = UNKNOWN) -> Sound:
@@ -113,4 +131,10 @@ def points(seed: int) -> Term:
 
 
 POINTS = Sound(points, {})
+PAIRS = Sound(
+    lambda seed: (
+        HandEye.simulate(40, hand=PoseNoise(1e-4, 1e-3), eye=PoseNoise(1e-4, 1e-3), seed=seed).term
+    ),
+    HandEye.simulate(40).truth,
+)
 BOARD = of_scene(camera_scene(ARM, TRUTH, 20), UNKNOWN)

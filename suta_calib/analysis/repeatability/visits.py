@@ -36,9 +36,9 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.pose_calibration.serial_correlation import correlation_length
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
+from suta_calib.trust.serial_correlation import correlation_length
 from suta_calib.units import Unit, from_deg, mm
 
 # A joint this far from its median (rad) and this many times as far as most: another posture.

@@ -36,7 +36,10 @@ class BentTip(AddedVariable):
     about: ClassVar[str] = "The tip is displaced more, the farther the tool tilts."
     applies_to: ClassVar[tuple[type[Term], ...]] = (FixedPoint,)
     needs_arm: ClassVar[bool] = False
+    by_itself: ClassVar[bool] = True
     worth: ClassVar[float] = WORTH
+    # The p-value decides: of four numbers at once each may be small.
+    times_std: ClassVar[float] = 2.0
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each way of bending, in m of displacement per rad of tilt."""

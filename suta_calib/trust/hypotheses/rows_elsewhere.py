@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence, Rule
+from suta_calib.trust.evidence import Effect, Evidence, Rule, log_ways
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import AddedVariable, Spoilt
 
@@ -53,8 +53,7 @@ class RowsElsewhere(AddedVariable):
         if best is not None:
             _, frame, columns, some = best
             window = answer.row_of_sample(some.astype(float))
-            n, k = len(some), int(some.sum())
-            ways = math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
+            ways = log_ways(len(some), int(some.sum()))
             about = some, answer
             yield Effect(frame, columns, windows=[window], about=about, log_choices=ways)
 
@@ -161,8 +160,7 @@ def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float
         return None
     whole = float(np.sum((cloud - cloud.mean(axis=0)) ** 2))
     inside = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)
-    n, k = len(cloud), int(some.sum())
-    ways = math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
+    n, ways = len(cloud), log_ways(len(cloud), int(some.sum()))
     # Of the likelihood ratio; two sorts of axes were tried.
     chance = 0.5 * (3 * n - 6) * math.log(max(inside / max(whole, 1e-300), 1e-300))
     return chance + ways + math.log(2.0), some

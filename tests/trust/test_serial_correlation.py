@@ -9,7 +9,7 @@ from spread import is_as_predicted
 
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.pose_calibration.pivot import calibrate_pivot
-from suta_calib.pose_calibration.serial_correlation import blocks, correlation_length
+from suta_calib.trust.serial_correlation import blocks, correlation_length
 
 TIP = np.array([0.02, 0.03, 0.15])
 

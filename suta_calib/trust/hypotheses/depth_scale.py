@@ -1,0 +1,65 @@
+"""An eye that sees all targets too far, or too near, by a share of their distance."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from suta_calib.terms.hand_eye import HandEye
+from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+
+
+class DepthScale(AddedVariable):
+    """``seen = expected (1 + s)`` along the eye's axis: a focal length or a target's size is wrong.
+
+    The answer follows most of it, and what is left scatters little: ± from the scatter alone is
+    several times too small. The depth is the expected one. That which was seen holds the same noise
+    as the residuals, which would seem to grow with it.
+    """
+
+    name: ClassVar[str] = "scale of depth"
+    about: ClassVar[str] = "A camera sees its target too far or too near, by a share."
+    applies_to: ClassVar[tuple[type[HandEye], ...]] = (HandEye,)
+    needs_arm: ClassVar[bool] = False
+    by_itself: ClassVar[bool] = True
+    # One number, tested by itself: its p-value says all.
+    worth: ClassVar[float] = 0.0
+    times_std: ClassVar[float] = 0.0
+
+    def effects(self, answer: Examination) -> Iterator[Effect]:
+        """One number."""
+        (term,), columns = answer.problem.terms, list[Any]()
+        depth = term.observed(answer.solution.values, term.poses).position[:, 2]
+        for r in answer.rows:
+            column = np.zeros(r.line.residual.shape)
+            if r.line.view.block.unit == "m":
+                column[:, 2] = depth / r.line.sigma
+            columns.append(column.reshape(-1, 1))
+        yield Effect("depth", np.vstack(columns))
+
+    def weigh(self, answer: Examination) -> list[Evidence]:
+        """The share, with every pair believed."""
+        return weigh_effects(answer.plain_fit, self.effects(answer))
+
+    def sentence(self, evidence: Evidence) -> str:
+        """By what share, and what to do."""
+        share, std = float(evidence.size[0]), float(evidence.std[0])
+        return (
+            f"The eye seems to see the target {abs(share):.2%} ± {std:.2%} of its distance too "
+            f"{'far' if share > 0 else 'near'}. The focal length of the camera is wrong, or the "
+            "target has another size. X is off by this error, and ± includes it. Calibrate the "
+            "camera again and measure the target, or give the corners in the pictures "
+            "(--corners), which also corrects the camera."
+        )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """All targets 1 % too far, or too near."""
+        del values
+        samples, share = data.poses.samples, float(rng.choice([-0.01, 0.01]))
+        seen = replace(samples, position=samples.position * [1.0, 1.0, 1.0 + share])
+        return Spoilt(data.over_poses(data.poses.with_samples(seen)), np.array([share]))

@@ -1,0 +1,121 @@
+"""Outliers that follow one another at the beginning or at the end: something was moved there."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray
+from suta_calib.terms.fixed_point import FixedPoint
+from suta_calib.terms.hand_eye import HandEye
+from suta_calib.terms.term import Term
+from suta_calib.terms.tracked_point import TrackedPoint
+from suta_calib.trust.evidence import Effect, Evidence, Rule, log_ways
+from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypothesis import Hypothesis, Spoilt
+from suta_calib.trust.spoiling import seen_elsewhere
+
+# Outliers in one block that are no chance. Of the rows in the block, and of all outliers, this
+# share may be elsewhere.
+FEWEST: Final = 3
+STRAYS: Final = 0.1
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows at one end, nearly all of which are outliers.
+
+    Attributes:
+        what: may have been moved, in words.
+        border: number in the file of the first row after the border of the block.
+        rows: what the rows are, in the plural.
+    """
+
+    what: str
+    border: int
+    rows: str
+
+
+class OutlierBlock(Hypothesis):
+    """Nearly all outliers are the first rows, or the last, and nearly all of these are outliers.
+
+    Where something was moved late or early, few rows disagree with the rest. A robust fit leaves
+    them out one by one, and the fit of the others does not show the change.
+    """
+
+    name: ClassVar[str] = "outliers in a block"
+    about: ClassVar[str] = "The first rows, or the last, do not agree with the others."
+    applies_to: ClassVar[tuple[type[Term], ...]] = (FixedPoint, HandEye, TrackedPoint)
+    needs_arm: ClassVar[bool] = False
+    by_itself: ClassVar[bool] = True
+
+    def weigh(self, answer: Examination) -> list[Evidence]:
+        """The first block among all rows, or among those that look at one unknown."""
+        measured = answer.measured
+        assert measured is not None
+        owners = dict.fromkeys(p.owner for p in answer.problem.parameters.values())
+        called = {owner: measured.called.get(owner, owner) for owner in owners}
+        every = np.arange(len(measured.inliers), dtype=np.intp)
+        groups = {" or ".join(called.values()): every}
+        groups |= {called[owner]: rows for owner, rows in measured.seen_by.items()}
+        for what, rows in groups.items():
+            outlier = ~measured.inliers[rows]
+            block = _block(outlier)
+            if block is None:
+                continue
+            border, inside, length = block
+            about = Block(what, int(measured.numbers[rows[border]]), measured.rows)
+            count, out = len(outlier), int(outlier.sum())
+            chance = log_ways(length, inside) + log_ways(count - length, out - inside)
+            p = math.exp(min(chance - log_ways(count, out), 0.0))
+            effect = Effect(what, np.zeros((0, 1)), about=about)
+            size, nothing = np.array([float(border)]), np.zeros((1, 1))
+            return [
+                Evidence(effect, None, size, nothing, inside, inside / out, 1, 1.0, 1.0, p, p, size)
+            ]
+        return []
+
+    def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
+        """Whether it is worth a report: counting has decided, sound data have no outliers."""
+        del evidence, rule
+        return True
+
+    def sentence(self, evidence: Evidence) -> str:
+        """Where the block ends, and what may have been moved."""
+        block = evidence.effect.about
+        return (
+            f"The {block.rows} that do not agree are nearly all before row {block.border}, or "
+            f"nearly all from there on (rows from 0): was {block.what} moved in between?"
+        )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """What was seen is 50 mm elsewhere in the last fourth of the rows."""
+        del values
+        count = len(data.poses)
+        by = rng.standard_normal(3)
+        late = np.arange(count) >= count - max(FEWEST + 1, count // 4)
+        elsewhere = seen_elsewhere(data, late[:, None] * 50e-3 * by / np.linalg.norm(by))
+        return Spoilt(elsewhere, np.array([float(np.flatnonzero(late)[0])]))
+
+
+def _block(outlier: BoolArray) -> tuple[int, int, int] | None:
+    """Row at the border of the block, how many outliers are inside, and its length.
+
+    Args:
+        outlier: (n,) in the order of the rows.
+    """
+    count = len(outlier)
+    for backwards in (False, True):
+        # The block in which outliers most outnumber the others.
+        excess = np.cumsum(np.where(outlier[::-1] if backwards else outlier, 1, -1))
+        length = int(np.argmax(excess)) + 1
+        block = outlier[count - length :] if backwards else outlier[:length]
+        inside = int(block.sum())
+        if inside >= FEWEST and inside >= (1.0 - STRAYS) * max(length, int(outlier.sum())):
+            border = count - length if backwards else length
+            return (border, inside, length) if border < count else None
+    return None
