@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,7 +18,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements.pose_files import Points
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
-from suta_calib.pose_calibration.repeated_points import repeats
+from suta_calib.pose_calibration.repeated_points import Repeats, repeats
 from suta_calib.pose_calibration.rigid_fit import (
     LEAST_POINTS,
     RigidFit,
@@ -28,7 +28,7 @@ from suta_calib.pose_calibration.rigid_fit import (
 )
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import ROUNDING
-from suta_calib.pose_calibration.stated import StatedSpread
+from suta_calib.pose_calibration.stated import Agreement, StatedSpread
 from suta_calib.showing import Shown
 from suta_calib.terms.poses import together
 from suta_calib.terms.tracked_point import TrackedPoint
@@ -37,10 +37,6 @@ from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 from suta_calib.trust.hypotheses.strained_points import StrainedPoints
 from suta_calib.trust.hypothesis import weigh
 from suta_calib.units import deg, from_deg, mm, text
-
-if TYPE_CHECKING:
-    from suta_calib.pose_calibration.repeated_points import Repeats
-    from suta_calib.pose_calibration.stated import Agreement, StatedSpread
 
 # Standard deviations, m and rad, that deserve a word.
 UNSURE: Final = 1e-3

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,15 +19,13 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
+from suta_calib.pose_calibration.stated import StatedSpread
 from suta_calib.pose_calibration.weighed_point import WeighedPoint
 from suta_calib.terms.block import Noise
 from suta_calib.terms.outside import pose_named
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.units import mm
-
-if TYPE_CHECKING:
-    from suta_calib.pose_calibration.stated import StatedSpread
 
 LEAST_POINTS: Final = 3
 # Second singular value of centred points, relative to the first, of points on a line.

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from scipy.special import chdtr, chdtrc, fdtrc
@@ -39,9 +39,6 @@ from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Evidence, log_ways
 from suta_calib.trust.examination import Examination, Measured
 from suta_calib.trust.serial_correlation import blocks, correlation_length
-
-if TYPE_CHECKING:
-    from suta_calib.pose_calibration.stated import Agreement
 
 MAX_ROUNDS: Final = 12
 # Rows from which on each may speak for its own scatter.
