@@ -237,7 +237,7 @@ def calibrate_hand_eye(
     start_from = partial(_start, seed=seed if robust and not few else None)
     start = start_from(scaled, target)
     other = next(name for name in get_args(EyeSetup) if name != setup)
-    refuse_misread(start, scaled, target, length, other, start_from)
+    refuse_misread(start, scaled, target, length, other, start_from, rule)
     noise = RobotNoise(scaled, target, FINEST_TURN)
     floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
     fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
