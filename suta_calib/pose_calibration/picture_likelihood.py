@@ -60,7 +60,7 @@ class Sums:
 
 
 @dataclass(frozen=True, eq=False)
-class Known:
+class PriorKnowledge:
     """What is known of the unknowns beforehand.
 
     Attributes:
@@ -92,7 +92,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class LikelihoodPoint:
     """-log restricted likelihood at some levels, and what follows from them.
 
     Attributes:
@@ -120,10 +120,10 @@ class Likelihood:
     of each group, and of the scatter of what neighbours share.
     """
 
-    def __init__(self, sums: Sums, known: Known) -> None:
+    def __init__(self, sums: Sums, known: PriorKnowledge) -> None:
         self.sums, self.known, self.cameras = sums, known, len(sums.count)
 
-    def at(self, eta: FloatArray) -> Point:
+    def at(self, eta: FloatArray) -> LikelihoodPoint:
         """At some levels."""
         sums, known, c = self.sums, self.known, self.cameras
         inverse, scale = np.exp(-2.0 * eta[:c]), self._scale(eta)
@@ -152,9 +152,9 @@ class Likelihood:
         value += 0.5 * float(np.sum((added / known.spread) ** 2))
         answers = solved[:, :, :-1]
         poses = scale * (solved[:, :, -1] + answers @ step)
-        return Point(value, step, covariance, poses, (pp, pj, pr), answers)
+        return LikelihoodPoint(value, step, covariance, poses, (pp, pj, pr), answers)
 
-    def gradient(self, eta: FloatArray, here: Point) -> FloatArray:
+    def gradient(self, eta: FloatArray, here: LikelihoodPoint) -> FloatArray:
         """Derivative of the value by the levels, at what `at` found there.
 
         By Fisher's identity it is that of the expectation, over what unknowns and hand may be given

@@ -24,7 +24,12 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS, Likelihood, Point, Sums
+from suta_calib.pose_calibration.picture_likelihood import (
+    DIRECTIONS,
+    Likelihood,
+    LikelihoodPoint,
+    Sums,
+)
 from suta_calib.pose_calibration.picture_rows import PictureRows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView
@@ -237,7 +242,11 @@ def _errors(
 
 
 def _covariance(
-    likelihood: Likelihood, eta: FloatArray, here: Point, covariance: FloatArray, placing: _Placing
+    likelihood: Likelihood,
+    eta: FloatArray,
+    here: LikelihoodPoint,
+    covariance: FloatArray,
+    placing: _Placing,
 ) -> FloatArray:
     """Covariance (p, p) of the unknowns as they are placed.
 

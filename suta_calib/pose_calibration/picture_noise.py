@@ -36,9 +36,9 @@ from suta_calib.pose_calibration.correlation import common_covariance
 from suta_calib.pose_calibration.picture_likelihood import (
     DIRECTIONS,
     WAYS,
-    Known,
     Likelihood,
-    Point,
+    LikelihoodPoint,
+    PriorKnowledge,
 )
 from suta_calib.pose_calibration.picture_models import Chosen, choose_model
 from suta_calib.pose_calibration.picture_rows import PictureRows
@@ -159,7 +159,7 @@ class _Settled:
     eta: FloatArray
     rows: PictureRows
     likelihood: Likelihood
-    here: Point
+    here: LikelihoodPoint
 
 
 def _settled(
@@ -204,7 +204,7 @@ def _settled(
         # What neighbours share is found anew each time: the problem knows nothing of it.
         away = np.concatenate([(x - nominal)[free], sizes])
         away = np.pad(away, (0, shared.shape[1] - len(unknown)))
-        known = Known(precision, away, groups, WeightOptions().camera, shared)
+        known = PriorKnowledge(precision, away, groups, WeightOptions().camera, shared)
         likelihood = Likelihood(rows.sums, known)
         before, eta = eta, likelihood.best(eta)
         here = likelihood.at(eta)
@@ -297,7 +297,7 @@ def _with_shared(found: _Settled, hands: Hands) -> FloatArray | None:
     known, cameras = found.likelihood.known, found.likelihood.cameras
     shared = _shared_groups(hands.shared.shape[2])
     more = ((0, 0), (0, shared.shape[1]))
-    beliefs = Known(
+    beliefs = PriorKnowledge(
         np.concatenate([known.precision, np.ones(shared.shape[1])]),
         np.pad(known.away, more[1]),
         np.pad(known.groups, more),
@@ -389,7 +389,7 @@ def _robust(problem: Problem) -> bool:
     return all(np.isfinite(block.noise.huber) for block in problem.blocks)
 
 
-def _in_common(here: Point, alike: Sequence[FloatArray]) -> FloatArray:
+def _in_common(here: LikelihoodPoint, alike: Sequence[FloatArray]) -> FloatArray:
     """What the covariance grows by as neighbouring pictures err alike.
 
     By the poses that the pictures give the hand, whitened: with E = PᵀP/σ² in units of the hand's

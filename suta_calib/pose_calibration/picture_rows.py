@@ -15,7 +15,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.pose_calibration.picture_likelihood import WAYS, Point, Sums
+from suta_calib.pose_calibration.picture_likelihood import WAYS, LikelihoodPoint, Sums
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
@@ -155,7 +155,7 @@ class PictureRows:
         jr = np.concatenate([jr, flat.T @ pr.reshape(-1)])
         return jj, jr, np.concatenate([pj, by_shared], axis=2)
 
-    def beliefs(self, here: Point, sigmas: FloatArray) -> list[FloatArray]:
+    def beliefs(self, here: LikelihoodPoint, sigmas: FloatArray) -> list[FloatArray]:
         """Huber's weight of every corner, with the hand where its picture puts it."""
         weights = []
         for part, sigma in zip(self.parts, sigmas, strict=True):

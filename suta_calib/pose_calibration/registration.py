@@ -18,7 +18,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements.pose_files import Points
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
-from suta_calib.pose_calibration.repeated_points import Repeats, repeats
+from suta_calib.pose_calibration.repeated_points import RepeatedPoints, repeats
 from suta_calib.pose_calibration.rigid_fit import (
     LEAST_POINTS,
     RigidFit,
@@ -83,7 +83,7 @@ class Registration(Shown, RobustAnswer):
     distinct: BoolArray
     sigma: float
     extent: float
-    repeats: Repeats | None = None
+    repeats: RepeatedPoints | None = None
     stated: float | None = None
     agreement: Agreement | None = None
     scale_ppm: float = 0.0
@@ -317,7 +317,7 @@ def _stated(source: FloatArray | None, target: FloatArray | None) -> StatedSprea
     return StatedSpread.of(source, target)
 
 
-def _repeats(a: FloatArray, b: FloatArray, found: RigidFit) -> Repeats | None:
+def _repeats(a: FloatArray, b: FloatArray, found: RigidFit) -> RepeatedPoints | None:
     """Rows of points (n, 3) that are the same ones, and have most of their error in common."""
     near = max(NEAR * found.sigma, ROUNDING * float(np.ptp(b)))
     alike = [together(points, near) for points in (a, b)]

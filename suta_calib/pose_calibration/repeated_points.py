@@ -30,7 +30,7 @@ NO_TOUCH: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Repeats:
+class RepeatedPoints:
     """Rows that are the same points, and have most of their error in common.
 
     Attributes:
@@ -82,7 +82,7 @@ class Repeats:
 
 def repeats(
     points: Sequence[IntArray], residuals: FloatArray, inliers: BoolArray
-) -> Repeats | None:
+) -> RepeatedPoints | None:
     """Rows that are the same points and err alike; None where none are.
 
     Args:
@@ -100,7 +100,7 @@ def repeats(
 
 def _judged(
     point: IntArray, residuals: FloatArray, inliers: BoolArray
-) -> tuple[float, Repeats] | None:
+) -> tuple[float, RepeatedPoints] | None:
     """How likely the rows of a point would err so much alike if each erred for itself."""
     mine, index = np.unique(point[inliers], return_inverse=True)
     inlying, count = residuals[inliers], len(mine)
@@ -115,4 +115,4 @@ def _judged(
     within = squares / inside
     chance = fdtrc(freedom, inside, pooled / max(within, 1e-300))
     between = float(np.sum(means**2)) / freedom
-    return float(chance), Repeats(point, float(np.sqrt(within)), float(np.sqrt(between)))
+    return float(chance), RepeatedPoints(point, float(np.sqrt(within)), float(np.sqrt(between)))

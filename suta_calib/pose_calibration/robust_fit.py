@@ -37,7 +37,7 @@ from suta_calib.terms.block import Noise
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Evidence, log_ways
-from suta_calib.trust.examination import Examination, Measured
+from suta_calib.trust.examination import Examination, MeasuredRows
 from suta_calib.trust.serial_correlation import blocks, correlation_length
 
 MAX_ROUNDS: Final = 12
@@ -119,7 +119,7 @@ class RobustFit:
             seen_by: rows that look at an unknown that not all of them look at.
         """
         every = np.arange(len(self.inliers), dtype=np.intp) if numbers is None else numbers
-        measured = Measured(self.inliers, every, rows, called, seen_by or {})
+        measured = MeasuredRows(self.inliers, every, rows, called, seen_by or {})
         # Rows of a stream that err alike are fewer than they are.
         white = [r[self.inliers] / s for r, s in zip(self.residuals, self.sigmas, strict=True)]
         repeated = correlation_length(np.hstack(white))

@@ -25,7 +25,7 @@ STEP: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Measured:
+class MeasuredRows:
     """What was measured for an answer on poses, of which outliers were left out.
 
     Attributes:
@@ -61,7 +61,7 @@ class Examination:
     sigmas: Sequence[float]
     rows_per_independent_row: float = 1.0
     length: float = 1.0
-    measured: Measured | None = None
+    measured: MeasuredRows | None = None
 
     @classmethod
     def of_poses(
@@ -70,7 +70,7 @@ class Examination:
         sigmas: Sequence[float] | None = None,
         rows_per_independent_row: float = 1.0,
         length: float = 1.0,
-        measured: Measured | None = None,
+        measured: MeasuredRows | None = None,
     ) -> Examination:
         """Examine an answer without an arm: pivot, hand-eye, registration.
 
@@ -87,7 +87,7 @@ class Examination:
         sigmas = solution.sigmas if sigmas is None else sigmas
         if measured is None:
             count = sum(len(term.poses) for term in solution.problem.terms)
-            measured = Measured(np.ones(count, dtype=np.bool_), np.arange(count, dtype=np.intp))
+            measured = MeasuredRows(np.ones(count, dtype=np.bool_), np.arange(count, dtype=np.intp))
         return cls(solution, sigmas, rows_per_independent_row, length, measured)
 
     @property

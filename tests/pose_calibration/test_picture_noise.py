@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from suta_calib.arrays import FloatArray
-from suta_calib.pose_calibration.picture_likelihood import WAYS, Known, Likelihood, Sums
+from suta_calib.pose_calibration.picture_likelihood import WAYS, Likelihood, PriorKnowledge, Sums
 
 # The last two unknowns are what poses share.
 POSES, CORNERS, UNKNOWNS = 5, 12, 10
@@ -27,12 +27,12 @@ def rows() -> list[tuple[FloatArray, FloatArray, FloatArray]]:
     return found
 
 
-def known() -> Known:
+def known() -> PriorKnowledge:
     precision = np.array([0, 0, 0, 4.0, 9.0, 1.0, 0.0, 2.0, 1.0, 1.0])
     groups = np.zeros((2, UNKNOWNS), dtype=np.bool_)
     groups[0, 3:5] = groups[1, [5, 7]] = True
     shared = np.arange(UNKNOWNS)[None] >= 8
-    return Known(precision, np.linspace(-1.0, 1.0, UNKNOWNS), groups, 1.3, shared)
+    return PriorKnowledge(precision, np.linspace(-1.0, 1.0, UNKNOWNS), groups, 1.3, shared)
 
 
 def likelihood() -> Likelihood:

@@ -38,7 +38,7 @@ EXACT: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Change:
+class MovedPart:
     """Of what an effect is.
 
     Attributes:
@@ -95,7 +95,7 @@ class Moved(AddedVariable):
         for owner, (at, per_unit) in unknowns(answer).items():
             columns = np.vstack([r.jacobian[:, at] for r in answer.rows]) @ np.linalg.inv(per_unit)
             what = answer.measured.called.get(owner, owner)
-            about = Change(what, starts, rows, answer.measured.rows)
+            about = MovedPart(what, starts, rows, answer.measured.rows)
             yield Effect(what, columns, windows=windows, about=about)
 
     def weigh(self, answer: Examination) -> list[Evidence]:

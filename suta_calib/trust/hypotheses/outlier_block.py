@@ -26,7 +26,7 @@ STRAYS: Final = 0.1
 
 
 @dataclass(frozen=True)
-class Block:
+class EndBlock:
     """Rows at one end, nearly all of which are outliers.
 
     Attributes:
@@ -68,7 +68,7 @@ class OutlierBlock(Hypothesis):
             if block is None:
                 continue
             border, inside, length = block
-            about = Block(what, int(measured.numbers[rows[border]]), measured.rows)
+            about = EndBlock(what, int(measured.numbers[rows[border]]), measured.rows)
             count, out = len(outlier), int(outlier.sum())
             chance = log_ways(length, inside) + log_ways(count - length, out - inside)
             p = math.exp(min(chance - log_ways(count, out), 0.0))
