@@ -69,9 +69,9 @@ def find_consensus(
     # As many rows as a solution must fit for the highest breakdown.
     half = min(len(rows), (len(rows) + needed + 1) // 2)
     if len(rows) > SCREENING:
-        some = rows[np.linspace(0, len(rows) - 1, SCREENING).astype(np.intp)]
-        part = min(len(some), (len(some) + needed + 1) // 2)
-        samples = samples[_best(_score(residuals(propose(samples), some), part), SCREENED)]
+        screened = rows[np.linspace(0, len(rows) - 1, SCREENING).astype(np.intp)]
+        part = min(len(screened), (len(screened) + needed + 1) // 2)
+        samples = samples[_best(_score(residuals(propose(samples), screened), part), SCREENED)]
     every = residuals(propose(samples), rows)
     best = _best(_score(every, half), REFINED)
     basis, norms = [*samples[best]], every[best]
@@ -96,10 +96,10 @@ def find_consensus(
     sigmas = _scale(norms[[winner]], half)[0]
     sigmas /= np.sqrt(chdtri(DIMENSION, 1.0 - half / (len(rows) + 1)))
     sigmas *= 1.0 + 5.0 / max(len(rows) - half, 1)
-    found = norms[winner]
+    norms_of_all = norms[winner]
     if len(rows) < count:
-        found = residuals(propose(basis[winner][None]), np.arange(count, dtype=np.intp))[0]
-    inliers = np.sum((found / sigmas) ** 2, axis=-1) <= outlier_limit(count, kinds)
+        norms_of_all = residuals(propose(basis[winner][None]), np.arange(count, dtype=np.intp))[0]
+    inliers = np.sum((norms_of_all / sigmas) ** 2, axis=-1) <= outlier_limit(count, kinds)
     return Consensus(inliers, sigmas)
 
 

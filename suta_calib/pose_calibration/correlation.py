@@ -46,7 +46,7 @@ def common_covariance(
     residual: FloatArray,
     weight: FloatArray,
     bread: FloatArray,
-    alike: Sequence[FloatArray],
+    neighbourhoods: Sequence[FloatArray],
     order: IntArray,
     rests: IntArray,
     sizes: Sequence[int],
@@ -59,7 +59,8 @@ def common_covariance(
         residual: (n, d) in units of their scatter.
         weight: (d,) of each component in the fit, over what its scatter deserves.
         bread: (p, p) inverse of the fit's curvature.
-        alike: spaces (n, k) in which rows that are near each other may err alike; 1 is far.
+        neighbourhoods: spaces (n, k) in which rows that are near each other may err alike; 1 is
+            far.
         order: (n,) place of each row in its series.
         rests: (n,) rows of one rest or posture, from 0, which say once what they say.
         sizes: of the groups of components, d in all, whose errors have nothing in common: a hand's
@@ -74,7 +75,7 @@ def common_covariance(
     for k, (size, end) in enumerate(zip(sizes, ends.tolist(), strict=True)):
         part, turn = slice(end - size, end), frames[k] if frames else None
         mine = _variances(
-            jacobian[:, part], residual[:, part], weight[part], turn, alike, order, rests
+            jacobian[:, part], residual[:, part], weight[part], turn, neighbourhoods, order, rests
         )
         if mine is not None:
             expected += mine[0]
@@ -87,7 +88,7 @@ def _variances(
     residual: FloatArray,
     weight: FloatArray,
     turn: FloatArray | None,
-    alike: Sequence[FloatArray],
+    neighbourhoods: Sequence[FloatArray],
     order: IntArray,
     rests: IntArray,
 ) -> tuple[FloatArray, FloatArray] | None:
@@ -122,13 +123,13 @@ def _variances(
         views.append((_turned(at, mean), _turned(at, slope), _turned(at, pulled)))
     white = np.einsum("ndp,ndq->pq", jacobian * weight[:, None] ** 2, jacobian)
     white *= float(np.sum(residual**2)) / max(size * n - followed, 1)
-    spaces = [space[first] for space in alike]
+    spaces = [space[first] for space in neighbourhoods]
     # The order of rows is a reason only where neighbours in it are seen to be alike.
     series = (
         order[first].astype(float) if correlation_length(mean[np.argsort(first)]) > 1.0 else None
     )
-    some = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
-    seen, slopes, pulls = (np.array(each) for each in zip(*views, strict=True))
+    sampled = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
+    means, slopes, pulls = (np.array(each) for each in zip(*views, strict=True))
     pulls = pulls.reshape(len(views), groups, size * unknowns)
 
     def of_pulls(rows: FloatArray) -> FloatArray:
@@ -140,16 +141,16 @@ def _variances(
     likelihoods, variances = list[FloatArray](), list[FloatArray]()
     for prior, shape, parts in _kernels(spaces, series, groups):
         part = np.array(parts)[:, None, None]
-        kernel = (1.0 - part) * np.eye(len(some)) + part * shape[np.ix_(some, some)]
-        found, scale = _restricted(
-            np.diag(single[some]) + shared * kernel, slopes[:, some], seen[:, some]
+        kernel = (1.0 - part) * np.eye(len(sampled)) + part * shape[np.ix_(sampled, sampled)]
+        log_likelihood, scale = _restricted(
+            np.diag(single[sampled]) + shared * kernel, slopes[:, sampled], means[:, sampled]
         )
         part = part[..., None]
         common = (1.0 - part) * by_itself + part * of_pulls(shape @ pulls)
         variances.append(
             (scale[..., None, None] * (alone + shared * common)).reshape(-1, *white.shape)
         )
-        likelihoods.append(np.log(prior / len(views)) + found.ravel())
+        likelihoods.append(np.log(prior / len(views)) + log_likelihood.ravel())
     likelihood = np.concatenate(likelihoods)
     if not np.isfinite(likelihood).any():
         return None
@@ -189,10 +190,10 @@ def _kernels(
         steps = np.abs(series[:, None] - series[None])
         shapes += [np.exp(-steps / lag) for lag in LAGS]
     for space in spaces:
-        apart = np.linalg.norm(space[:, None] - space[None], axis=2)
+        distances = np.linalg.norm(space[:, None] - space[None], axis=2)
         for reach in REACHES:
             # Matérn 3/2: smooth errors, of no particular wave length.
-            far = np.sqrt(3.0) * apart / reach
+            far = np.sqrt(3.0) * distances / reach
             shapes.append((1.0 + far) * np.exp(-far))
     for shape in shapes:
         yield (1.0 - INDEPENDENT) / (len(shapes) * len(PARTS)), shape, PARTS
@@ -219,24 +220,26 @@ def _restricted(
     solved = np.linalg.solve(covariance, columns.transpose(1, 0, 2).reshape(1, n, -1))
     solved = solved.reshape(len(covariance), n, *columns.shape[::2]).transpose(0, 2, 1, 3)
     ends = size * unknowns
-    told = solved[..., :ends].reshape(len(covariance), views, n * size, unknowns)
-    information = slope.reshape(views, n * size, unknowns).transpose(0, 2, 1) @ told
+    solved_slope = solved[..., :ends].reshape(len(covariance), views, n * size, unknowns)
+    information = slope.reshape(views, n * size, unknowns).transpose(0, 2, 1) @ solved_slope
     diagonal = np.diagonal(information, axis1=2, axis2=3)
     unit = 1.0 / np.sqrt(np.maximum(diagonal, 1e-300))
     values, vectors = np.linalg.eigh(information * unit[..., None] * unit[..., None, :])
     # Unknowns of which these rows say nothing take nothing from them.
-    kept = values > DEPENDENT**2 * values.max(axis=2, keepdims=True)
-    values = np.where(kept, values, 1.0)
-    freedom = n * size - kept.sum(axis=2)
-    pull = unit * np.einsum("kvnp,vn->kvp", told, mean.reshape(views, -1))
+    determined = values > DEPENDENT**2 * values.max(axis=2, keepdims=True)
+    values = np.where(determined, values, 1.0)
+    freedom = n * size - determined.sum(axis=2)
+    pull = unit * np.einsum("kvnp,vn->kvp", solved_slope, mean.reshape(views, -1))
     sums = np.einsum("kvpq,kvp->kvq", vectors, pull)
     power = np.einsum("kvnd,vnd->kv", solved[..., ends:], mean)
-    power -= np.sum(np.where(kept, sums**2 / values, 0.0), axis=2)
+    power -= np.sum(np.where(determined, sums**2 / values, 0.0), axis=2)
     scale = np.maximum(power, 1e-300) / np.maximum(freedom, 1)
-    whole = 2.0 * size * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    log_determinant = (
+        2.0 * size * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    )
     lengths = np.log(np.where(unit < UNTOLD, unit, 1.0)).sum(axis=2)
     fitted = np.log(values).sum(axis=2) - 2.0 * lengths
-    likelihood = -0.5 * (whole + fitted + freedom * np.log(scale))
+    likelihood = -0.5 * (log_determinant + fitted + freedom * np.log(scale))
     return np.where(freedom < 1, -np.inf, likelihood), scale
 
 

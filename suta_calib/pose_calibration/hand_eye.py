@@ -267,7 +267,7 @@ def calibrate_hand_eye(
     x = fit.solution.x
     X = rotation_from_vector(x[3:6]), x[:3] * length
     Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
-    found = loop_closures(A, X, B)
+    loops = loop_closures(A, X, B)
     jacobian = np.diag(np.tile(np.repeat([length, 1.0], 3), 2))
     jacobian[3:6, 3:6], jacobian[9:, 9:] = tangent_of_vector(x[3:6]), tangent_of_vector(x[9:12])
     return HandEyeCalibration(
@@ -276,8 +276,8 @@ def calibrate_hand_eye(
         X=homogeneous(*X),
         Z=homogeneous(*Z),
         covariance=jacobian @ (fit.spread(explained) + followed) @ jacobian.T,
-        residuals=found[1] - Z[1],
-        rotation_residuals=vector_from_rotation(Z[0].T @ found[0]),
+        residuals=loops[1] - Z[1],
+        rotation_residuals=vector_from_rotation(Z[0].T @ loops[0]),
         inliers=fit.inliers,
         suspects=fit.suspects,
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
@@ -312,10 +312,10 @@ def hand_eye_from_pairs(
 ) -> HandEyeCalibration:
     """`calibrate_hand_eye` of a file: its errors name it, its assessment knows what it found."""
     with error_context(pairs.path):
-        found = calibrate_hand_eye(
+        answer = calibrate_hand_eye(
             pairs.hand, pairs.seen, setup=setup, model=model, robust=robust, seed=seed
         )
-    return replace(found, notes=pairs.unit_notes)
+    return replace(answer, notes=pairs.unit_notes)
 
 
 def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
@@ -325,8 +325,8 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
         X = quaternion_hand_eye(A, B)
         Z = close_the_loop(A, X, B)
         R, p = loop_closures(A, X, B)
-        apart = rms_length(p - Z[1]), rms_length(vector_from_rotation(Z[0].T @ R))
-        return Consensus.of_all(n, *(length / np.sqrt(3.0) for length in apart))
+        distances = rms_length(p - Z[1]), rms_length(vector_from_rotation(Z[0].T @ R))
+        return Consensus.of_all(n, *(length / np.sqrt(3.0) for length in distances))
 
     def propose(rows: IntArray) -> Poses:
         return quaternion_hand_eye((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]))

@@ -40,7 +40,7 @@ Start = Callable[[Poses, Poses], Consensus]
 
 
 def refuse_misread(
-    found: Consensus,
+    consensus: Consensus,
     A: Poses,
     B: Poses,
     length: float,
@@ -51,7 +51,7 @@ def refuse_misread(
     """Refuse poses that fit together as soon as they are read in another way, which it names.
 
     Args:
-        found: what `start` says of the poses as they are.
+        consensus: what `start` says of the poses as they are.
         A: poses of the hand, in units of the extent.
         B: the same of the target.
         length: the extent, m.
@@ -59,9 +59,9 @@ def refuse_misread(
         start: how the loops of poses scatter, in units of the extent and rad.
         rule: how much better is far better.
     """
-    if found.sigmas[0] < SUSPICIOUS:
+    if consensus.sigmas[0] < SUSPICIOUS:
         return
-    scatter = float(found.sigmas[0])
+    scatter = float(consensus.sigmas[0])
     reading = agreeing_reading(
         Pairs(A, B), scatter, lambda pairs: start(pairs.hand, pairs.seen).sigmas, rule
     )
@@ -69,7 +69,7 @@ def refuse_misread(
         slid, turned = reading.scatter
         close = f"{mm(length * slid):.1f} mm and {deg(turned):.2f}°"
         cause = reading.description.format(other=other_setup)
-        raise _disagreement(found, length, f"they agree with one to {close} {cause}")
+        raise _disagreement(consensus, length, f"they agree with one to {close} {cause}")
 
 
 def refuse_strangers(
@@ -95,9 +95,9 @@ def refuse_strangers(
             hint=CAUSES,
         )
     slid, turned = start.sigmas
-    apart = slid > STRANGERS or turned > NO_AGREEMENT
+    disagree = slid > STRANGERS or turned > NO_AGREEMENT
     unrelated = fit.sigmas[0] > UNRELATED or undetermined_directions(fit.solution, EYE, more)
-    if not (apart and unrelated):
+    if not (disagree and unrelated):
         return
     if turned > TURNED:
         raise _disagreement(start, length, CAUSES)
@@ -106,10 +106,10 @@ def refuse_strangers(
         raise _disagreement(start, length, OF_PLACES)
 
 
-def _disagreement(found: Consensus, length: float, hint: str) -> SamplesError:
+def _disagreement(consensus: Consensus, length: float, hint: str) -> SamplesError:
     return SamplesError(
         "pairs of poses that do not agree with any X: the ends of the loops A X B scatter by "
-        f"{mm(length * found.sigmas[0]):.0f} mm and {deg(found.sigmas[1]):.1f}° per axis",
+        f"{mm(length * consensus.sigmas[0]):.0f} mm and {deg(consensus.sigmas[1]):.1f}° per axis",
         "poses of a hand and of what its eye saw, pair by pair",
         hint=hint,
     )

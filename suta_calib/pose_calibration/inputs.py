@@ -23,14 +23,14 @@ def checked_sigmas(sigma: ArrayLike | None, count: int, where: str) -> FloatArra
     """(n, 3) positive numbers for ``count`` points, or None; `SamplesError` for anything else."""
     if sigma is None:
         return None
-    found = checked_points(sigma, where)
-    if len(found) != count:
-        raise SamplesError(f"{len(found)} rows", f"{count}, as there are points", where=where)
-    for index in np.argwhere(found <= 0.0):
+    sigmas = checked_points(sigma, where)
+    if len(sigmas) != count:
+        raise SamplesError(f"{len(sigmas)} rows", f"{count}, as there are points", where=where)
+    for index in np.argwhere(sigmas <= 0.0):
         raise SamplesError(
-            f"{found[tuple(index)]:g}", "a length greater than 0", where=f"{where}{index}"
+            f"{sigmas[tuple(index)]:g}", "a length greater than 0", where=f"{where}{index}"
         )
-    return found
+    return sigmas
 
 
 def checked_poses(

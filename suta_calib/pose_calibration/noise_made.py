@@ -46,9 +46,9 @@ def noise_made_directions(fit: RobustFit, noise: RobotNoise) -> list[FloatArray]
     for turn in (slice(3, 6), slice(9, 12)):
         to_parameters[turn, turn] = np.linalg.inv(tangent_of_vector(x[turn]))
     jacobian = np.vstack([r.jacobian for r in rows]) @ to_parameters
-    known = jacobian.T @ jacobian
-    follow = np.vstack([np.eye(6), -scaled_inverse(known[6:, 6:]) @ known[6:, :6]])
-    told = follow.T @ known @ follow
+    information = jacobian.T @ jacobian
+    follow = np.vstack([np.eye(6), -scaled_inverse(information[6:, 6:]) @ information[6:, :6]])
+    of_eye = follow.T @ information @ follow
     place, turned = sigmas
     of_hand = noise.at_most * turned**2
     # What the point on the target moves by at which noise of places and of turns is independent.
@@ -56,18 +56,18 @@ def noise_made_directions(fit: RobustFit, noise: RobotNoise) -> list[FloatArray]
     target = np.hstack([np.eye(3), -skew(lever) @ rotation_from_vector(x[9:12])]) @ follow[6:]
     made = 2.0 * count * of_hand / place**2 * target.T @ target
     made[3:, 3:] += 2.0 * count * (1.0 + of_hand / turned**2) * np.eye(3)
-    slides = _made(told[:3, :3], made[:3, :3])
-    every = _made(told, made)
+    slides = _made(of_eye[:3, :3], made[:3, :3])
+    every = _made(of_eye, made)
     return [
         *(np.concatenate([v / np.linalg.norm(v), np.zeros(3)]) for v in slides),
         *_turns(every, len(every) - len(slides)),
     ]
 
 
-def _made(told: FloatArray, made: FloatArray) -> list[FloatArray]:
+def _made(information: FloatArray, made: FloatArray) -> list[FloatArray]:
     """Directions of which noise made more than `NOISE_MADE`, most of all first."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(told), 1e-300))
-    values, axes = np.linalg.eigh(told * np.outer(scale, scale))
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, axes = np.linalg.eigh(information * np.outer(scale, scale))
     root = scale[:, None] * axes / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
     share, directions = np.linalg.eigh(root.T @ made @ root)
     return [root @ directions[:, k] for k in range(len(share))[::-1] if share[k] > NOISE_MADE]

@@ -228,48 +228,50 @@ class PictureCalibration:
         )
 
 
-def _against_the_file(seen: SeenCamera) -> tuple[str, Level]:
+def _against_the_file(camera: SeenCamera) -> tuple[str, Level]:
     """What the pictures say against the camera's file, and whether it calls for care.
 
     Pictures that put the principal point elsewhere by more than chance are told; care is asked for
     where what is known of the file's own errors does not explain it either, and wherever X follows
     the file.
     """
-    told, given = seen.told, seen.given
-    assert told.covariance is not None
+    by_pictures, given = camera.told, camera.given
+    assert by_pictures.covariance is not None
     if given is None:
         return "", "good"
-    if seen.same_corners and not seen.held:
+    if camera.same_corners and not camera.held:
         return (
             "The camera's file was calibrated from these very corners: they are counted once, and "
             "what it says of its own ± not again.",
             "good",
         )
-    change = told.intrinsics - given.intrinsics
+    change = by_pictures.intrinsics - given.intrinsics
     stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
-    if seen.held:
-        off = [pair for pair in PAIRS if _significant(change[pair], told.covariance[pair, pair])]
-        return (_held_against(seen, given), "care") if off else ("", "good")
+    if camera.held:
+        off = [
+            pair for pair in PAIRS if _significant(change[pair], by_pictures.covariance[pair, pair])
+        ]
+        return (_held_against(camera, given), "care") if off else ("", "good")
     prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
     expected = stated if given.covariance is not None else np.diag(prior**2)
     for pair in PAIRS:
-        if _significant(change[pair], (told.covariance + expected)[pair, pair]):
-            return _contradiction(seen, given), "care"
-    if not _significant(change[2:4], (told.covariance + stated)[2:4, 2:4]):
+        if _significant(change[pair], (by_pictures.covariance + expected)[pair, pair]):
+            return _contradiction(camera, given), "care"
+    if not _significant(change[2:4], (by_pictures.covariance + stated)[2:4, 2:4]):
         return "", "good"
     return (
-        f"The pictures put the principal point at {_told_centre(told)} px, "
+        f"The pictures put the principal point at {_told_centre(by_pictures)} px, "
         f"the camera's file at ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px: X "
         f"follows the pictures. {COUNTED}",
         "good",
     )
 
 
-def _better_if_held(seen: SeenCamera) -> str:
+def _better_if_held(camera: SeenCamera) -> str:
     """How well X would be known with the intrinsics held, where that is worth a word."""
-    if seen.if_held is None:
+    if camera.if_held is None:
         return ""
-    (shift, turn), (held_shift, held_turn) = seen.displaced_turned, seen.if_held.sizes
+    (shift, turn), (held_shift, held_turn) = camera.displaced_turned, camera.if_held.sizes
     if shift < WORTH_HOLDING * held_shift and turn < WORTH_HOLDING * held_turn:
         return ""
     return (
@@ -279,8 +281,8 @@ def _better_if_held(seen: SeenCamera) -> str:
     )
 
 
-def _told_centre(told: Camera) -> str:
-    (u, v), (by_u, by_v) = told.intrinsics[2:4], _stds(told)[2:4]
+def _told_centre(camera: Camera) -> str:
+    (u, v), (by_u, by_v) = camera.intrinsics[2:4], _stds(camera)[2:4]
     return f"({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f})"
 
 
@@ -289,11 +291,11 @@ def _stds(camera: Camera) -> FloatArray:
     return camera.stds
 
 
-def _held_against(seen: SeenCamera, given: Camera) -> str:
+def _held_against(camera: SeenCamera, given: Camera) -> str:
     """Intrinsics that were to be believed, and that the pictures do not bear out."""
-    stds = dict(zip(INTRINSICS, _stds(seen.told), strict=True))
+    stds = dict(zip(INTRINSICS, _stds(camera.told), strict=True))
     changes = [
-        f"{key} {given.values[key]:.2f} → {seen.told.values[key]:.2f} ± {stds[key]:.2f}"
+        f"{key} {given.values[key]:.2f} → {camera.told.values[key]:.2f} ± {stds[key]:.2f}"
         for key in ("fx", "fy", "cx", "cy")
     ]
     return (
@@ -309,37 +311,37 @@ def _significant(change: FloatArray, covariance: FloatArray) -> bool:
     return squared > float(chdtri(len(change), FALSE_ALARM))
 
 
-def _contradiction(seen: SeenCamera, given: Camera) -> str:
+def _contradiction(camera: SeenCamera, given: Camera) -> str:
     changes, other = [], False
     for key in ("fx", "fy", "cx", "cy"):
-        before, after = given.values[key], seen.camera.values[key]
+        before, after = given.values[key], camera.camera.values[key]
         changes.append(f"{key} {before:.1f} → {after:.1f}")
         other |= key[0] == "f" and abs(after / before - 1.0) > OTHER_PICTURES
     what = "is the file of pictures of another size?" if other else "X follows the pictures."
     return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
 
-def _judged(seen: SeenCamera, noise: PictureNoise) -> tuple[list[str], list[str]]:
+def _judged(camera: SeenCamera, noise: PictureNoise) -> tuple[list[str], list[str]]:
     """Why a camera's X must not be used, and what must be known to use it."""
     bad, care = list[str](), list[str]()
-    fitted, count = int(seen.inliers.sum()), len(seen.inliers)
+    fitted, count = int(camera.inliers.sum()), len(camera.inliers)
     if count - fitted > MANY_OUTLIERS * count:
         bad.append(f"{count - fitted} of {count} pictures do not agree with the rest.")
-    if seen.board_scale != 1.0:
-        by = seen.board_size.value * seen.board_size.log_std
+    if camera.board_scale != 1.0:
+        by = camera.board_size.value * camera.board_size.log_std
         sentence = (
-            f"The hand moves {seen.board_scale:.3f} ± {by:.3f} times as far as the pictures show "
+            f"The hand moves {camera.board_scale:.3f} ± {by:.3f} times as far as the pictures show "
             "by the size of the board, and X is as wrong as one of them, by more than its ±: "
             "measure the squares or markers as they were printed (if they are so many times as "
             "large, correct board.yaml), and check the unit and scale of the hand's positions."
         )
-        (bad if abs(seen.board_scale - 1.0) > RESCALED else care).append(sentence)
+        (bad if abs(camera.board_scale - 1.0) > RESCALED else care).append(sentence)
     if fitted < ENOUGH:
         care.append(
             f"Only {fitted} pictures: the standard deviations are guesses themselves, and a wrong "
             "picture may not show; take a dozen or more."
         )
-    if seen.unsure:
+    if camera.unsure:
         remedy = "add pictures, turned by 30° or more about different axes, near and far."
         if noise.shared[0] > noise.position.value or noise.shared[1] > noise.rotation.value:
             remedy = (
@@ -347,20 +349,20 @@ def _judged(seen: SeenCamera, noise: PictureNoise) -> tuple[list[str], list[str]
                 "or angles. More pictures alone do not remove them. Calibrate the arm, and "
                 f"{remedy}"
             )
-        care.append(f"{seen.unsure}: {remedy}")
+        care.append(f"{camera.unsure}: {remedy}")
     care += [
         f"In {listed(list(names), QUOTED)} {TURNED[what]} They are left out."
-        for what, names in seen.turned.items()
+        for what, names in camera.turned.items()
         if names
     ]
-    if seen.behind:
+    if camera.behind:
         care.append(f"{MIRRORED} X does not depend on it; Z does.")
-    if seen.other_size:
-        care.append(seen.other_size)
-    if seen.inverted != "good":
-        where = "beside the robot" if seen.setup == EYE_IN_HAND else "on the hand"
-        (bad if seen.inverted == "bad" else care).append(
-            f"{seen.lengths_told} Are the poses of the hand inverted, or is the camera {where}? "
-            f"Then X would be what is called Z here: {seen.Z_told}."
+    if camera.other_size:
+        care.append(camera.other_size)
+    if camera.inverted != "good":
+        where = "beside the robot" if camera.setup == EYE_IN_HAND else "on the hand"
+        (bad if camera.inverted == "bad" else care).append(
+            f"{camera.lengths_told} Are the poses of the hand inverted, or is the camera {where}? "
+            f"Then X would be what is called Z here: {camera.Z_told}."
         )
     return bad, care

@@ -39,10 +39,10 @@ def cause_of_disagreement(
         given: the camera's file.
         seed: of the minimal samples.
     """
-    hand, seen = _told(term)
-    scale = _scale(as_eye_in_hand(hand, term.setup), seen)
+    hand, board = _told(term)
+    scale = _scale(as_eye_in_hand(hand, term.setup), board)
     if scale > 0 and abs(np.log(scale)) > np.log(OTHER_SIZE):
-        larger = (hand, (seen[0], seen[1] * scale))
+        larger = (hand, (board[0], board[1] * scale))
         if _agrees(*larger, term.setup, seed):
             return (
                 f"a hand that moves {scale:.{0 if scale > 5 else 2}f} times as far as the pictures "
@@ -58,13 +58,13 @@ def cause_of_disagreement(
     if given is None:
         return "", ""
     try:
-        own = camera_alone(corners, term.board)
+        estimated = camera_alone(corners, term.board)
     except InputError:
         return "", ""
-    before, after = given.values["fx"], own.values["fx"]
+    before, after = given.values["fx"], estimated.values["fx"]
     if abs(np.log(after / before)) < np.log(OTHER_FOCAL):
         return "", ""
-    if _agrees(*_told(replace(term, camera=own)), term.setup, seed):
+    if _agrees(*_told(replace(term, camera=estimated)), term.setup, seed):
         return (
             f"pictures of a focal length of some {after:.0f} px, where the camera's file says "
             f"{before:.0f} px",
@@ -73,16 +73,16 @@ def cause_of_disagreement(
     return "", ""
 
 
-def loose(found: HandEyeCalibration) -> bool:
+def loose(answer: HandEyeCalibration) -> bool:
     """Whether pairs agree so badly that pictures which are read wrongly are more likely."""
-    apart = found.rms / np.sqrt(3.0) / found.length
-    return bool(apart > SUSPICIOUS and found.rms_angle / np.sqrt(3.0) > TURNED)
+    scatter = answer.rms / np.sqrt(3.0) / answer.length
+    return bool(scatter > SUSPICIOUS and answer.rms_angle / np.sqrt(3.0) > TURNED)
 
 
 def _told(term: CameraView) -> tuple[Poses, Poses]:
     """Poses of the hand, and of the board in the eye, of the pictures that tell it."""
-    told = np.isfinite(term.seen_poses[1][:, 0])
-    return some_poses(term.poses.at({}), told), some_poses(term.seen_poses, told)
+    posed = np.isfinite(term.seen_poses[1][:, 0])
+    return some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
 
 
 def _scale(hand: Poses, seen: Poses) -> float:
@@ -106,7 +106,7 @@ def _agrees(hand: Poses, seen: Poses, setup: EyeSetup, seed: int) -> bool:
     if not (np.isfinite(hand[1]).all() and np.isfinite(seen[1]).all()):
         return False
     try:
-        found = calibrate_hand_eye(hand, seen, setup=setup, seed=seed)
+        answer = calibrate_hand_eye(hand, seen, setup=setup, seed=seed)
     except SamplesError:
         return False
-    return bool(found.inliers.mean() > 1.0 - MANY_OUTLIERS) and not loose(found)
+    return bool(answer.inliers.mean() > 1.0 - MANY_OUTLIERS) and not loose(answer)

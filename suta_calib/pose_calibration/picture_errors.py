@@ -46,14 +46,14 @@ class PictureErrors:
     @cached_property
     def by_hand(self) -> FloatArray:
         """(count, 2) by how much each picture has the hand off, to first order: m and rad."""
-        found = np.zeros((self.count, 2))
+        displacement = np.zeros((self.count, 2))
         for k in np.unique(self.picture):
             mine = self.picture == k
             residual = self.residual[mine].ravel()
             matrix = self.by_pose[mine].reshape(len(residual), WAYS)
             pose = np.linalg.lstsq(matrix, residual, rcond=None)[0]
-            found[k] = np.linalg.norm(pose.reshape(2, DIRECTIONS), axis=1)
-        return found
+            displacement[k] = np.linalg.norm(pose.reshape(2, DIRECTIONS), axis=1)
+        return displacement
 
     def scatter(self, good: BoolArray) -> float:
         """Of one component, px, by the middle one of the errors in pictures that are believed."""

@@ -46,16 +46,16 @@ class Sums:
     pr: FloatArray
     pp: FloatArray
 
-    def without(self, some: Sums) -> Sums:
-        """Over the corners that are not in ``some``, which are among these."""
+    def without(self, part: Sums) -> Sums:
+        """Over the corners that are not in ``part``, which are among these."""
         return Sums(
-            self.count - some.count,
-            self.jj - some.jj,
-            self.jr - some.jr,
-            self.rr - some.rr,
-            self.pj - some.pj,
-            self.pr - some.pr,
-            self.pp - some.pp,
+            self.count - part.count,
+            self.jj - part.jj,
+            self.jr - part.jr,
+            self.rr - part.rr,
+            self.pj - part.pj,
+            self.pr - part.pr,
+            self.pp - part.pp,
         )
 
 
@@ -120,8 +120,8 @@ class Likelihood:
     of each group, and of the scatter of what neighbours share.
     """
 
-    def __init__(self, sums: Sums, known: PriorKnowledge) -> None:
-        self.sums, self.known, self.cameras = sums, known, len(sums.count)
+    def __init__(self, sums: Sums, prior: PriorKnowledge) -> None:
+        self.sums, self.known, self.cameras = sums, prior, len(sums.count)
 
     def at(self, eta: FloatArray) -> LikelihoodPoint:
         """At some levels."""
@@ -143,12 +143,16 @@ class Likelihood:
         step = -covariance @ slope
         energy = float(inverse @ sums.rr) + float(precision @ known.away**2)
         energy -= float(np.sum(pr * solved[:, :, -1])) - float(slope @ step)
-        whole = 2.0 * float(sums.count @ eta[:c]) + float(np.linalg.slogdet(inner)[1].sum())
-        whole += float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(unit).sum())
+        log_determinants = 2.0 * float(sums.count @ eta[:c]) + float(
+            np.linalg.slogdet(inner)[1].sum()
+        )
+        log_determinants += float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(unit).sum())
         levelled = known.groups.any(axis=0) | known.shared.any(axis=0)
-        whole -= float(np.log(precision[levelled]).sum())
+        log_determinants -= float(np.log(precision[levelled]).sum())
         added, scatter = np.split(eta[c + 2 :], [len(known.groups)])
-        value = 0.5 * (energy + whole) - float(eta[c : c + 2].sum()) - float(scatter.sum())
+        value = (
+            0.5 * (energy + log_determinants) - float(eta[c : c + 2].sum()) - float(scatter.sum())
+        )
         value += 0.5 * float(np.sum((added / known.spread) ** 2))
         answers = solved[:, :, :-1]
         poses = scale * (solved[:, :, -1] + answers @ step)
@@ -191,13 +195,13 @@ class Likelihood:
     def best(self, start: FloatArray) -> FloatArray:
         """The levels of largest likelihood."""
 
-        def told(eta: FloatArray) -> tuple[float, FloatArray]:
+        def value_and_gradient(eta: FloatArray) -> tuple[float, FloatArray]:
             here = self.at(eta)
             return here.value, self.gradient(eta, here)
 
         bounds = [(level - FARTHEST, level + FARTHEST) for level in start.tolist()]
-        found = minimize(told, start, jac=True, method="L-BFGS-B", bounds=bounds)
-        return np.asarray(found.x, dtype=np.float64)
+        minimum = minimize(value_and_gradient, start, jac=True, method="L-BFGS-B", bounds=bounds)
+        return np.asarray(minimum.x, dtype=np.float64)
 
     def uncertainty(self, best: FloatArray) -> FloatArray:
         """Covariance of the levels about the best, by differences of the gradient."""

@@ -153,10 +153,10 @@ class _Frames:
         if not model.base_by_pixels:
             return nothing
         jj = sums.jj[:, :p, :p].sum(axis=0)
-        whole = _by_pixels(jj, self.every)
+        by_pixels = _by_pixels(jj, self.every)
         part = _Placing(
-            (1.0 - model.share) * np.eye(p) + model.share * whole.by_step,
-            model.share * whole.by_pixels,
+            (1.0 - model.share) * np.eye(p) + model.share * by_pixels.by_step,
+            model.share * by_pixels.by_pixels,
         )
         return _by_pixels(jj, self.base).after(part)
 
@@ -232,13 +232,13 @@ def _errors(
             power[model] += more
         weight += count
     sums, step = likelihood.sums, likelihood.at(eta).step[:p]
-    found = dict[ErrorModel, ReprojectionError]()
+    errors = dict[ErrorModel, ReprojectionError]()
     for model in MODELS:
         fitted, count = rows.squares(frames.placing(sums, model)(sums, step))
-        found[model] = ReprojectionError(
+        errors[model] = ReprojectionError(
             float(np.sqrt(fitted / count)), float(np.sqrt(power[model] / weight))
         )
-    return found
+    return errors
 
 
 def _covariance(

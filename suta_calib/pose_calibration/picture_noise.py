@@ -204,8 +204,8 @@ def _settled(
         # What neighbours share is found anew each time: the problem knows nothing of it.
         away = np.concatenate([(x - nominal)[free], sizes])
         away = np.pad(away, (0, shared.shape[1] - len(unknown)))
-        known = PriorKnowledge(precision, away, groups, WeightOptions().camera, shared)
-        likelihood = Likelihood(rows.sums, known)
+        prior = PriorKnowledge(precision, away, groups, WeightOptions().camera, shared)
+        likelihood = Likelihood(rows.sums, prior)
         before, eta = eta, likelihood.best(eta)
         here = likelihood.at(eta)
         if _robust(problem):
@@ -245,19 +245,19 @@ def weigh_pictures(
     problem = problem.as_given()
     cameras, count = len(problem.terms), len(free)
     alone = replace(hands, shared=hands.shared[:, :, :0])
-    found = _settled(problem, start, free, alone, {})
-    levels = _with_shared(found, hands)
+    estimate = _settled(problem, start, free, alone, {})
+    levels = _with_shared(estimate, hands)
     if levels is None:
         hands = alone
     else:
-        found = _settled(problem, found.x, free, hands, {}, levels)
-    x, eta, likelihood, here = found.x, found.eta, found.likelihood, found.here
+        estimate = _settled(problem, estimate.x, free, hands, {}, levels)
+    x, eta, likelihood, here = estimate.x, estimate.eta, estimate.likelihood, estimate.here
     uncertainty = likelihood.uncertainty(eta)
     log_std = np.sqrt(np.diag(uncertainty))
     covariance = here.covariance + covariance_of_levels(likelihood.at, eta, uncertainty)
     covariance = covariance + _in_common(here, hands.alike)
     chosen = choose_model(
-        problem, found.rows, likelihood, eta, covariance, np.isin(np.arange(len(x)), free)
+        problem, estimate.rows, likelihood, eta, covariance, np.isin(np.arange(len(x)), free)
     )
     wide = eta.copy()
     shared = cameras + 2 + len(likelihood.known.groups)
@@ -277,41 +277,41 @@ def weigh_pictures(
         rotation,
         _shared_scatter(hands.shared, np.exp(eta[shared:])),
     )
-    whole = np.ix_(free, free)
-    every, of_alone, told = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
-    every[whole], of_alone[whole] = chosen.covariance, told_covariance[:count, :count]
-    told[free] += (untold.step - here.step)[:count]
+    estimated = np.ix_(free, free)
+    every, of_alone, by_pictures = np.zeros((len(x),) * 2), np.zeros((len(x),) * 2), x.copy()
+    every[estimated], of_alone[estimated] = chosen.covariance, told_covariance[:count, :count]
+    by_pictures[free] += (untold.step - here.step)[:count]
     x[free] += chosen.change
-    return Weighed(problem.names, x, every, noise, free, told, of_alone, eta, chosen, hands)
+    return Weighed(problem.names, x, every, noise, free, by_pictures, of_alone, eta, chosen, hands)
 
 
-def _with_shared(found: _Settled, hands: Hands) -> FloatArray | None:
+def _with_shared(estimate: _Settled, hands: Hands) -> FloatArray | None:
     """Levels with what poses share, if that makes the corners likely; None where it is chance.
 
     Args:
-        found: with every pose for itself.
+        estimate: with every pose for itself.
         hands: poses of the hand.
     """
     if not hands.shared.shape[2]:
         return None
-    known, cameras = found.likelihood.known, found.likelihood.cameras
+    prior, cameras = estimate.likelihood.known, estimate.likelihood.cameras
     shared = _shared_groups(hands.shared.shape[2])
     more = ((0, 0), (0, shared.shape[1]))
     beliefs = PriorKnowledge(
-        np.concatenate([known.precision, np.ones(shared.shape[1])]),
-        np.pad(known.away, more[1]),
-        np.pad(known.groups, more),
-        known.spread,
-        np.pad(shared, ((0, 0), (len(known.precision), 0))),
+        np.concatenate([prior.precision, np.ones(shared.shape[1])]),
+        np.pad(prior.away, more[1]),
+        np.pad(prior.groups, more),
+        prior.spread,
+        np.pad(shared, ((0, 0), (len(prior.precision), 0))),
     )
-    likelihood = Likelihood(replace(found.rows, shared=hands.shared).sums, beliefs)
+    likelihood = Likelihood(replace(estimate.rows, shared=hands.shared).sums, beliefs)
     # What each pose had for itself is shared for the most part.
-    begin = np.concatenate([found.eta, found.eta[cameras : cameras + 2]])
+    begin = np.concatenate([estimate.eta, estimate.eta[cameras : cameras + 2]])
     begin[cameras : cameras + 2] += np.log(UNSHARED)
     eta = likelihood.best(begin)
     # Of the scatter of either, all sizes are equally likely beforehand: that is no evidence.
     with_shared = likelihood.at(eta).value + float(eta[-2:].sum())
-    return eta if with_shared < found.here.value - EVIDENCE else None
+    return eta if with_shared < estimate.here.value - EVIDENCE else None
 
 
 def _shared_scatter(shared: FloatArray, levels: FloatArray) -> tuple[float, float]:
@@ -345,14 +345,14 @@ def sizes_of_boards(
     boards = dict.fromkeys(targets, ANY_SIZE)
     hands, sizes = weighed.hands, slice(first, first + len(boards))
     for rounds in (1, ROUNDS):
-        found = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
-        away = (found.likelihood.known.away + found.here.step)[sizes]
+        estimate = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
+        away = (estimate.likelihood.known.away + estimate.here.step)[sizes]
         # So near, one step is enough.
         if np.all(np.abs(away) < NEAR):
             break
-    levels = found.likelihood.uncertainty(found.eta)
-    covariance = found.here.covariance + _in_common(found.here, hands.alike)
-    covariance = covariance + covariance_of_levels(found.likelihood.at, found.eta, levels)
+    levels = estimate.likelihood.uncertainty(estimate.eta)
+    covariance = estimate.here.covariance + _in_common(estimate.here, hands.alike)
+    covariance = covariance + covariance_of_levels(estimate.likelihood.at, estimate.eta, levels)
     stds = np.sqrt(np.diag(covariance))[sizes]
     return {
         board: Learned(float(np.exp(size)), float(std), None)
@@ -389,7 +389,7 @@ def _robust(problem: Problem) -> bool:
     return all(np.isfinite(block.noise.huber) for block in problem.blocks)
 
 
-def _in_common(here: LikelihoodPoint, alike: Sequence[FloatArray]) -> FloatArray:
+def _in_common(here: LikelihoodPoint, neighbourhoods: Sequence[FloatArray]) -> FloatArray:
     """What the covariance grows by as neighbouring pictures err alike.
 
     By the poses that the pictures give the hand, whitened: with E = PᵀP/σ² in units of the hand's
@@ -397,12 +397,19 @@ def _in_common(here: LikelihoodPoint, alike: Sequence[FloatArray]) -> FloatArray
     """
     inner, by_unknowns, errors = here.by_pose
     values, vectors = np.linalg.eigh(inner)
-    told = values > ROUNDING * values.max(axis=1, keepdims=True)
-    root = np.where(told, values * (1.0 + values), np.inf) ** -0.5
+    determined = values > ROUNDING * values.max(axis=1, keepdims=True)
+    root = np.where(determined, values * (1.0 + values), np.inf) ** -0.5
     white = (vectors * root[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     jacobian = white @ by_unknowns
     residual = np.einsum("gij,gj->gi", white, errors) + jacobian @ here.step
-    each = np.arange(len(residual), dtype=np.intp)
+    by_itself = np.arange(len(residual), dtype=np.intp)
     return common_covariance(
-        jacobian, residual, np.ones(WAYS), here.covariance, alike, each, each, [WAYS]
+        jacobian,
+        residual,
+        np.ones(WAYS),
+        here.covariance,
+        neighbourhoods,
+        by_itself,
+        by_itself,
+        [WAYS],
     )

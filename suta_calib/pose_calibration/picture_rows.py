@@ -85,8 +85,8 @@ class PictureRows:
         lines = problem.linearise(x, problem.assumed_sigmas())
         for k, (term, line) in enumerate(zip(problem.terms, lines, strict=True)):
             assert isinstance(term, CameraView)
-            _, own = problem.evaluation.columns(line, line.by_pose, line.by_own)
-            every = dense(own).reshape(*line.residual.shape, -1)
+            _, by_unknowns = problem.evaluation.columns(line, line.by_pose, line.by_own)
+            every = dense(by_unknowns).reshape(*line.residual.shape, -1)
             jacobian = every[:, :, free]
             if boards:
                 larger = _by_size(problem, term, every, x)
@@ -124,7 +124,7 @@ class PictureRows:
     @property
     def sums(self) -> Sums:
         """Over the corners, each weighed; unknowns, then what poses share."""
-        groups, found = len(self.shared), []
+        groups, by_camera = len(self.shared), []
         for part in self.parts:
             r, J, P, w = part.residual, part.jacobian, part.by_pose, part.weight
             wr, wJ, wP = w[:, None] * r, w[:, None, None] * J, w[:, None, None] * P
@@ -138,8 +138,8 @@ class PictureRows:
             # Rounding of this size is always there.
             power = float(np.sum(wr * r)) + r.size * FINEST**2
             jj, jr, pj = self._with_shared(jj, jr, pj, pr, pp)
-            found.append((float(r.size), jj, jr, power, pj, pr, pp))
-        return Sums(*map(np.array, zip(*found, strict=True)))
+            by_camera.append((float(r.size), jj, jr, power, pj, pr, pp))
+        return Sums(*map(np.array, zip(*by_camera, strict=True)))
 
     def _with_shared(
         self, jj: FloatArray, jr: FloatArray, pj: FloatArray, pr: FloatArray, pp: FloatArray
@@ -161,9 +161,9 @@ class PictureRows:
         for part, sigma in zip(self.parts, sigmas, strict=True):
             unknowns = part.jacobian.shape[2]
             off = self.shared @ here.step[unknowns:] - here.poses
-            own = part.residual + part.jacobian @ here.step[:unknowns]
-            own = own + np.einsum("ndc,nc->nd", part.by_pose, off[part.hand])
-            weights.append(huber_weight(np.sum(own**2, axis=1) / sigma**2, np.array(FAR)))
+            error = part.residual + part.jacobian @ here.step[:unknowns]
+            error = error + np.einsum("ndc,nc->nd", part.by_pose, off[part.hand])
+            weights.append(huber_weight(np.sum(error**2, axis=1) / sigma**2, np.array(FAR)))
         return weights
 
     def squares(self, step: FloatArray) -> tuple[float, float]:

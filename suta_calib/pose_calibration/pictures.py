@@ -179,13 +179,13 @@ def _freed(solution: Solution, held: Weighed, hands: Hands) -> tuple[Problem, We
         replace(term, free=True) for term in solution.problem.terms if isinstance(term, CameraView)
     ]
     problem = Problem(terms)
-    known = held.values
-    start = [known.get(p.name, p.nominal) for p in problem.parameters.values()]
+    values = held.values
+    start = [values.get(p.name, p.nominal) for p in problem.parameters.values()]
     estimated = {held.names[k] for k in held.free}
     free = [
         k
         for k, p in enumerate(problem.parameters.values())
-        if p.name in estimated or (p.name not in known and p.key in (*FOCAL, *CENTRE))
+        if p.name in estimated or (p.name not in values and p.key in (*FOCAL, *CENTRE))
     ]
     return problem, weigh_pictures(problem, np.array(start), np.array(free), hands)
 
@@ -213,24 +213,24 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
     """(n,) pictures whose boards agree with one X; refuses what no X explains, by its cause."""
-    told = np.isfinite(term.seen_poses[1][:, 0])
-    hand, seen = some_poses(term.poses.at({}), told), some_poses(term.seen_poses, told)
-    found, problem = None, None
+    posed = np.isfinite(term.seen_poses[1][:, 0])
+    hand, seen = some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
+    answer, problem = None, None
     try:
-        found = calibrate_hand_eye(hand, seen, setup=term.setup, robust=robust, seed=seed)
+        answer = calibrate_hand_eye(hand, seen, setup=term.setup, robust=robust, seed=seed)
     except SamplesError as refused:
         problem = refused
-    if found is None or loose(found):
+    if answer is None or loose(answer):
         found_instead, hint = cause_of_disagreement(term, view.corners, view.camera, seed)
         if hint:
             raise SamplesError(
                 found_instead, "pictures and poses that agree", hint=hint
             ) from problem
-    if found is None:
+    if answer is None:
         assert problem is not None
         raise problem
-    believed = np.zeros(len(told), dtype=np.bool_)
-    believed[told] = found.inliers
+    believed = np.zeros(len(posed), dtype=np.bool_)
+    believed[posed] = answer.inliers
     return believed if robust else np.ones_like(believed)
 
 
@@ -308,18 +308,18 @@ def _seen(
         turned = slice(6 * k + 3, 6 * k + 6)
         jacobian[turned, turned] = tangent_of_vector(turn)
     of = [freed.names.index(f"{owner}.{key}") for key in INTRINSICS]
-    told = replace(
+    by_pictures = replace(
         term.camera,
         intrinsics=freed.told[of].copy(),
         covariance=freed.told_covariance[np.ix_(of, of)],
     )
-    found = replace(term.camera, covariance=None)
+    camera = replace(term.camera, covariance=None)
     if term.free:
-        found = replace(
-            found, intrinsics=freed.x[of].copy(), covariance=freed.covariance[np.ix_(of, of)]
+        camera = replace(
+            camera, intrinsics=freed.x[of].copy(), covariance=freed.covariance[np.ix_(of, of)]
         )
     X, Z = pose_named(values, eye), pose_named(values, board)
-    refined = replace(term, camera=found)
+    refined = replace(term, camera=camera)
     A = as_eye_in_hand(hand.pose, term.setup)
     rows = np.array([int(origin) for origin in term.poses.samples.origin], dtype=np.intp)
     A = A[0][rows], A[1][rows]
@@ -347,11 +347,11 @@ def _seen(
         X=homogeneous(*X),
         Z=homogeneous(*Z),
         covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
-        camera=found,
+        camera=camera,
         given=view.camera,
         same_corners=same_corners,
         if_held=None if same_corners else _if_held(view, weighed, at[:6], of),
-        told=told,
+        told=by_pictures,
         images=tuple(images.tolist()),
         rows=rows,
         inliers=good,
@@ -384,9 +384,11 @@ def _if_held(
     if view.camera is None or view.camera.covariance is None or intrinsics[0] not in weighed.free:
         return None
     every = weighed.covariance
-    mixed, own = every[np.ix_(eye, intrinsics)], every[np.ix_(intrinsics, intrinsics)]
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(own), 1e-300))
-    inverse = np.linalg.pinv(own * np.outer(unit, unit), 1e-9, True) * np.outer(unit, unit)
+    mixed, of_intrinsics = every[np.ix_(eye, intrinsics)], every[np.ix_(intrinsics, intrinsics)]
+    unit = 1.0 / np.sqrt(np.maximum(np.diag(of_intrinsics), 1e-300))
+    inverse = np.linalg.pinv(of_intrinsics * np.outer(unit, unit), 1e-9, True) * np.outer(
+        unit, unit
+    )
     slope = mixed @ inverse
     covariance = every[np.ix_(eye, eye)] - slope @ mixed.T
     covariance = covariance + slope @ view.camera.covariance @ slope.T

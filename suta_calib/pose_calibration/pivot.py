@@ -143,9 +143,9 @@ class PivotCalibration(Shown, RobustAnswer):
             )
         # No tracker sees a tool from millimetres or from tens of metres.
         bad += self.notes
-        known = f"the tip is known to ± {text(unsure, 'm', with_unit=True)} (one sigma, 3-D)"
+        statement = f"the tip is known to ± {text(unsure, 'm', with_unit=True)} (one sigma, 3-D)"
         return Assessment.of(
-            "" if bad else f"{known}; {self.agreed('poses')}",
+            "" if bad else f"{statement}; {self.agreed('poses')}",
             bad=bad,
             care=[*caution, *self.set_aside("poses", self.inliers), *self.kept("poses")],
             known=[self.relied_on],
@@ -337,7 +337,7 @@ def pivot_from_poses(
 ) -> PivotCalibration:
     """`calibrate_pivot` of a file: its errors name the file, its assessment knows what it found."""
     with error_context(poses.path):
-        found = calibrate_pivot(
+        answer = calibrate_pivot(
             poses.rotation,
             poses.position,
             poses.point,
@@ -345,7 +345,7 @@ def pivot_from_poses(
             seed=seed,
             scale_ppm=scale_ppm,
         )
-    return replace(found, notes=poses.unit_notes)
+    return replace(answer, notes=poses.unit_notes)
 
 
 def _place(position: FloatArray) -> str:
@@ -355,8 +355,8 @@ def _place(position: FloatArray) -> str:
 def _turns(R: FloatArray) -> FloatArray:
     """Root mean square turns (3,), rad, as far as they tell a tip, from least to most."""
     mean = R.mean(axis=0)
-    told = np.linalg.eigvalsh(np.eye(3) - mean.T @ mean)
-    return np.asarray(np.sqrt(np.maximum(told, 0.0)))
+    information = np.linalg.eigvalsh(np.eye(3) - mean.T @ mean)
+    return np.asarray(np.sqrt(np.maximum(information, 0.0)))
 
 
 def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> FloatArray:

@@ -152,13 +152,13 @@ class Registration(Shown, RobustAnswer):
                 f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
                 f"± {deg(turned):.2f}° only (one sigma)."
             )
-        known = (
+        statement = (
             f"the middle of the points is known to ± {text(unsure, 'm', with_unit=True)} and the "
             f"turn to ± {deg(turned):.3f}° (one sigma, 3-D)"
         )
         counted = "" if self.repeats is None else self.repeats.counted
         return Assessment.of(
-            "" if bad else f"{known}; {self.agreed('points')}{counted}",
+            "" if bad else f"{statement}; {self.agreed('points')}{counted}",
             bad=bad,
             care=[*caution, *self.set_aside("points", inliers), *self.kept("points"), *self.notes],
             known=[self.relied_on],
@@ -204,15 +204,15 @@ class Registration(Shown, RobustAnswer):
     @property
     def relied_on(self) -> str:
         """What residuals hardly show, as a sentence."""
-        found = f"the points alone give {self.scale:.5f} ± {self.scale_std:.1g}"
+        by_points = f"the points alone give {self.scale:.5f} ± {self.scale_std:.1g}"
         if self._scale_doubtful:
             return (
                 "The points suggest a scale between the two sets, and ± of targets "
-                f"includes it: {found}."
+                f"includes it: {by_points}."
             )
         return (
             f"± of targets assumes that lengths of both sets agree to {self.scale_ppm:g} ppm "
-            f"(--scale-ppm); {found}."
+            f"(--scale-ppm); {by_points}."
         )
 
 
@@ -269,33 +269,33 @@ def register(
         spread = None if spread is None else spread.take(first)
     else:
         first = like = np.arange(len(a))
-    found = rigid_fit(a, b, spread, judged)
-    agreeing, suspects = found.fit.inliers, found.fit.suspects
-    again = _repeats(a, b, found) if robust else None
+    rigid = rigid_fit(a, b, spread, judged)
+    agreeing, suspects = rigid.fit.inliers, rigid.fit.suspects
+    again = _repeats(a, b, rigid) if robust else None
     if again is not None:
         # Every point once: where those of its rows that agree have their middle.
         once = again.chosen(agreeing)
         a, b = again.means(a, agreeing), again.means(b, agreeing)
-        found = rigid_fit(a, b, None if spread is None else spread.take(once), judged)
-        agreeing = agreeing & found.fit.inliers[again.point]
-        suspects = agreeing & found.fit.suspects[again.point]
+        rigid = rigid_fit(a, b, None if spread is None else spread.take(once), judged)
+        agreeing = agreeing & rigid.fit.inliers[again.point]
+        suspects = agreeing & rigid.fit.suspects[again.point]
         first = first[once]
         distinct = np.isin(np.arange(len(distinct)), first)
-    fit, failed = found.fit, list[str]()
+    fit, failed = rigid.fit, list[str]()
     placed = a[fit.inliers]
     called = {TrackedPoint.frames[0].own: MAY_MOVE}
-    answer = fit.examined(found.length, "points", called, first)
+    answer = fit.examined(rigid.length, "points", called, first)
     weighed = weigh(answer, failed)
     return Registration(
-        rotation=found.rotation,
-        position=found.position,
-        covariance=found.jacobian @ fit.covariance @ found.jacobian.T,
-        centre=found.middle,
-        residuals=found.off(*pairs),
+        rotation=rigid.rotation,
+        position=rigid.position,
+        covariance=rigid.jacobian @ fit.covariance @ rigid.jacobian.T,
+        centre=rigid.middle,
+        residuals=rigid.off(*pairs),
         inliers=agreeing[like],
         suspects=suspects[like],
         distinct=distinct,
-        sigma=found.sigma,
+        sigma=rigid.sigma,
         extent=rms_length(placed - placed.mean(axis=0)),
         repeats=again,
         stated=None if spread is None else spread.typical,
@@ -317,14 +317,14 @@ def _stated(source: FloatArray | None, target: FloatArray | None) -> StatedSprea
     return StatedSpread.of(source, target)
 
 
-def _repeats(a: FloatArray, b: FloatArray, found: RigidFit) -> RepeatedPoints | None:
+def _repeats(a: FloatArray, b: FloatArray, rigid: RigidFit) -> RepeatedPoints | None:
     """Rows of points (n, 3) that are the same ones, and have most of their error in common."""
-    near = max(NEAR * found.sigma, ROUNDING * float(np.ptp(b)))
-    alike = [together(points, near) for points in (a, b)]
-    if alike := [point for point in alike if point.max() < len(a) - 1]:
+    near = max(NEAR * rigid.sigma, ROUNDING * float(np.ptp(b)))
+    numbered = [together(points, near) for points in (a, b)]
+    if numbered := [point for point in numbered if point.max() < len(a) - 1]:
         # Most points are touched once.
 
-        return repeats(alike, found.off(a, b) / found.relative[:, None], found.fit.inliers)
+        return repeats(numbered, rigid.off(a, b) / rigid.relative[:, None], rigid.fit.inliers)
     return None
 
 
@@ -342,7 +342,7 @@ def registration_from_points(
     ``targets`` are points in frame a at which the error to expect will be asked for.
     """
     with error_context(a.path, f"registered to {b.path}"):
-        found = register(
+        answer = register(
             a.position,
             b.position,
             source_sigma=a.sigma,
@@ -352,4 +352,4 @@ def registration_from_points(
             scale_ppm=scale_ppm,
         )
     files = (a, b) if targets is None else (a, b, targets)
-    return replace(found, notes=tuple(note for file in files for note in file.unit_notes))
+    return replace(answer, notes=tuple(note for file in files for note in file.unit_notes))

@@ -51,8 +51,8 @@ class RepeatedPoints:
     def chosen(self, inliers: BoolArray) -> IntArray:
         """(k,) first row of each point, of those that agree where some do."""
         first = np.unique(self.point, return_index=True)[1]
-        known, agreeing = np.unique(self.point[inliers], return_index=True)
-        first[known] = np.flatnonzero(inliers)[agreeing]
+        touched, agreeing = np.unique(self.point[inliers], return_index=True)
+        first[touched] = np.flatnonzero(inliers)[agreeing]
         return np.asarray(first, dtype=np.intp)
 
     @property
@@ -73,10 +73,10 @@ class RepeatedPoints:
 
     def means(self, rows: FloatArray, inliers: BoolArray) -> FloatArray:
         """(k, 3) mean of each point's rows (n, 3): of those that agree, of all where none does."""
-        some = inliers.astype(float)
-        some[~np.isin(self.point, self.point[inliers])] = 1.0
-        counts = np.bincount(self.point, some)
-        sums = [np.bincount(self.point, some * column) for column in rows.T]
+        counted = inliers.astype(float)
+        counted[~np.isin(self.point, self.point[inliers])] = 1.0
+        counts = np.bincount(self.point, counted)
+        sums = [np.bincount(self.point, counted * column) for column in rows.T]
         return np.asarray(np.stack(sums, axis=1) / counts[:, None])
 
 

@@ -85,8 +85,8 @@ def rigid_fit(
     relative = np.ones(len(a)) if spread is None else spread.each / spread.typical
     start, mirrored = _start(a, b, judged, relative), _start(-a, b, judged, relative)
     # Mirror images are Arun's third case, unless noise may be what turned the sign.
-    apart = float(start.sigmas[0])
-    if apart > MIRRORED * float(mirrored.sigmas[0]) and apart > ROUNDING * float(np.ptp(b)):
+    scatter = float(start.sigmas[0])
+    if scatter > MIRRORED * float(mirrored.sigmas[0]) and scatter > ROUNDING * float(np.ptp(b)):
         raise SamplesError(
             "points that are the mirror image of each other",
             "two right-handed frames",
@@ -150,12 +150,12 @@ def agreeing_points(
         needed: points that determine the answer.
         relative: (n,) how much each scatters in units of a typical one; all alike by default.
     """
-    each = np.ones(len(a)) if relative is None else relative
+    scatter = np.ones(len(a)) if relative is None else relative
 
     def residuals(model: tuple[FloatArray, FloatArray], rows: IntArray) -> FloatArray:
         R, p = model
         error = a[rows] @ np.swapaxes(R, 1, 2) + p[:, None, :] - b[rows]
-        return np.asarray((np.linalg.norm(error, axis=2) / each[rows])[..., None])
+        return np.asarray((np.linalg.norm(error, axis=2) / scatter[rows])[..., None])
 
     samples = minimal_samples(np.zeros(len(a), dtype=np.intp), LEAST_POINTS, seed)
     return find_consensus(

@@ -100,9 +100,9 @@ def estimate_lever(
     weight = _believed(position)[:, None, None]
     position, columns = (weight * position[..., None]).ravel(), (weight * columns).reshape(-1, 7)
     y = position - EXPECTED * columns[:, 0]
-    found = [_ridge(columns, y, size) for size in CENTRES]
-    best = max(range(len(found)), key=lambda k: found[k][0] - CLEARLY * (k > 0))
-    _, beta, std = found[best]
+    ridges = [_ridge(columns, y, size) for size in CENTRES]
+    best = max(range(len(ridges)), key=lambda k: ridges[k][0] - CLEARLY * (k > 0))
+    _, beta, std = ridges[best]
     fraction = EXPECTED + float(beta[0])
     if not 0.0 <= fraction <= 1.0:
         fraction = float(np.clip(fraction, 0.0, 1.0))

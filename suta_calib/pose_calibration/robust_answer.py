@@ -125,18 +125,18 @@ class RobustAnswer:
             inliers: (n,) which of them agree.
             size: how large what was measured is, m.
         """
-        found = list[str]()
+        objections = list[str]()
         if size > LARGEST:
-            found.append(
+            objections.append(
                 f"The {what} span {size:.0f} m, which no tool, hand or target does: are they in "
                 "mm? Then name the columns x_mm, y_mm, z_mm."
             )
         if not self.solution.converged:
-            found.append(f"The solver did not converge: {self.solution.sentence}.")
+            objections.append(f"The solver did not converge: {self.solution.sentence}.")
         share = 1.0 - float(inliers.mean())
         if share > MANY_OUTLIERS:
-            found.append(f"{share:.0%} of the {what} do not agree with the rest.")
-        return found
+            objections.append(f"{share:.0%} of the {what} do not agree with the rest.")
+        return objections
 
     def set_aside(self, what: str, inliers: BoolArray) -> list[str]:
         """That many rows, ``what`` in the plural, were left out, where it is not too many."""
@@ -178,30 +178,30 @@ def doubting(solve: Callable[P, A]) -> Callable[P, A]:
 
     @wraps(solve)
     def solved(*args: P.args, **kwargs: P.kwargs) -> A:
-        found = solve(*args, **kwargs)
+        answer = solve(*args, **kwargs)
         if kwargs.get("robust", True):
-            return found
+            return answer
         judging: dict[str, Any] = {**kwargs, "robust": True}
         failed = list[str]()
         suspects = attempt(
             "judged: rows that contradict the others",
-            lambda: _contradicting(lambda: solve(*args, **judging), found),
-            found.suspects,
+            lambda: _contradicting(lambda: solve(*args, **judging), answer),
+            answer.suspects,
             failed,
         )
-        unjudged = (*found.unjudged, *failed)
-        return replace(found, suspects=suspects, all_believed=True, unjudged=unjudged)
+        unjudged = (*answer.unjudged, *failed)
+        return replace(answer, suspects=suspects, all_believed=True, unjudged=unjudged)
 
     return solved
 
 
-def _contradicting(solve_robustly: Callable[[], RobustAnswer], found: RobustAnswer) -> BoolArray:
+def _contradicting(solve_robustly: Callable[[], RobustAnswer], answer: RobustAnswer) -> BoolArray:
     """(n,) rows that a robust answer leaves out."""
     try:
         return ~solve_robustly().inliers
     except SamplesError:
         # So few agree that nobody can say with whom.
-        return found.suspects
+        return answer.suspects
 
 
 def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:

@@ -181,14 +181,14 @@ def robust_fit(
     plain = plainly(everyone)
     total, distance = _misfit(plain, fit.sigmas).sum(), _misfit(fit, fit.sigmas)
     suspects = suspects[np.argsort(-distance[suspects])]
-    found, least = fit, 1.0
+    remaining, least = fit, 1.0
     # All of them, then fewer: of many not one by one, each costs a fit.
     numbers = np.unique(np.geomspace(1, len(suspects), SUBSETS).round().astype(np.intp))[::-1]
     for dropped, fewer in zip(numbers.tolist(), [*numbers[1:].tolist(), 0], strict=True):
         # Rows that err alike where they are alike are not independent, nor are their components: a
         # row is one witness.
         freedom = count - dropped - needed
-        rest = max(float(_misfit(found, fit.sigmas)[found.inliers].sum()), ROUNDING**2)
+        rest = max(float(_misfit(remaining, fit.sigmas)[remaining.inliers].sum()), ROUNDING**2)
         gain = (total / rest - 1.0) * freedom / dropped
         # Any choice of as many rows might have been the suspicious one.
         alone = fdtrc(dropped, freedom, gain) if freedom > 0 else 1.0
@@ -203,9 +203,11 @@ def robust_fit(
             break
         believed = everyone.copy()
         believed[suspects[:fewer]] = False
-        found = plainly(believed)
-    told = least < REMARKABLE and found is not fit
-    return replace(found, suspects=found.inliers & ~fit.inliers) if told else found
+        remaining = plainly(believed)
+    remarkable = least < REMARKABLE and remaining is not fit
+    return (
+        replace(remaining, suspects=remaining.inliers & ~fit.inliers) if remarkable else remaining
+    )
 
 
 def _misfit(fit: RobustFit, sigmas: Sequence[float]) -> FloatArray:
@@ -264,12 +266,12 @@ def _settled(
             break
         inliers, sigmas = agreeing, levels
     if unjudged:
-        believed, known = Consensus(inliers, sigmas), judged(solution)
-        if known is None:
+        believed, weighed = Consensus(inliers, sigmas), judged(solution)
+        if weighed is None:
             return _settled(
                 make, believed, floors, robust, revise, stated, solution, again=solve_again
             )
-        solution = known
+        solution = weighed
     few = int(inliers.sum()) < FEW_ROWS
     truly = np.maximum(levels, least) if few else levels
     rows = np.flatnonzero(inliers)
@@ -295,15 +297,15 @@ def _settled(
         return uncertain * _covariance(solution, inlying, truly, rows, many=many)
 
     none = np.zeros_like(inliers)
-    found = tuple(float(s) for s in levels)
-    return RobustFit(solution, residuals, inliers, none, found, spread, agreement)
+    scatters = tuple(float(s) for s in levels)
+    return RobustFit(solution, residuals, inliers, none, scatters, spread, agreement)
 
 
 def _effective_parameters(solution: Solution) -> FloatArray:
     """(blocks,) how many unknowns each block's residuals determine: traces of its hat matrix."""
     free = solution.free
-    told = block_information(solution.problem, solution.x, solution.sigmas)
-    parts = [part[np.ix_(free, free)] for part in told]
+    information = block_information(solution.problem, solution.x, solution.sigmas)
+    parts = [part[np.ix_(free, free)] for part in information]
     bread = scaled_inverse(sum(parts, np.zeros((len(free), len(free)))))
     return np.array([float(np.sum(bread * part)) for part in parts])
 
@@ -323,13 +325,13 @@ def _covariance(
     """
     problem, free, poses = solution.problem, solution.free, solution.problem.terms[0].poses
     white = np.hstack([r / level for r, level in zip(residuals, levels, strict=True)])
-    postures, each = poses.postures, np.arange(len(white), dtype=np.intp)
+    postures, by_itself = poses.postures, np.arange(len(white), dtype=np.intp)
     count, groups = len(white), int(postures.max()) + 1
     # Poses that are exact, such as those of certified points, have no errors to share.
     exact = isinstance(poses, MeasuredPoses) and poses.exact
     if many and (exact or groups > MOST_ROWS):
         witnesses = blocks(white) if groups == count else postures
-        if np.array_equal(witnesses, each):
+        if np.array_equal(witnesses, by_itself):
             return solution.covariance
         return observed_covariance(problem, solution.x, solution.sigmas, free, [witnesses])
     rows = whitened_rows(problem, solution.x, solution.sigmas)
@@ -341,7 +343,7 @@ def _covariance(
         independent = (
             solution.covariance.copy()
             if groups == count
-            else observed_covariance(problem, solution.x, solution.sigmas, free, [each])
+            else observed_covariance(problem, solution.x, solution.sigmas, free, [by_itself])
         )
     else:
         truly = sum((w**2 * part for w, part in zip(weights, parts, strict=True)), nothing)
@@ -379,9 +381,9 @@ def _to_base(rows: Rows) -> FloatArray:
     displacements, turns by turns.
     """
     line = rows.line
-    own = line.by_pose[..., line.pattern.angular == (line.view.block.unit == "rad")]
-    length = np.linalg.norm(own, axis=(1, 2), keepdims=True) / np.sqrt(DIMENSION)
-    return np.asarray(np.swapaxes(own, 1, 2) / np.maximum(length, 1e-300))
+    by_pose = line.by_pose[..., line.pattern.angular == (line.view.block.unit == "rad")]
+    length = np.linalg.norm(by_pose, axis=(1, 2), keepdims=True) / np.sqrt(DIMENSION)
+    return np.asarray(np.swapaxes(by_pose, 1, 2) / np.maximum(length, 1e-300))
 
 
 def _alike(poses: PoseSource, solution: Solution) -> list[FloatArray]:

@@ -71,12 +71,12 @@ def shared_errors(rotation: FloatArray, position: FloatArray) -> FloatArray:
 def _components(space: FloatArray) -> FloatArray:
     """(n, k) smooth functions of poses that are points (n, d) of a space in which 1 is far."""
     n = len(space)
-    some = space[np.unique(np.linspace(0, n - 1, min(n, ENOUGH)).astype(np.intp))]
-    values, vectors = np.linalg.eigh(_correlation(some, some))
+    sampled = space[np.unique(np.linspace(0, n - 1, min(n, ENOUGH)).astype(np.intp))]
+    values, vectors = np.linalg.eigh(_correlation(sampled, sampled))
     values, vectors = values[::-1], vectors[:, ::-1]
     enough = int(np.searchsorted(np.cumsum(values), PART * values.sum())) + 1
     k = min(enough, MOST)
-    return np.asarray(_correlation(space, some) @ vectors[:, :k] / np.sqrt(values[:k]))
+    return np.asarray(_correlation(space, sampled) @ vectors[:, :k] / np.sqrt(values[:k]))
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -175,18 +175,18 @@ def _fit_inside(
         )
     measured, expected = np.asarray(measured, dtype=float), np.asarray(expected, dtype=float)
     hull, lower, upper = _hull(measured), measured.min(axis=(0, 1)), measured.max(axis=(0, 1))
-    known = _surrounded(measured, hull)
+    inside = _surrounded(measured, hull)
     at, off = (measured - lower) / (upper - lower), measured - expected
     fits = {d: fit for d in sorted({0, *degrees}) if (fit := _fit(d, at, off)) is not None}
     # Sum of squared errors of each frame's points that count, (N_frames,).
     errors = {
-        degree: np.sum(np.sum(fit.left_out**2, axis=-1) * known, axis=-1)
+        degree: np.sum(np.sum(fit.left_out**2, axis=-1) * inside, axis=-1)
         for degree, fit in fits.items()
     }
     degree = _lowest_as_good(errors)
-    validation = {d: float(np.sqrt(e.sum() / known.sum())) for d, e in errors.items()}
+    validation = {d: float(np.sqrt(e.sum() / inside.sum())) for d, e in errors.items()}
     chosen = fits[degree]
-    found = DistortionCorrection(
+    correction = DistortionCorrection(
         degree=degree,
         lower=lower,
         upper=upper,
@@ -200,23 +200,23 @@ def _fit_inside(
         cross_validation=validation,
         residuals=chosen.residuals,
     )
-    return found, fits
+    return correction, fits
 
 
 @single_threaded
 def _continued(
-    found: DistortionCorrection,
+    correction: DistortionCorrection,
     fits: Mapping[int, _PolynomialFit],
     corrected: FloatArray | None,
 ) -> DistortionCorrection:
     """The same with the continuation that best predicts the frames at the border from the rest."""
-    degree, size = found.degree, found.upper - found.lower
-    farthest = THICKEST if corrected is None else _farthest(found, corrected)
+    degree, size = correction.degree, correction.upper - correction.lower
+    farthest = THICKEST if corrected is None else _farthest(correction, corrected)
     reach = float(np.clip(farthest, THINNEST, THICKEST))
-    at, wanted = fits[degree].at, fits[degree].wanted
-    frames = np.repeat(np.arange(len(found.residuals)), found.residuals.shape[1])
+    at, corrections = fits[degree].at, fits[degree].wanted
+    frames = np.repeat(np.arange(len(correction.residuals)), correction.residuals.shape[1])
     # Squared errors by frame, for a frame's points err together; and what is usual inside.
-    squared = {k: np.zeros(len(found.residuals)) for k in fits if k <= degree}
+    squared = {k: np.zeros(len(correction.residuals)) for k in fits if k <= degree}
     distance, inside = 0.0, 0.0
     for rows in (side for axis in at.T for side in (axis < reach, axis > 1.0 - reach)):
         rest = at[~rows]
@@ -224,10 +224,10 @@ def _continued(
             continue
         nearest = np.clip(at[rows], rest.min(axis=0), rest.max(axis=0))
         fitted = {k: fits[k].without(rows) for k in squared}
-        inside += float(rows.sum()) * found.cross_validation[degree] ** 2
+        inside += float(rows.sum()) * correction.cross_validation[degree] ** 2
         distance += float(np.sum(((at[rows] - nearest) * size) ** 2))
         for k, sums in squared.items():
-            error = _displacement(at[rows], nearest, fitted[degree], fitted[k]) - wanted[rows]
+            error = _displacement(at[rows], nearest, fitted[degree], fitted[k]) - corrections[rows]
             np.add.at(sums, frames[rows], np.sum(error**2, axis=-1))
     at_border = {k: sums[squared[0] > 0] for k, sums in squared.items()}
     chosen = _lowest_as_good(at_border) if len(at_border[0]) > 1 else 0
@@ -238,13 +238,13 @@ def _continued(
     grows = excess > GROWN * inside and distance > 0.0
     growth = float(np.sqrt(excess / distance)) if grows else 0.0
     continued = fits[chosen].coefficients
-    return replace(found, continuation=chosen, continued=continued, reach=reach, growth=growth)
+    return replace(correction, continuation=chosen, continued=continued, reach=reach, growth=growth)
 
 
-def _farthest(found: DistortionCorrection, points: FloatArray) -> float:
+def _farthest(correction: DistortionCorrection, points: FloatArray) -> float:
     """How far outside the box the farthest point lies, as part of the box."""
-    at = (np.asarray(points, dtype=float).reshape(-1, 3) - found.lower) / (
-        found.upper - found.lower
+    at = (np.asarray(points, dtype=float).reshape(-1, 3) - correction.lower) / (
+        correction.upper - correction.lower
     )
     return float(np.maximum(-at, at - 1.0).max(initial=0.0))
 
@@ -285,33 +285,33 @@ class _PolynomialFit:
 
     def without(self, rows: BoolArray) -> FloatArray:
         """Coefficients of a fit without some of the points (N,)."""
-        u, wanted = self.u[rows], self.wanted[rows]
-        kept = (1.0 + UNDETERMINED) * np.eye(u.shape[1]) - u.T @ u
-        told = self.u.T @ self.wanted - u.T @ wanted
-        return np.asarray(self.back @ np.linalg.solve(kept, told))
+        u, corrections = self.u[rows], self.wanted[rows]
+        information = (1.0 + UNDETERMINED) * np.eye(u.shape[1]) - u.T @ u
+        pull = self.u.T @ self.wanted - u.T @ corrections
+        return np.asarray(self.back @ np.linalg.solve(information, pull))
 
 
 def _fit(degree: int, at: FloatArray, off: FloatArray) -> _PolynomialFit | None:
     """Least squares of one degree; None where the data do not support it."""
     frames, n = at.shape[:2]
-    places, wanted = at.reshape(-1, 3), -off.reshape(-1, 3)
+    places, corrections = at.reshape(-1, 3), -off.reshape(-1, 3)
     if degree == 0:
-        u, back = np.zeros((len(wanted), 0)), np.zeros((1, 0))
-        return _PolynomialFit(np.zeros((1, 3)), off, off, u, back, places, wanted)
-    if 2 * (degree + 1) ** 3 > len(wanted):
+        u, back = np.zeros((len(corrections), 0)), np.zeros((1, 0))
+        return _PolynomialFit(np.zeros((1, 3)), off, off, u, back, places, corrections)
+    if 2 * (degree + 1) ** 3 > len(corrections):
         return None
     basis = _basis(places, degree)
     u, back = _orthonormal(basis)
-    coefficients = back @ (u.T @ wanted)
-    residuals = (basis @ coefficients - wanted).reshape(frames, n, 3)
+    coefficients = back @ (u.T @ corrections)
+    residuals = (basis @ coefficients - corrections).reshape(frames, n, 3)
     # Errors each frame would have if it were not fitted, without fitting again: (I − H_gg)⁻¹ e_g
     # with the hat matrix H = U Uᵀ (Cook, Weisberg 1982, Residuals and Influence, section 2.2).
     by_frame = u.reshape(frames, n, -1)
-    kept = np.eye(n) - by_frame @ np.swapaxes(by_frame, 1, 2)
-    if np.linalg.eigvalsh(kept).min() < UNDETERMINED:
+    leftover = np.eye(n) - by_frame @ np.swapaxes(by_frame, 1, 2)
+    if np.linalg.eigvalsh(leftover).min() < UNDETERMINED:
         return None
-    left_out = np.asarray(np.linalg.solve(kept, residuals), dtype=float)
-    return _PolynomialFit(coefficients, residuals, left_out, u, back, places, wanted)
+    left_out = np.asarray(np.linalg.solve(leftover, residuals), dtype=float)
+    return _PolynomialFit(coefficients, residuals, left_out, u, back, places, corrections)
 
 
 def _orthonormal(basis: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -322,8 +322,8 @@ def _orthonormal(basis: FloatArray) -> tuple[FloatArray, FloatArray]:
     pass of CholeskyQR2 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44).
     """
     squared, vectors = np.linalg.eigh(basis.T @ basis)
-    seen = squared > RCOND**2 * squared[-1]
-    back = vectors[:, seen] / np.sqrt(squared[seen])
+    determined = squared > RCOND**2 * squared[-1]
+    back = vectors[:, determined] / np.sqrt(squared[determined])
     u = basis @ back
     inverse = np.linalg.inv(np.linalg.cholesky(u.T @ u)).T
     return u @ inverse, back @ inverse
@@ -350,13 +350,13 @@ def _lowest_as_good(errors: Mapping[int, FloatArray]) -> int:
 
 def _surrounded(measured: FloatArray, hull: FloatArray) -> BoolArray:
     """(N_frames, n) points within the hull of the other frames' points; all where none are."""
-    known = np.ones(measured.shape[:2], dtype=bool)
+    inside = np.ones(measured.shape[:2], dtype=bool)
     # A frame of which no point is on the hull of all changes nothing in it.
     on_hull = _signed_distance(measured, hull) > -_tolerance(hull)
     for frame in np.flatnonzero(on_hull.any(axis=1)):
-        others = np.delete(measured, frame, axis=0)
-        known[frame] = _in_hull(measured[frame], _hull(others))
-    return known if known.any() else ~known
+        other_frames = np.delete(measured, frame, axis=0)
+        inside[frame] = _in_hull(measured[frame], _hull(other_frames))
+    return inside if inside.any() else ~inside
 
 
 def _hull(points: FloatArray) -> FloatArray:
@@ -390,11 +390,14 @@ def _displacement(
 ) -> FloatArray:
     """Polynomial at the nearest points of the box, and what another one changes from there on."""
     inside, inner_degree = nearest.reshape(-1, 3), round(len(inner) ** (1 / 3)) - 1
-    found, outer_degree = _basis(inside, inner_degree) @ inner, round(len(outer) ** (1 / 3)) - 1
+    displacement, outer_degree = (
+        _basis(inside, inner_degree) @ inner,
+        round(len(outer) ** (1 / 3)) - 1,
+    )
     if outer_degree:
         step = _basis(at.reshape(-1, 3), outer_degree) - _basis(inside, outer_degree)
-        found = found + step @ outer
-    return np.asarray(found.reshape(at.shape))
+        displacement = displacement + step @ outer
+    return np.asarray(displacement.reshape(at.shape))
 
 
 def _basis(at: FloatArray, degree: int) -> FloatArray:
@@ -471,10 +474,10 @@ def _robustly(
         if np.array_equal(again, wrong) and fit.degree == degree:
             break
         # Where the tracker would see the points if the fit is right: the correction's inverse.
-        seen = expected
+        by_tracker = expected
         for _ in range(INVERSIONS):
-            seen = expected - fit.displacement(seen)
-        believed = np.where(again[..., None], seen, measured)
+            by_tracker = expected - fit.displacement(by_tracker)
+        believed = np.where(again[..., None], by_tracker, measured)
         wrong, degree = again, fit.degree
     return fit, fits, residuals, wrong
 

@@ -31,7 +31,7 @@ def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
         robust: (n,) the same if rows that do not fit are left out.
     """
     usual = max(min(float(np.median(plain)), float(np.median(robust))), RESOLVED)
-    squares = (np.minimum(each, CAPPED * usual) ** 2 for each in (plain, robust))
+    squares = (np.minimum(errors, CAPPED * usual) ** 2 for errors in (plain, robust))
     gain = np.subtract(*squares)
     if len(gain) < 2:
         return False
@@ -61,7 +61,7 @@ def left_out_of_registration(source: FloatArray, target: FloatArray, used: BoolA
     """Distance (n,) of each point from where the registration of the others used has it, m."""
     errors = []
     for row, (here, there) in enumerate(zip(source, target, strict=True)):
-        others = used & (np.arange(len(used)) != row)
-        R, p = register_points(source[others], target[others])
+        used_others = used & (np.arange(len(used)) != row)
+        R, p = register_points(source[used_others], target[used_others])
         errors.append(float(np.linalg.norm(R @ here + p - there)))
     return np.array(errors)

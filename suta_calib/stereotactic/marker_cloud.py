@@ -103,8 +103,8 @@ class MarkerCloud:
                 mirror image of the body; says which frame.
         """
         if len(self.markers) < LEAST_POINTS:
-            found = f"{len(self.markers)} markers on a body"
-            raise SamplesError(found, "three or more, not on a line")
+            count = f"{len(self.markers)} markers on a body"
+            raise SamplesError(count, "three or more, not on a line")
         if _on_a_line(self.markers[None])[0]:
             raise SamplesError("all markers of a body on one line", "three or more that are not")
         used = np.ones(frames.shape[:2], dtype=bool)
@@ -143,8 +143,8 @@ class SeenBody:
     @property
     def residuals(self) -> FloatArray:
         """(N_frames, n, 3) markers as seen less as given, in the body, m; NaN where left out."""
-        apart = self.poses.to_body(self.frames) - self.cloud.markers
-        return np.asarray(np.where(self.used[..., None], apart, np.nan))
+        difference = self.poses.to_body(self.frames) - self.cloud.markers
+        return np.asarray(np.where(self.used[..., None], difference, np.nan))
 
     @property
     def misfit(self) -> FloatArray:
@@ -207,9 +207,9 @@ def _proven(markers: FloatArray, frames: FloatArray, used: BoolArray) -> BoolArr
     for way, believed in (("plain", everything), ("robust", used)):
         squares = np.zeros(used.shape)
         for marker in range(used.shape[1]):
-            others = believed.copy()
-            others[:, marker] = False
-            squares[:, marker] = _norms(markers, frames, others)[:, marker] ** 2
+            remaining = believed.copy()
+            remaining[:, marker] = False
+            squares[:, marker] = _norms(markers, frames, remaining)[:, marker] ** 2
         errors[way] = np.sum(squares * used, axis=1)
     enough = used.sum(axis=1) > LEAST_POINTS
     far_better = enough & (errors["plain"] > FAR_BETTER * errors["robust"])

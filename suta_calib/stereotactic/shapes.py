@@ -99,54 +99,56 @@ class _Deviation:
     effect: float
 
 
-def on_given_shapes(seen: Sequence[GivenShape], *, robust: bool) -> tuple[list[str], list[str]]:
+def on_given_shapes(shapes: Sequence[GivenShape], *, robust: bool) -> tuple[list[str], list[str]]:
     """Bodies that do not look as calbody says, and markers that do so in a few frames.
 
     Args:
-        seen: in the files.
+        shapes: in the files.
         robust: markers that do not fit the others were left out already.
 
     Returns:
         reasons not to use the answer; reasons to take care.
     """
     bad, care = list[str](), list[str]()
-    found = list[tuple[GivenShape, _Deviation]]()
-    for each in seen:
-        if not each.bent and (misshapen := _misshapen(each)):
+    deviations = list[tuple[GivenShape, _Deviation]]()
+    for shape in shapes:
+        if not shape.bent and (misshapen := _misshapen(shape)):
             bad.append(misshapen)
             continue
-        deviation = _deviation(each)
-        found.append((each, deviation))
-        care += [] if each.bent else _standing_out(each, deviation, robust)
-    for each, deviation in found:
+        deviation = _deviation(shape)
+        deviations.append((shape, deviation))
+        care += [] if shape.bent else _standing_out(shape, deviation, robust)
+    for shape, deviation in deviations:
         if not deviation.known:
             continue
-        told = f"{each.markers} {_told(each, deviation)} {_beside(each, deviation, found)} "
-        told += f"It moves {each.what} by about {mm(deviation.effect):.2f} mm"
-        if each.stated is not None and deviation.effect > SEVERAL * each.stated:
-            bad.append(f"{told}; {each.answer} states ± {mm(each.stated):.3f} mm.")
+        sentence = (
+            f"{shape.markers} {_told(shape, deviation)} {_beside(shape, deviation, deviations)} "
+        )
+        sentence += f"It moves {shape.what} by about {mm(deviation.effect):.2f} mm"
+        if shape.stated is not None and deviation.effect > SEVERAL * shape.stated:
+            bad.append(f"{sentence}; {shape.answer} states ± {mm(shape.stated):.3f} mm.")
         else:
-            care.append(f"{told}, which no ± includes.")
+            care.append(f"{sentence}, which no ± includes.")
     return bad, care
 
 
-def _misshapen(seen: GivenShape) -> str:
+def _misshapen(shape: GivenShape) -> str:
     """What is said of markers in another unit or order; empty where they are not."""
-    body = seen.body
+    body = shape.body
     # Where half of the markers are left out, it is they that may be right.
     everything = body.used.mean() < EXPLAINED
     rms = (body.against(body.cloud, np.ones_like(body.used)) if everything else body).misfit
     if rms.max() <= MISSHAPEN * extent(body.cloud.markers):
         return ""
     return (
-        f"{seen.file}: {seen.letter} markers of frame {int(np.argmax(rms)) + 1} stay "
+        f"{shape.file}: {shape.letter} markers of frame {int(np.argmax(rms)) + 1} stay "
         f"{mm(rms.max()):.2f} mm RMS from calbody's: look for another unit or order, or for a "
         "wrong marker."
     )
 
 
-def _deviation(seen: GivenShape) -> _Deviation:
-    residuals, used = seen.body.residuals, seen.body.used
+def _deviation(shape: GivenShape) -> _Deviation:
+    residuals, used = shape.body.residuals, shape.body.used
     frames, n = used.shape
     counts = used.sum(axis=0)
     common = np.nansum(residuals, axis=0) / np.maximum(counts, 1)[:, None]
@@ -156,27 +158,27 @@ def _deviation(seen: GivenShape) -> _Deviation:
     fixed = DIMENSION * int(np.sum(counts > 0)) - OF_A_POSE
     freedom = max(DIMENSION * float(counts.sum()) * lost - fixed, 1.0)
     scatter = max(float(np.sqrt(np.sum(within**2) / freedom)), ROUNDED)
-    told = float(np.sum(counts[:, None] * common**2)) / scatter**2 / max(fixed, 1)
-    known = (
+    ratio = float(np.sum(counts[:, None] * common**2)) / scatter**2 / max(fixed, 1)
+    significant = (
         frames >= ENOUGH_TO_SCATTER
         and fixed > 0
         and rms_length(common[counts > 0]) > WORTH_A_WORD
-        and float(fdtrc(fixed, freedom, told)) < CHANCE
+        and float(fdtrc(fixed, freedom, ratio)) < CHANCE
     )
-    if not known:
+    if not significant:
         return _Deviation(common, scatter, False, None, None, 0.0)
-    factor, left = _scale(seen.body)
+    factor, left = _scale(shape.body)
     by_scale = rms_length((common - left)[counts > 0])
-    marker, by_marker, moved = _one_marker(seen, common, counts > 0)
+    marker, by_marker, moved = _one_marker(shape, common, counts > 0)
     size = rms_length(common[counts > 0])
     if min(by_scale, by_marker) > EXPLAINED * size:
-        lever = _lever(seen.body.cloud, seen.where)
+        lever = _lever(shape.body.cloud, shape.where)
         effect = lever * size / np.sqrt(max(n - 2, 1))
         return _Deviation(common, scatter, True, None, None, effect)
     if by_marker < by_scale:
         return _Deviation(common, scatter, True, None, marker, moved)
     # Of a body that was written in another scale the origin moves too.
-    effect = abs(factor[0] - 1.0) * float(np.linalg.norm(seen.body.cloud.markers.mean(axis=0)))
+    effect = abs(factor[0] - 1.0) * float(np.linalg.norm(shape.body.cloud.markers.mean(axis=0)))
     return _Deviation(common, scatter, True, factor, None, effect)
 
 
@@ -199,32 +201,32 @@ def _scale(body: SeenBody) -> tuple[tuple[float, float], FloatArray]:
 
 
 def _one_marker(
-    seen: GivenShape, common: FloatArray, known: BoolArray
+    shape: GivenShape, common: FloatArray, observed: BoolArray
 ) -> tuple[tuple[int, float] | None, float, float]:
     """The marker without which the others have their shape best, and how far it is off, m.
 
     Returns:
         those; RMS that stays of the others, m; what the places are moved by for it, RMS, m.
     """
-    given = seen.body.cloud.markers
-    shown, found = given + common, list[tuple[float, int, float, float]]()
-    if known.sum() < ENOUGH_TO_JUDGE:
+    given = shape.body.cloud.markers
+    shown, candidates = given + common, list[tuple[float, int, float, float]]()
+    if observed.sum() < ENOUGH_TO_JUDGE:
         return None, float("inf"), 0.0
-    for marker in map(int, np.flatnonzero(known)):
-        others = known & (np.arange(len(given)) != marker)
-        R, p = register_points(given[others], shown[others])
-        apart = given @ R.T + p - shown
-        moved = rms_length(seen.where @ R.T + p - seen.where)
-        off = float(np.linalg.norm(apart[marker]))
-        found.append((rms_length(apart[others]), marker, off, moved))
-    left, marker, off, moved = min(found)
+    for marker in map(int, np.flatnonzero(observed)):
+        remaining = observed & (np.arange(len(given)) != marker)
+        R, p = register_points(given[remaining], shown[remaining])
+        difference = given @ R.T + p - shown
+        moved = rms_length(shape.where @ R.T + p - shape.where)
+        off = float(np.linalg.norm(difference[marker]))
+        candidates.append((rms_length(difference[remaining]), marker, off, moved))
+    left, marker, off, moved = min(candidates)
     return (marker, off), left, moved
 
 
-def _told(seen: GivenShape, deviation: _Deviation) -> str:
+def _told(shape: GivenShape, deviation: _Deviation) -> str:
     if deviation.factor is not None:
         factor, std = deviation.factor
-        if seen.bent:  # A correction that was fitted to them follows a part of it.
+        if shape.bent:  # A correction that was fitted to them follows a part of it.
             return f"lie {factor:.4f} times as far apart as in calbody, corrected."
         return f"lie {factor:.6f} ± {std:.6f} times as far apart as in calbody."
     scatter = f"they scatter by {mm(deviation.scatter * np.sqrt(DIMENSION)):.3f} mm RMS"
@@ -239,26 +241,26 @@ def _told(seen: GivenShape, deviation: _Deviation) -> str:
 
 
 def _beside(
-    seen: GivenShape, deviation: _Deviation, found: Iterable[tuple[GivenShape, _Deviation]]
+    shape: GivenShape, deviation: _Deviation, deviations: Iterable[tuple[GivenShape, _Deviation]]
 ) -> str:
     """What another file says of the same body: which of the two is to be doubted."""
-    for other, its in found:
-        if other is seen or other.letter != seen.letter:
+    for other, its in deviations:
+        if other is shape or other.letter != shape.letter:
             continue
         if rms_length(deviation.common - its.common) < EXPLAINED * rms_length(deviation.common):
             return f"So they do in {other.file}: look for a mistake in calbody."
         how = "lie otherwise" if its.known else "have it"
         return f"In {other.file} they {how}: a marker was moved, or is read wrongly."
-    if seen.bent and deviation.factor is None and deviation.marker is None:
+    if shape.bent and deviation.factor is None and deviation.marker is None:
         return "Look for a mistake in calbody, or for frames in which something else was moved."
     return "Look for a mistake in calbody, or for a marker that was moved."
 
 
-def _standing_out(seen: GivenShape, deviation: _Deviation, robust: bool) -> list[str]:
+def _standing_out(shape: GivenShape, deviation: _Deviation, robust: bool) -> list[str]:
     """Markers of a few frames far off where they usually are in the body."""
-    used = seen.body.used
-    apart = np.nan_to_num(seen.body.residuals - deviation.common)
-    sizes = np.linalg.norm(apart, axis=-1)
+    used = shape.body.used
+    difference = np.nan_to_num(shape.body.residuals - deviation.common)
+    sizes = np.linalg.norm(difference, axis=-1)
     sigma = float(np.median(sizes[used])) / np.sqrt(chdtri(DIMENSION, 0.5))
     limit = LONG_TAILS * np.sqrt(outlier_limit(sizes.size, 1)) * max(sigma, ROUNDED)
     far = sizes > limit + WORTH_A_WORD
@@ -267,7 +269,7 @@ def _standing_out(seen: GivenShape, deviation: _Deviation, robust: bool) -> list
     frames = [str(frame + 1) for frame in np.flatnonzero(far.any(axis=1))]
     leave = "" if robust or sizes.shape[1] < ENOUGH_TO_JUDGE else " --robust leaves them out."
     return [
-        f"{seen.file}: {seen.letter} markers stay up to {mm(sizes.max()):.2f} mm off where they "
+        f"{shape.file}: {shape.letter} markers stay up to {mm(sizes.max()):.2f} mm off where they "
         f"are in the body in other frames (frame {listed(frames, MOST_FRAMES)}), and scatter by "
         f"{mm(sigma * np.sqrt(DIMENSION)):.3f} mm RMS: they pull at the poses there.{leave}"
     ]
@@ -318,14 +320,14 @@ def on_probe(probe: SeenProbe) -> tuple[list[str], list[str]]:
         if not (rms > limit).any():
             continue
         frame = int(np.argmax(np.where(rms > limit, rms, 0.0)))
-        told = (
+        sentence = (
             f"{kind}: the probe's markers of frame {frame + 1} stay {mm(rms[frame]):.2f} mm RMS "
             f"from their shape in {pivot}, where {mm(usual):.3f} mm are usual: look for another "
             "unit or order, or for a wrong marker."
         )
         effect, stated = lever * rms, probe.stated.get(kind)
         beyond = stated is not None and bool(np.any((rms > limit) & (effect > SEVERAL * stated)))
-        (bad if beyond or rms[frame] > MISSHAPEN * size else care).append(told)
+        (bad if beyond or rms[frame] > MISSHAPEN * size else care).append(sentence)
     return bad, care
 
 
@@ -333,9 +335,9 @@ def _usual_shape(pivot: SeenBody) -> MarkerCloud:
     """The shape that a body has in most of its frames, in its own axes."""
     for _ in range(SETTLED):
         # A marker that is left out in every frame stays where it is.
-        known = np.asarray(pivot.used.any(axis=0))
-        seen = np.where(known[:, None], pivot.residuals, 0.0)
-        usual = np.nanmedian(seen, axis=0)
+        observed = np.asarray(pivot.used.any(axis=0))
+        residuals = np.where(observed[:, None], pivot.residuals, 0.0)
+        usual = np.nanmedian(residuals, axis=0)
         pivot = pivot.against(MarkerCloud(pivot.cloud.markers + usual))
     return pivot.cloud
 
@@ -360,10 +362,10 @@ def on_late_base(
     rows = np.arange(1, len(measured) - 1)
     if len(rows) < ENOUGH_TO_PAIR:
         return [], []
-    seen = placed.to_tracker(body)[rows]
+    em_markers = placed.to_tracker(body)[rows]
 
     def expected(lag: int) -> FloatArray:
-        return base.of(rows + lag).to_body(seen)
+        return base.of(rows + lag).to_body(em_markers)
 
     def left(places: FloatArray) -> FloatArray:
         """Mean square residual of a smooth distortion, by frame."""
@@ -391,11 +393,11 @@ def on_late_base(
     std = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     if gain.mean() < SEVERAL * std or best > EXPLAINED * before.mean():
         return [], []
-    told = (
+    sentence = (
         f"The EM markers are where the optical tracker says to {mm(np.sqrt(best)):.2f} mm RMS, not "
         f"{mm(np.sqrt(before.mean())):.2f} mm, if each frame of calreadings has the D markers of "
         f"the one {'after' if lag > 0 else 'before'} it: they seem one frame "
         f"{'late' if lag > 0 else 'early'}. The expected EM markers are off by "
         f"{mm(off):.2f} mm RMS for it."
     )
-    return ([told], []) if off > SEVERAL * np.sqrt(best) else ([], [told])
+    return ([sentence], []) if off > SEVERAL * np.sqrt(best) else ([], [sentence])

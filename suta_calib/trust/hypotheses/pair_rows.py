@@ -35,8 +35,9 @@ class PairRows(MisreadPairs):
         )
 
     def fault(self, pairs: Pairs) -> Pairs:
-        """The targets two rows late."""
-        return shifted(pairs, -2)
+        """The targets two rows late; those of the last rows stand in the first."""
+        every = np.arange(len(pairs.hand[1]))
+        return pairs.rows(every, np.roll(every, 2))
 
 
 def shifted(pairs: Pairs, rows: int) -> Pairs:
