@@ -257,7 +257,7 @@ def register(
     """
     a, b = checked_points(source, "source"), checked_points(target, "target")
     check_points(a, b)
-    spread = _stated(
+    spread = StatedSpread.of(
         checked_sigmas(source_sigma, len(a), "source_sigma"),
         checked_sigmas(target_sigma, len(b), "target_sigma"),
     )
@@ -307,14 +307,6 @@ def register(
         weighed=tuple(weighed),
         rule=rule,
     )
-
-
-def _stated(source: FloatArray | None, target: FloatArray | None) -> StatedSpread | None:
-    if source is None and target is None:
-        return None
-    # Few instruments state anything.
-
-    return StatedSpread.of(source, target)
 
 
 def _repeats(a: FloatArray, b: FloatArray, rigid: RigidFit) -> RepeatedPoints | None:
