@@ -47,7 +47,8 @@ def change(found: HandEyeCalibration | PivotCalibration | Registration) -> Chang
     evidence, nan = found.moved.evidence, (np.nan, np.nan)
     about, sentence = evidence.effect.about, found.moved.sentence
     if found.moved.hypothesis.name == OutlierBlock.name:
-        return Change(about.what, about.border, *nan, *nan, False, sentence)
+        what, border, _ = about
+        return Change(what, border, *nan, *nan, False, sentence)
     shift, turn = [*sizes(evidence), nan][:2]
     since = about.since(evidence)
     return Change(about.what, since or 0, *shift, *turn, since is None, sentence)

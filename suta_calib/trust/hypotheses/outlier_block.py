@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any, ClassVar, Final
 
 import numpy as np
@@ -14,7 +12,7 @@ from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.term import Term
 from suta_calib.terms.tracked_point import TrackedPoint
-from suta_calib.trust.evidence import Effect, Evidence, Rule, log_ways
+from suta_calib.trust.evidence import Effect, Evidence, Rule
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import Hypothesis, Spoilt
 from suta_calib.trust.spoiling import seen_elsewhere
@@ -23,21 +21,6 @@ from suta_calib.trust.spoiling import seen_elsewhere
 # share may be elsewhere.
 FEWEST: Final = 3
 STRAYS: Final = 0.1
-
-
-@dataclass(frozen=True)
-class EndBlock:
-    """Rows at one end, nearly all of which are outliers.
-
-    Attributes:
-        what: may have been moved, in words.
-        border: number in the file of the first row after the border of the block.
-        rows: what the rows are, in the plural.
-    """
-
-    what: str
-    border: int
-    rows: str
 
 
 class OutlierBlock(Hypothesis):
@@ -67,16 +50,11 @@ class OutlierBlock(Hypothesis):
             block = _block(outlier)
             if block is None:
                 continue
-            border, inside, length = block
-            about = EndBlock(what, int(measured.numbers[rows[border]]), measured.rows)
-            count, out = len(outlier), int(outlier.sum())
-            chance = log_ways(length, inside) + log_ways(count - length, out - inside)
-            p = math.exp(min(chance - log_ways(count, out), 0.0))
+            border, share = block
+            about = what, int(measured.numbers[rows[border]]), measured.rows
             effect = Effect(what, np.zeros((0, 1)), about=about)
             size, nothing = np.array([float(border)]), np.zeros((1, 1))
-            return [
-                Evidence(effect, None, size, nothing, inside, inside / out, 1, 1.0, 1.0, p, p, size)
-            ]
+            return [Evidence(effect, None, size, nothing, 0.0, share, 1, 1.0, 1.0, 0.0, 0.0, size)]
         return []
 
     def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
@@ -86,10 +64,10 @@ class OutlierBlock(Hypothesis):
 
     def sentence(self, evidence: Evidence) -> str:
         """Where the block ends, and what may have been moved."""
-        block = evidence.effect.about
+        what, border, rows = evidence.effect.about
         return (
-            f"The {block.rows} that do not agree are nearly all before row {block.border}, or "
-            f"nearly all from there on (rows from 0): was {block.what} moved in between?"
+            f"The {rows} that do not agree are nearly all before row {border}, or nearly all from "
+            f"there on (rows from 0): was {what} moved in between?"
         )
 
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
@@ -102,8 +80,8 @@ class OutlierBlock(Hypothesis):
         return Spoilt(elsewhere, np.array([float(np.flatnonzero(late)[0])]))
 
 
-def _block(outlier: BoolArray) -> tuple[int, int, int] | None:
-    """Row at the border of the block, how many outliers are inside, and its length.
+def _block(outlier: BoolArray) -> tuple[int, float] | None:
+    """Row at the border of the block, and the share of all outliers that are inside.
 
     Args:
         outlier: (n,) in the order of the rows.
@@ -117,5 +95,5 @@ def _block(outlier: BoolArray) -> tuple[int, int, int] | None:
         inside = int(block.sum())
         if inside >= FEWEST and inside >= (1.0 - STRAYS) * max(length, int(outlier.sum())):
             border = count - length if backwards else length
-            return (border, inside, length) if border < count else None
+            return (border, inside / int(outlier.sum())) if border < count else None
     return None
