@@ -21,7 +21,8 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
-from suta_calib.trust.hypotheses.moved import TIMES, sizes
+from suta_calib.trust.evidence import Rule
+from suta_calib.trust.hypotheses.moved import TIMES, Moved, sizes
 from suta_calib.trust.hypotheses.outlier_block import OutlierBlock
 
 BY = np.array([2e-3, -3e-3, 6e-3])
@@ -173,6 +174,15 @@ def test_a_tip_that_bent_is_told_from_a_post_that_slid(which: str, what: str, co
 @pytest.mark.parametrize("count", [10, 60, 600])
 def test_a_steady_pivot_moved_nowhere(count: int) -> None:
     assert not any(pivoted(count, seed).moved for seed in range(5))
+
+
+def test_a_rule_decides_what_is_reported() -> None:
+    random = np.random.default_rng(0)
+    R = rotation_from_vector(random.uniform(-0.7, 0.7, (40, 3)))
+    p = 0.3 - R @ [0.01, 0.02, 0.16] + 2e-4 * random.standard_normal((40, 3))
+    p[20:] += 5e-3
+    assert [f.hypothesis.name for f in calibrate_pivot(R, p).findings] == [Moved.name]
+    assert not calibrate_pivot(R, p, rule=Rule(false_alarm=0.0)).findings
 
 
 def test_exact_poses_tell_a_change_exactly() -> None:
