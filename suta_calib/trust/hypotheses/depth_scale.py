@@ -34,7 +34,9 @@ class DepthScale(AddedVariable):
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One number."""
         (term,), columns = answer.problem.terms, list[Any]()
-        depth = term.observed(answer.solution.values, term.poses).position[:, 2]
+        expected = term.observed(answer.solution.values, term.poses).position
+        assert expected is not None
+        depth = expected[:, 2]
         for r in answer.rows:
             column = np.zeros(r.line.residual.shape)
             if r.line.view.block.unit == "m":
