@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, get_args
+from typing import Final, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -78,6 +78,13 @@ MAY_MOVE: Final[dict[EyeSetup, dict[str, str]]] = {
 }
 
 
+class DistanceTrend(NamedTuple):
+    """Share of the distance by which a target seems too far, and its standard deviation."""
+
+    share: float
+    std: float
+
+
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
 class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
     """Where the eye is, and where the target; `solution` is in units of `length`.
@@ -126,10 +133,12 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         return self.finding(DepthScale.name)
 
     @property
-    def distance_trend(self) -> tuple[float, float]:
-        """By what share the eye seems to see too far, and its standard deviation."""
+    def trend(self) -> DistanceTrend:
+        """By what share the eye seems to see too far, supported or not."""
         evidence = self.evidence(DepthScale.name)
-        return (0.0, 0.0) if evidence is None else (float(evidence.size[0]), float(evidence.std[0]))
+        if evidence is None:
+            return DistanceTrend(0.0, 0.0)
+        return DistanceTrend(float(evidence.size[0]), float(evidence.std[0]))
 
     @property
     def _std_without_far_sight(self) -> float:

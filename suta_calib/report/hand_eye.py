@@ -29,8 +29,8 @@ CALIBRATION: Final = Listing[HandEyeCalibration](
     Column("rms", unit="m"),
     Column("rms", value=lambda found: found.rms_angle, unit="rad"),
     Column("hand_share", value=lambda found: found.robot_noise_fraction),
-    Column("distance_trend", value=lambda found: found.distance_trend[0], unit="%"),
-    Column("distance_trend_std", value=lambda found: found.distance_trend[1], unit="%"),
+    Column("distance_trend", value=lambda found: found.trend.share, unit="%"),
+    Column("distance_trend_std", value=lambda found: found.trend.std, unit="%"),
 )
 
 

@@ -141,7 +141,7 @@ def test_a_focal_length_that_errs_is_said_and_is_within_what_is_stated(count: in
     for seed in range(4):
         off, found = with_focal_error(0.01, count, seed)
         assert found.far_sight is not None
-        share, std = found.distance_trend
+        share, std = found.trend
         assert share == pytest.approx(0.01, abs=4.0 * std)
         assert any("too far" in note for note in found.assessment.notes)
         assert off < 2.0
