@@ -31,7 +31,6 @@ from suta_calib.pose_calibration.robust_fit import ROUNDING
 from suta_calib.pose_calibration.stated import Agreement, StatedSpread
 from suta_calib.showing import Shown
 from suta_calib.terms.poses import together
-from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 from suta_calib.trust.hypotheses.strained_points import StrainedPoints
@@ -283,7 +282,7 @@ def register(
         distinct = np.isin(np.arange(len(distinct)), first)
     fit, failed = rigid.fit, list[str]()
     placed = a[fit.inliers]
-    called = {TrackedPoint.frames[0].own: MAY_MOVE}
+    called = {p.owner: MAY_MOVE for p in fit.solution.problem.parameters.values()}
     answer = fit.examined(rigid.length, "points", called, first)
     weighed = weigh(answer, failed)
     return Registration(

@@ -31,7 +31,11 @@ BY_NAME = {
     "pose_calibration/robot_noise.py": {"HandEye"},
     "pose_calibration/weighed_point.py": {"TrackedPoint"},
     "trust/hypotheses/bent_tip.py": {"FixedPoint"},
+    "trust/hypotheses/depth_scale.py": {"HandEye"},
+    "trust/hypotheses/moved.py": {"FixedPoint", "HandEye", "TrackedPoint"},
     "trust/hypotheses/scaled_points.py": {"TrackedPoint"},
+    "trust/hypotheses/strained_points.py": {"TrackedPoint"},
+    "trust/pair_readings.py": {"HandEye"},
 }
 # Kinds that are called like something else too: a label column, a figure of a report.
 SHIPPED = shipped(KINDS)

@@ -8,12 +8,10 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray
-from suta_calib.terms.fixed_point import FixedPoint
-from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.term import Term
-from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.trust.evidence import Effect, Evidence, Rule
 from suta_calib.trust.examination import Examination
+from suta_calib.trust.hypotheses.moved import Moved
 from suta_calib.trust.hypothesis import Hypothesis, Spoilt
 from suta_calib.trust.spoiling import seen_elsewhere
 
@@ -32,7 +30,7 @@ class OutlierBlock(Hypothesis):
 
     name: ClassVar[str] = "outliers in a block"
     about: ClassVar[str] = "The first rows, or the last, do not agree with the others."
-    applies_to: ClassVar[tuple[type[Term], ...]] = (FixedPoint, HandEye, TrackedPoint)
+    applies_to: ClassVar[tuple[type[Term], ...]] = Moved.applies_to
     needs_arm: ClassVar[bool] = False
     by_itself: ClassVar[bool] = True
 
