@@ -54,7 +54,7 @@ JUDGES = [
 SHOWN = [
     *(f"{REPORT}.{name}" for name in ("held_out_rows", "explained", "noise_of")),
     *(f"{REPORT}.{name}" for name in ("priors_of", "groups", "_repeatability")),
-    *(f"{REPORT}.plots.{name}" for name in ("histogram_svg", "changes_svg")),
+    *(f"suta_calib.report.{name}" for name in ("histogram_svg", "changes_svg")),
     f"{EXAMINATION}.external_poses",
     "suta_calib.job.calibration.calibration_scene",
 ]
@@ -141,7 +141,7 @@ def test_commands_end_with_the_answer_whatever_fails(
     job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     breaks(monkeypatch, f"{EXPLANATION}._cases")
-    breaks(monkeypatch, f"{REPORT}.plots.histogram_svg")
+    breaks(monkeypatch, "suta_calib.report.histogram_svg")
     text = job.read_text(encoding="utf-8").replace("joint_6.z]", "joint_6.z, tip.rx]")
     job = job.with_name("more.yaml")
     job.write_text(text, encoding="utf-8")
@@ -181,7 +181,7 @@ def test_answers_on_poses_survive_their_judges(
     for part in parts:
         with monkeypatch.context() as patch:
             breaks(patch, part)
-            breaks(patch, f"suta_calib.report.pose_plots.{command.replace('-', '_')}_plot")
+            breaks(patch, f"suta_calib.report.{command.replace('-', '_')}_plot")
             assert cli(command, *files, "--out", tmp_path / "out") == 0
         written = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
         assert written["verdict"]["level"] == "care"

@@ -13,6 +13,7 @@ from typing import Any, Final
 import numpy as np
 from scipy.spatial import KDTree
 
+from suta_calib import analysis, plotting
 from suta_calib.analysis.planning import Region, Situation
 from suta_calib.analysis.planning.candidates import DOWN
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
@@ -135,11 +136,8 @@ class TipMap(Shown):
         Returns:
             The figure.
         """
-        from suta_calib.analysis import draw_tip_map
-        from suta_calib.plotting import figure_or_new
-
-        figure = figure_or_new(figure, (9.7, 5.4))
-        draw_tip_map(figure, self, absolute=absolute)
+        figure = plotting.figure_or_new(figure, (9.7, 5.4))
+        analysis.draw_tip_map(figure, self, absolute=absolute)
         return figure
 
     @property

@@ -79,26 +79,27 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
         # Before anything is computed: nobody knows what a file holds by then.
         inputs = {} if out is None else _inputs(context)
         answer, written = command(**options), None
+        # Who reads need not wait for the pictures of the report.
+        if not as_json:
+            with printing():
+                console().print(rendered(answer), crop=False)
         if out is not None:
             written = write_document(answer, out, inputs)
         with printing():
             if as_json:
                 print_json(answer.json() if written is None else written)
-            else:
-                _print_answer(answer, out, written)
+            elif written is not None:
+                _print_files(written["files"], out, opens=answer.written == "opening")
         context.exit(answer.assessment.exit_code)
 
     return json_option(shown)
 
 
-def _print_answer(answer: Document, out: Path | None, written: dict[str, Any] | None) -> None:
+def _print_files(files: Mapping[str, str], out: Path | None, *, opens: bool) -> None:
     to = console()
-    to.print(rendered(answer), crop=False)
-    if written is not None:
-        files = written["files"]
-        to.print(f"Written to {out}: {', '.join(files)}", soft_wrap=True)
-        if answer.written == "opening":
-            to.print(f"Report: {files['report.html']}", soft_wrap=True)
+    to.print(f"Written to {out}: {', '.join(files)}", soft_wrap=True)
+    if opens:
+        to.print(f"Report: {files['report.html']}", soft_wrap=True)
 
 
 def _inputs(context: click.Context) -> dict[str, str]:

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from suta_calib import plotting
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.explanation import (
@@ -180,14 +181,12 @@ class Observability(Shown):
         Returns:
             The `Axes`: a bar for each parameter, on a log axis without unit.
         """
-        from suta_calib.plotting import ROW_HEIGHT, axes_or_new, draw_prospects
-
         asked = [p for p in self.prospects.values() if p.state != "fixed"]
         arm = set(self.problem.names[: self.problem.arm_count])
         shown = [p for p in asked if p.name in arm] or asked
-        axes = axes_or_new(ax, (6.5, 1.2 + ROW_HEIGHT * len(shown)))
+        axes = plotting.axes_or_new(ax, (6.5, 1.2 + plotting.ROW_HEIGHT * len(shown)))
         shares = [None if p.std is None else p.std / p.plausible for p in shown]
-        draw_prospects(axes, [p.name for p in shown], shares, WEAK)
+        plotting.draw_prospects(axes, [p.name for p in shown], shares, WEAK)
         return axes
 
     @property

@@ -11,6 +11,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
+from suta_calib import plotting
 from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, fitted_too, read_where_fitted
@@ -255,9 +256,7 @@ class CalibrationResult(Shown):
         Returns:
             The `Axes3D`; the legend names the factor by which errors are magnified.
         """
-        from suta_calib.plotting import draw_scene
-
-        return draw_scene(self.scene(data), ax)
+        return plotting.draw_scene(self.scene(data), ax)
 
     @property
     def explanations(self) -> tuple[Explanation, ...]:

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final, Literal, SupportsIndex, TypeVar, overload
+from typing import Any, Final, Literal, SupportsIndex, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from suta_calib import plotting
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
+from suta_calib.plotting.limits import MOST_LABELLED
+from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
 from suta_calib.showing import Shown
 from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
-
-if TYPE_CHECKING:
-    from suta_calib.plotting.scene import Posable, Scene
 
 Array = TypeVar("Array", bound=NDArray[Any])
 # What an arm may be, °C; kelvins are beyond.
@@ -180,9 +180,6 @@ class Samples(Shown):
         Raises:
             SamplesError: the samples are of another arm.
         """
-        from suta_calib.plotting.limits import MOST_LABELLED
-        from suta_calib.plotting.scene import Points, Scene, drawn_rows
-
         if set(arm.joints) != set(self.joints):
             raise SamplesError(
                 f"samples of {', '.join(self.joints)}", f"samples of {', '.join(arm.joints)}"
@@ -213,9 +210,7 @@ class Samples(Shown):
         Raises:
             SamplesError: the samples are of another arm.
         """
-        from suta_calib.plotting import draw_scene
-
-        return draw_scene(self.scene(arm), ax)
+        return plotting.draw_scene(self.scene(arm), ax)
 
     @property
     def in_a_line(self) -> str:

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 from numpy.typing import ArrayLike
 
+from suta_calib import plotting
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
@@ -362,9 +363,7 @@ class ArmModel(Shown):
         Returns:
             The `Axes3D`.
         """
-        from suta_calib.plotting import draw_scene
-
-        return draw_scene(self.scene(q), ax)
+        return plotting.draw_scene(self.scene(q), ax)
 
     @property
     def in_a_line(self) -> str:

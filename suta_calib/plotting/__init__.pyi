@@ -1,7 +1,7 @@
 from .change import Change as Change
-from .on_axes import draw_changes as draw_changes
-from .on_axes import draw_histogram as draw_histogram
-from .on_axes import draw_prospects as draw_prospects
+from .errors import draw_histogram as draw_histogram
+from .parameters import draw_changes as draw_changes
+from .parameters import draw_prospects as draw_prospects
 from .planar import draw_arm as draw_arm
 from .planar import outline as outline
 from .scene import Arrows as Arrows

@@ -2,129 +2,101 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
+from matplotlib.cbook import boxplot_stats
 
 from suta_calib.arrays import FloatArray
-from suta_calib.plotting.chart import Axis, Boxes, Chart, Labelled, Lines, Mark, Points, Steps, ends
 from suta_calib.plotting.limits import MOST_GROUPS
 from suta_calib.plotting.look import BLUE, GREY, ORANGE, TINT, shortened
+from suta_calib.plotting.style import legend_above, plain_log
 from suta_calib.units import Unit, shown, unit_name
 
-# Half the height of a box, of which one stands every unit.
-_BOX: Final = 0.31
-# How far a whisker goes at most, in lengths of its box.
-_WHISKER: Final = 1.5
-# Two histograms whose medians differ by more than this are both visible only on a log axis.
-FAR_APART: Final = 4.0
 
-
-def error_histogram(before: FloatArray, after: FloatArray, unit: Unit, what: str) -> Chart:
-    """Histogram of error norms before and after, with mean and RMS, in the reader's unit.
+def draw_histogram(
+    axes: Any, before: FloatArray, after: FloatArray, unit: Unit, quantity: str
+) -> None:
+    """Draw a histogram of error norms before and after, with mean and RMS, in the reader's unit.
 
     Args:
+        axes: empty `Axes`.
         before: (n,) at least one, SI.
         after: the same.
         unit: of both.
-        what: the errors are of, such as ``distance``.
+        quantity: whose errors they are, such as ``distance``.
     """
     sizes = {name: np.abs(shown(e, unit)) for name, e in (("before", before), ("after", after))}
     bins, logarithmic = _bins(*sizes.values())
-    marks: dict[str, list[Labelled]] = {}
-    most = 1.0
-    for name, colour, hatched in (("before", ORANGE, True), ("after", BLUE, False)):
-        values = sizes[name]
-        count = np.histogram(np.clip(values, bins[0], bins[-1]), bins)[0].astype(float)
-        most = max(most, float(count.max()))
+    if logarithmic:
+        plain_log(axes.xaxis, axes.set_xscale)
+    handles: dict[str, list[Any]] = {}
+    # The errors before stand in front: their hatches let the others through.
+    for name, colour, hatch, dash in (("after", BLUE, "", "--"), ("before", ORANGE, "////", ":")):
+        values, fill = sizes[name], "none" if hatch else colour
+        count = np.histogram(np.clip(values, bins[0], bins[-1]), bins)[0]
+        bars: dict[str, Any] = {"facecolor": fill, "edgecolor": colour, "hatch": hatch}
         rms, mean = float(np.sqrt(np.mean(values**2))), float(values.mean())
-        told = [
-            f"{figure} {name} {size:.3g} {unit_name(unit)}"
-            for figure, size in (("RMS", rms), ("mean", mean))
-        ]
-        marks[name] = [
-            Steps(bins, count, "" if hatched else colour, colour, hatched, name),
-            Lines(
-                *(np.array([[rms, rms]]), np.array([[-np.inf, np.inf]])),
-                width=1.2,
-                dash="dotted" if hatched else "dashed",
-                label=told[0],
-            ),
-            Points(np.array([mean]), np.zeros(1), 7.0, "triangle", colour, label=told[1]),
+        label = f"{name} {{:.3g}} {unit_name(unit)}"
+        triangle: dict[str, Any] = {"color": colour, "mec": "black", "ms": 7, "clip_on": False}
+        handles[name] = [
+            axes.stairs(count, bins, fill=True, lw=1.0, zorder=2, label=name, **bars),
+            axes.axvline(rms, c="black", lw=1.2, ls=dash, label="RMS " + label.format(rms)),
+            *axes.plot(mean, 0.0, "^", zorder=4, label="mean " + label.format(mean), **triangle),
         ]
     lowest = f" (the first bar: {bins[1]:.2g} and less)" if logarithmic else ""
-    low, high = ends(bins, log=logarithmic)
-    (was, *was_told), (now, *now_told) = marks["before"], marks["after"]
-    return Chart(
-        # What was before stands in front, for one sees through it.
-        [now, was, *was_told, *now_told],
-        Axis(f"{what} error, {unit_name(unit)}{lowest}", low, high, log=logarithmic),
-        Axis("number of errors", *ends(np.array([most]), least=0.0)),
-        told=[was, *was_told, now, *now_told],
-    )
+    axes.set_xlabel(f"{quantity} error, {unit_name(unit)}{lowest}")
+    axes.set_ylabel("number of errors")
+    axes.set_ylim(bottom=0.0)
+    legend_above(axes, [*handles["before"], *handles["after"]])
 
 
 def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
+    """Edges of the bars, and whether they stand on a log axis."""
     both = np.concatenate([before, after])
     count = int(np.clip(3 * len(before) ** 0.4, 12, 60))
     top = max(float(both.max()), 1e-9)
     middle = sorted(max(float(np.median(e)), 1e-9) for e in (before, after))
-    if middle[1] <= FAR_APART * middle[0]:
+    # Two histograms whose medians differ by more than this are both visible only on a log axis.
+    if middle[1] <= 4.0 * middle[0]:
         return np.linspace(0.0, top, count + 1), False
     # The few that are almost zero would stretch a log axis: the first bin takes them all.
     low = max(min(float(np.percentile(both, 1)), middle[0] / 3), middle[0] / 100)
     return np.geomspace(low, top * 1.001, count + 1), True
 
 
-def grouped_errors(groups: Mapping[str, FloatArray], grouping: str, unit: Unit = "m") -> Chart:
-    """Box plot of errors, one box a group, worst median first.
+def draw_grouped_errors(
+    axes: Any, groups: Mapping[str, FloatArray], grouping: str, unit: Unit = "m"
+) -> None:
+    """Draw boxes of errors as Tukey did, one a group, worst median first, in the reader's unit.
+
+    A whisker ends at the last error within one and a half boxes; what is beyond is a point.
 
     Args:
-        groups: errors, in SI, by the group's name; those beyond `MOST_GROUPS` are left out.
+        axes: empty `Axes`.
+        groups: errors, SI, by the group's name; those beyond `MOST_GROUPS` are left out.
         grouping: what the groups are, e.g. ``landmark``.
         unit: SI unit of the errors.
     """
     ranked = sorted(groups.items(), key=lambda item: -float(np.median(item[1])))[:MOST_GROUPS]
-    errors = [shown(e, unit) for _, e in ranked]
-    names = [(k, shortened(f"{name}  ({len(e)})")) for k, (name, e) in enumerate(ranked)]
-    return Chart(
-        _boxes(errors),
-        Axis(
-            f"error after calibration, {unit_name(unit)} (in brackets: number of errors)",
-            *ends(np.concatenate(errors), least=0.0),
-            grid=True,
-        ),
-        Axis(grouping, len(ranked) - 0.5, -0.5, names=names),
+    boxes = boxplot_stats([shown(errors, unit) for _, errors in ranked])
+    rows = np.arange(len(boxes))
+    low, first, middle, third, high = (
+        np.array([box[key] for box in boxes]) for key in ("whislo", "q1", "med", "q3", "whishi")
     )
-
-
-def _boxes(groups: Sequence[FloatArray]) -> list[Mark]:
-    """Lying boxes as Tukey drew them, a unit apart from 0 on.
-
-    Whiskers end at the last errors within one and a half boxes; what is beyond is a point.
-    """
-    at = np.arange(float(len(groups)))
-    q1, middle, q3 = np.array([np.percentile(each, (25, 50, 75)) for each in groups]).T
-    reach = _WHISKER * (q3 - q1)
-    fences = zip(groups, q1 - reach, q3 + reach, strict=True)
-    within = [(each >= low) & (each <= high) for each, low, high in fences]
-    inner = [each[inside] for each, inside in zip(groups, within, strict=True)]
-    beyond = [each[~inside] for each, inside in zip(groups, within, strict=True)]
-    low, high = (np.array([end(each) for each in inner]) for end in (np.min, np.max))
-    thin = [
-        (low, q1, at, at),
-        (q3, high, at, at),
-        *((end, end, at - _BOX / 2, at + _BOX / 2) for end in (low, high)),
-    ]
-    x, y = (
-        np.concatenate([np.column_stack([line[k], line[k + 1]]) for line in thin]) for k in (0, 2)
-    )
-    return [
-        Boxes(q1, q3, at - _BOX, at + _BOX, TINT, BLUE),
-        Lines(x, y),
-        Lines(np.column_stack([middle] * 2), np.column_stack([at - _BOX, at + _BOX]), 1.6),
-        Points(
-            np.concatenate(beyond), np.repeat(at, [len(each) for each in beyond]), 3.0, edge=GREY
-        ),
-    ]
+    axes.barh(rows, third - first, 0.62, first, facecolor=TINT, edgecolor=BLUE)
+    ends = np.concatenate([low, third]), np.concatenate([first, high])
+    axes.hlines(np.tile(rows, 2), *ends, colors="black", lw=1.0)
+    axes.plot(np.concatenate([low, high]), np.tile(rows, 2), "|", c="black", ms=5)
+    axes.vlines(middle, rows - 0.31, rows + 0.31, colors="black", lw=1.6)
+    for row, box in enumerate(boxes):
+        axes.plot(box["fliers"], np.full(len(box["fliers"]), row), "o", mfc="none", mec=GREY, ms=3)
+    names = [shortened(f"{name}  ({len(errors)})") for name, errors in ranked]
+    axes.set_yticks(rows, names)
+    axes.set_ylim(len(rows) - 0.5, -0.5)
+    axes.set_xlim(left=0.0)
+    error = f"error after calibration, {unit_name(unit)}".rstrip(", ")
+    axes.set_xlabel(f"{error} (in brackets: number of errors)")
+    axes.set_ylabel(grouping)
+    axes.grid(axis="x")

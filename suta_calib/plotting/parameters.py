@@ -3,114 +3,88 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any
 
 import numpy as np
 
-from suta_calib.arrays import BoolArray
 from suta_calib.plotting.change import Change
-from suta_calib.plotting.chart import (
-    Axis,
-    Boxes,
-    Chart,
-    Lines,
-    Mark,
-    Points,
-    Shape,
-    ends,
-    named_rows,
-)
-from suta_calib.plotting.look import BLUE, GREY, ORANGE, WHITE, shortened
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, shortened
+from suta_calib.plotting.style import legend_above, plain_log
 from suta_calib.units import Unit, shown, unit_name
 
-_MOST_LETTERS: Final = 26
-# Of a name in a list, points; and half the height of a row's error bar and of its bar.
-_LETTERS: Final = 7.0
-_CAP: Final = 0.12
-_BAR: Final = 0.35
-# Every value of an axis.
-_ALL: Final = np.array([[-np.inf, np.inf]])
 
-
-def parameter_changes(changes: Sequence[Change]) -> list[Chart]:
-    """Every change ± one standard deviation, a panel for each unit, mm and degrees.
+def draw_changes(figure: Any, changes: Sequence[Change]) -> list[Any]:
+    """Draw every change ± one standard deviation, a panel for each unit, mm and degrees.
 
     Args:
+        figure: an empty `Figure` or `SubFigure`.
         changes: at least one; the panels are in the order in which their units first occur.
+
+    Returns:
+        The panels' `Axes`.
     """
     by_unit: dict[Unit, list[Change]] = {}
-    for each in changes:
-        by_unit.setdefault(each.unit, []).append(each)
-    # Two columns of a legend are wider than a panel of three.
-    columns = 2 if len(by_unit) < 3 else 1
-    return [_changes(found, unit, columns) for unit, found in by_unit.items()]
+    for parameter in changes:
+        by_unit.setdefault(parameter.unit, []).append(parameter)
+    panels: list[Any] = list(figure.subplots(1, len(by_unit), squeeze=False)[0])
+    for axes, (unit, of_unit) in zip(panels, by_unit.items(), strict=True):
+        change, std = (
+            shown(np.array([getattr(parameter, name) for parameter in of_unit]), unit)
+            for name in ("change", "std")
+        )
+        rows, by_prior = (
+            np.arange(len(of_unit)),
+            np.array([parameter.by_prior for parameter in of_unit]),
+        )
+        axes.axvline(0.0, c="black", lw=0.8)
+        axes.errorbar(change, rows, xerr=std, fmt="none", ecolor="black", elinewidth=1, capsize=2)
+        for name, chosen, marker, fill in (
+            ("identified", ~by_prior, "o", BLUE),
+            ("prior", by_prior, "s", "white"),
+        ):
+            if chosen.any():
+                marks: dict[str, Any] = {"mfc": fill, "mec": BLUE, "ms": 4.5, "label": name}
+                axes.plot(change[chosen], rows[chosen], marker, **marks)
+        _name_rows(axes, [parameter.name for parameter in of_unit])
+        axes.set_xlabel(", ".join(filter(None, ["change ± std", unit_name(unit)])))
+        # Two columns of a legend are wider than a panel of three.
+        legend_above(axes, columns=2 if len(by_unit) < 3 else 1)
+    return panels
 
 
-def _changes(found: Sequence[Change], unit: Unit, columns: int) -> Chart:
-    change = shown(np.array([each.change for each in found]), unit)
-    std = shown(np.array([each.std for each in found]), unit)
-    by_prior = np.array([each.by_prior for each in found])
-    k = np.arange(float(len(found)))
-    low, high = change - std, change + std
-    bars, caps = [(low, high), (low, low), (high, high)], [(k - _CAP, k + _CAP)] * 2
-    marks: list[Mark] = [
-        Lines(np.zeros((1, 2)), _ALL, 0.8),
-        Lines(
-            np.concatenate([np.column_stack(each) for each in bars]),
-            np.concatenate([np.column_stack(each) for each in ((k, k), *caps)]),
-        ),
-    ]
-    looks: tuple[tuple[str, BoolArray, Shape, str], ...] = (
-        ("identified", ~by_prior, "circle", BLUE),
-        ("prior", by_prior, "square", WHITE),
-    )
-    for name, chosen, shape, colour in looks:
-        if chosen.any():
-            marks.append(Points(change[chosen], k[chosen], 4.5, shape, colour, BLUE, name))
-    span = np.concatenate([low, high, [0.0]])
-    label = ", ".join(filter(None, ["change ± std", unit_name(unit)]))
-    x = Axis(label, *ends(span), grid=True)
-    return Chart(marks, x, _rows([each.name for each in found]), columns)
-
-
-def parameter_prospects(
-    names: Sequence[str], shares: Sequence[float | None], threshold: float
-) -> Chart:
-    """How far each parameter will be off, as a share of how far it might be now.
+def draw_prospects(
+    axes: Any, names: Sequence[str], shares: Sequence[float | None], threshold: float
+) -> None:
+    """Draw how far each parameter will be off, as a share of how far it might be now.
 
     Args:
+        axes: empty `Axes`.
         names: of the parameters.
         shares: predicted standard deviation over what is plausible; None for what is held.
         threshold: share from which on data do not tell a parameter.
     """
-    known = np.array([share is not None for share in shares], dtype=bool)
-    share = np.array([1.0 if each is None else each for each in shares])
-    k = np.arange(float(len(names)))
+    determined = np.array([share is not None for share in shares], dtype=bool)
+    share = np.array([1.0 if share is None else share for share in shares])
+    rows = np.arange(len(names))
     low = min(float(share.min(initial=threshold)), threshold) / 3
-    marks: list[Mark] = []
-    for label, chosen, colour, hatched in (
-        ("can be determined", known, BLUE, False),
-        ("cannot: held at nominal", ~known, ORANGE, True),
+    plain_log(axes.xaxis, axes.set_xscale)
+    for name, chosen, colour, hatch in (
+        ("can be determined", determined, BLUE, ""),
+        ("cannot: held at nominal", ~determined, ORANGE, "////"),
     ):
-        at = k[chosen]
-        marks.append(
-            Boxes(
-                *(np.full(len(at), low), share[chosen], at - _BAR, at + _BAR),
-                fill="" if hatched else colour,
-                edge=colour,
-                hatched=hatched,
-                label=f"{label} ({int(chosen.sum())})",
-            )
-        )
-    marks += [
-        Lines(np.full((1, 2), threshold), _ALL, 0.9, dash="dashed", label="threshold"),
-        Lines(np.ones((1, 2)), _ALL, 0.9, GREY),
-    ]
-    x = Axis(
-        "predicted ± std, as a share of how far it might be off now", low, 1.6, log=True, grid=True
-    )
-    return Chart(marks, x, _rows(names), columns=3)
+        bars: dict[str, Any] = {"facecolor": "none" if hatch else colour, "hatch": hatch}
+        bars |= {"edgecolor": colour, "label": f"{name} ({int(chosen.sum())})"}
+        axes.barh(rows[chosen], share[chosen] - low, 0.7, low, **bars)
+    axes.axvline(threshold, c="black", lw=0.9, ls="--", label="threshold")
+    axes.axvline(1.0, c=GREY, lw=0.9)
+    _name_rows(axes, names)
+    axes.set_xlim(low, 1.6)
+    axes.set_xlabel("predicted ± std, as a share of how far it might be off now")
+    legend_above(axes, columns=3)
 
 
-def _rows(names: Sequence[str]) -> Axis:
-    return named_rows([shortened(name, _MOST_LETTERS) for name in names], _LETTERS)
+def _name_rows(axes: Any, names: Sequence[str]) -> None:
+    """Write names beside rows 0, 1, … from the top, with a line from each."""
+    axes.set_yticks(range(len(names)), [shortened(name, 26) for name in names], fontsize=7)
+    axes.set_ylim(len(names) - 0.4, -0.6)
+    axes.grid(axis="x")

@@ -7,7 +7,7 @@ report as something to turn about. Places are in the arm's base frame, m.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,8 +20,6 @@ from suta_calib.plotting.limits import MOST_DRAWN
 # seen, a frame or a point that stands outside, an error before and after a calibration; the floor,
 # and the axes of the base.
 Look = Literal["links", "axes", "tip", "touched", "place", "before", "after", "grid", "frame"]
-# The longest arrow, as a part of the scene's size.
-_LONGEST: Final = 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,4 +134,6 @@ def magnification(vectors: FloatArray, size: float) -> float:
     lengths = np.linalg.norm(vectors, axis=1)
     # A few that are far off may leave the picture rather than flatten all others.
     long = float(np.percentile(lengths, 98)) if len(lengths) else 0.0
-    return round_down(_LONGEST * size / long) if long > 0 and size > 0 else 1.0
+    # The longest arrow, as a part of the scene's size.
+    longest = 0.15
+    return round_down(longest * size / long) if long > 0 and size > 0 else 1.0

@@ -11,7 +11,6 @@ from suta_calib.plotting.scene import Arrows, Line, Look, Points, Scene
 from suta_calib.plotting.style import BLUE, GREY, ORANGE, axes_or_new
 from suta_calib.units import mm
 
-_SIZE: Final = (6.5, 4.6)
 _LOOKS: Final[dict[Look, dict[str, Any]]] = {
     "links": {"color": "black", "linewidth": 2.2, "marker": "o", "markersize": 3.5},
     "axes": {"color": BLUE, "linewidth": 2.6},
@@ -39,7 +38,8 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Any:
     Raises:
         ValueError: axes that are not three-dimensional.
     """
-    axes = axes_or_new(ax, _SIZE, "3d")
+    size = (6.5, 4.6)
+    axes = axes_or_new(ax, size, "3d")
     for part in scene.parts:
         look = _LOOKS[part.look]
         if isinstance(part, Arrows):

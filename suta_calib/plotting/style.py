@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Final
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.plotting.look import BLUE as BLUE
 from suta_calib.plotting.look import GREY as GREY
 from suta_calib.plotting.look import LARGE as LARGE
@@ -32,10 +34,8 @@ STYLE: Final[dict[str, Any]] = {
     "axes.axisbelow": True,
     "grid.color": LINE,
     "hatch.linewidth": 0.6,
-    # Room for text that a narrow page enlarges.
-    "axes.labelpad": 7.0,
-    "legend.columnspacing": 3.5,
     "legend.frameon": False,
+    "legend.columnspacing": 3.5,  # a narrow page enlarges letters
 }
 
 
@@ -86,6 +86,47 @@ def figure_or_new(figure: Any, size: tuple[float, float]) -> Any:
 
         figure = pyplot.figure(figsize=size, layout="constrained")
     return figure
+
+
+def legend_above(
+    axes: Any, handles: Sequence[Any] | None = None, columns: int = 2, title: str = ""
+) -> None:
+    """Put the legend over the panel, where it hides nothing, and the title over that.
+
+    Args:
+        axes: `Axes`.
+        handles: what it names, in order; all that has a label by default.
+        columns: it fills one after the other.
+        title: of the panel.
+    """
+    handles = axes.get_legend_handles_labels()[0] if handles is None else handles
+    # A row of a legend in letters of 8 points, and room about it.
+    axes.set_title(title, pad=13.0 * -(-len(handles) // columns) + 6.0)
+    if handles:
+        look: dict[str, Any] = {"loc": "lower left", "bbox_to_anchor": (0, 1), "frameon": False}
+        axes.legend(handles=handles, ncols=columns, fontsize=8, **look)
+
+
+def shades() -> Any:
+    """Colours of sizes from 0 to 1: ColorBrewer's Blues (Brewer, 2003) in ten steps."""
+    return mpl.colormaps["Blues"].resampled(10)
+
+
+def thinned(x: FloatArray, y: FloatArray) -> IntArray:
+    """Which of many marks to draw: where thousands hide each other, one of each small cell.
+
+    Args:
+        x: (n,) their places across.
+        y: (n,) their places along the other axis.
+
+    Returns:
+        Rows, in order.
+    """
+    if len(x) <= 2000:
+        return np.arange(len(x))
+    # Cells of a 300th: about two points of a panel, less than a mark.
+    cells = [np.floor(300 * (v - v.min()) / (np.ptp(v) or 1.0)) for v in (x, y)]
+    return np.sort(np.unique(np.stack(cells), axis=1, return_index=True)[1])
 
 
 def plain_log(axis: Any, set_scale: Any) -> None:

@@ -1,4 +1,9 @@
 from .calibration import calibration_document as calibration_document
+from .calibration_plots import changes_svg as changes_svg
+from .calibration_plots import correlations_svg as correlations_svg
+from .calibration_plots import groups_svg as groups_svg
+from .calibration_plots import histogram_svg as histogram_svg
+from .calibration_plots import singular_values_svg as singular_values_svg
 from .certification import certification_document as certification_document
 from .certification import certification_plot as certification_plot
 from .comparison import comparison_document as comparison_document
@@ -14,6 +19,7 @@ from .model_selection import model_selection_document as model_selection_documen
 from .model_selection import models_plot as models_plot
 from .observability import observability_document as observability_document
 from .outliers import outliers_document as outliers_document
+from .outliers_plot import metrics_plot as metrics_plot
 from .path_accuracy import path_accuracy_document as path_accuracy_document
 from .path_accuracy import path_accuracy_plot as path_accuracy_plot
 from .pivot import pivot_document as pivot_document

@@ -14,6 +14,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from suta_calib import report
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import TermAccuracy
 from suta_calib.diagnostics.explanation import redundant_names
@@ -22,7 +23,6 @@ from suta_calib.diagnostics.scale_effects import ScaleEffect
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import CalibrationResult
 from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
-from suta_calib.report import calibration_plots as plots
 from suta_calib.report.document import (
     Document,
     Figure,
@@ -88,12 +88,12 @@ REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
 )
 SCALE: Final = Listing[ScaleEffect](
     "",
-    Column("carrier", value=lambda each: each.what),
+    Column("carrier", value=lambda row: row.what),
     *written("name"),
-    Column("grade", value=lambda each: each.scale.grade or None),
-    Column("ppm", value=lambda each: each.scale.ppm),
+    Column("grade", value=lambda row: row.scale.grade or None),
+    Column("ppm", value=lambda row: row.scale.ppm),
     *written("carries"),
-    Column("tip", value=lambda each: each.tip, unit="m"),
+    Column("tip", value=lambda row: row.tip, unit="m"),
 )
 ABOUT: Final = Listing[tuple[str, str]](
     "", Column("", "", lambda row: row[0]), Column("", "", lambda row: row[1])
@@ -108,7 +108,7 @@ STARTS: Final = Listing[tuple[int, Minimum]](
 
 
 def calibration_document(result: CalibrationResult, *, verbose: bool = False) -> Document:
-    """A calibration to be shown: errors, parameters, what the data cannot tell, and plots.
+    """A calibration to be shown: errors, parameters, what the data cannot tell, and report.
 
     Args:
         result: job, solution and accuracy.
@@ -137,8 +137,8 @@ def calibration_document(result: CalibrationResult, *, verbose: bool = False) ->
 @cache
 def versions() -> Mapping[str, str]:
     """Versions of what computed the result."""
-    found = {name: str(import_module(it).__version__) for name, it in COMPUTED_BY.items()}
-    return {"python": platform.python_version()} | found
+    installed = {name: str(import_module(it).__version__) for name, it in COMPUTED_BY.items()}
+    return {"python": platform.python_version()} | installed
 
 
 # What is shown
@@ -159,8 +159,8 @@ def _about(result: CalibrationResult) -> Iterator[tuple[str, str]]:
     for name, terms in (("fitted", job.observations), ("held out", job.validation)):
         yield name, "; ".join(map(_counted, terms)) or "nothing"
     estimated = sum(e.std is not None for e in solution.arm_estimates.values())
-    own = len(solution.problem.parameters) - solution.problem.arm_count
-    of_data = f"; {own} unknowns of the observations" if own else ""
+    term_unknowns = len(solution.problem.parameters) - solution.problem.arm_count
+    of_data = f"; {term_unknowns} unknowns of the observations" if term_unknowns else ""
     yield "unknowns", f"{estimated} of {solution.problem.arm_count} of the arm estimated{of_data}"
     yield "made with", " · ".join(f"{name} {number}" for name, number in versions().items())
 
@@ -168,13 +168,13 @@ def _about(result: CalibrationResult) -> Iterator[tuple[str, str]]:
 def _counted(term: Term) -> str:
     """``225 samples of pairwise_distance, 1,575 distances, at 5 places``."""
     block, samples = term.blocks[0], term.poses.samples
-    said = f"{len(samples):,} samples of {term.kind}"
+    sentence = f"{len(samples):,} samples of {term.kind}"
     if len(block) != len(samples):
-        said += f", {len(block):,} {block.name}s"
+        sentence += f", {len(block):,} {block.name}s"
     if term.place in samples.labels:
         places = len(set(samples.labels[term.place].tolist()))
-        said += f", at {places} place{'s' * (places != 1)}"
-    return said
+        sentence += f", at {places} place{'s' * (places != 1)}"
+    return sentence
 
 
 def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
@@ -182,25 +182,25 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     if not solution.converged:
         return
     every = outcomes(result.examined)
-    arm, own = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
+    arm, of_terms = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
     worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
     yield ShownOnly(PARAMETERS.of(worth_showing), "console")
     if not verbose:
         # What is no pose, such as a camera's intrinsics or a radius, is told nowhere else.
-        posed = {name for each in result.examined.external_poses for name in each.frame.names}
-        alone = [row for row in own if row.estimate.name not in posed]
+        posed = {name for pose in result.examined.external_poses for name in pose.frame.names}
+        alone = [row for row in of_terms if row.estimate.name not in posed]
         shown = alone if len(alone) <= MANY else []
         if shown:
             title = "The observations' own unknowns that are no poses"
             yield ShownOnly(PARAMETERS.of(shown, title), "console")
-        hidden = [row.estimate for row in own if row not in shown]
+        hidden = [row.estimate for row in of_terms if row not in shown]
         yield from left_out(len(arm) - len(worth_showing), hidden)
     held = [row for row in arm if row.change is None]
     yield ShownOnly(PARAMETERS.of([row for row in arm if row.change is not None]), "page")
     for state in dict.fromkeys(row.state_shown for row in held):
         names = [row.estimate.name for row in held if row.state_shown == state]
-        said = f"{state.capitalize()}, so at nominal ({len(names)}): {', '.join(names)}"
-        yield Text(said, bullet=True, place="page")
+        line = f"{state.capitalize()}, so at nominal ({len(names)}): {', '.join(names)}"
+        yield Text(line, bullet=True, place="page")
     yield Folded(PARAMETERS.of(held, f"Parameters at nominal ({len(held)})"))
     yield Text(
         "“redundant”: no data of these kinds could tell it; nominal is a convention. “as drawn”: "
@@ -213,10 +213,10 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     )
     if changes := solution.changes:
         yield Figure(
-            lambda: plots.changes_svg(changes, "parameter-changes"),
+            lambda: report.changes_svg(changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
-    yield Folded(PARAMETERS.of(own, f"The observations' own unknowns ({len(own)})"))
+    yield Folded(PARAMETERS.of(of_terms, f"The observations' own unknowns ({len(of_terms)})"))
 
 
 def _external_poses(result: CalibrationResult) -> Iterator[Part]:
@@ -261,12 +261,12 @@ def _errors(result: CalibrationResult) -> Iterator[Part]:
 
 
 def _histogram(errors: KindErrors, name: str) -> str:
-    told = errors.before, errors.after, errors.unit, errors.name
-    return plots.histogram_svg(*told, name)
+    errors_shown = errors.before, errors.after, errors.unit, errors.name
+    return report.histogram_svg(*errors_shown, name)
 
 
 def _repeatability(result: CalibrationResult) -> list[tuple[str, TouchRepeatability]]:
-    return [(name, each) for name, terms in result.repeatability.items() for each in terms]
+    return [(name, term) for name, terms in result.repeatability.items() for term in terms]
 
 
 def _untold(result: CalibrationResult) -> Iterator[Part]:
@@ -296,30 +296,30 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
     values = solution.identification.singular_values
     if len(values):
         yield Figure(
-            lambda: plots.singular_values_svg(values, 1.0 / WEAK, named, "singular-values"),
+            lambda: report.singular_values_svg(values, 1.0 / WEAK, named, "singular-values"),
             "Singular values: how strongly the data see each direction",
         )
 
 
 def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
-    accuracy, found = result.accuracy, list[Figure]()
+    accuracy, figures = result.accuracy, list[Figure]()
     for name, terms in (("Validation", accuracy.validation), ("Calibration", accuracy.calibration)):
         of = {label: groups(terms, label) for label in (*groupings(), "file")}
-        told = [label for label in groupings() if len(of[label]) > 1]
+        labels = [label for label in groupings() if len(of[label]) > 1]
         # Files are usually split by label: only without labels do they tell more.
-        for label in told or ["file"] * (len(of["file"]) > 1):
+        for label in labels or ["file"] * (len(of["file"]) > 1):
             rest = len(of[label]) - MOST_GROUPS
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
             unit = terms[0].term.error_unit
-            found.append(Figure(partial(_boxes, of[label], label, svg_name, unit), title))
-    if found:
+            figures.append(Figure(partial(_boxes, of[label], label, svg_name, unit), title))
+    if figures:
         yield Text("Where the remaining errors are", place="page", look="heading")
-        yield from found
+        yield from figures
 
 
 def _boxes(errors: Mapping[str, FloatArray], label: str, name: str, unit: Unit) -> str:
-    return plots.groups_svg(errors, label, name, unit)
+    return report.groups_svg(errors, label, name, unit)
 
 
 def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
@@ -346,9 +346,9 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
         return
     yield Text("Correlations", place="page", look="heading")
     if (less := len(names) - MOST_CORRELATED) > 0:
-        said = f"{less} parameters that are less correlated are left out; result.json has all."
-        yield Text(said, place="page", look="soft")
-    yield Figure(lambda: plots.correlations_svg(names, matrix, "correlations"))
+        note = f"{less} parameters that are less correlated are left out; result.json has all."
+        yield Text(note, place="page", look="soft")
+    yield Figure(lambda: report.correlations_svg(names, matrix, "correlations"))
 
 
 def _computation(result: CalibrationResult) -> Iterator[Part]:
@@ -437,7 +437,7 @@ def _data(result: CalibrationResult) -> Json:
 def _metrics(result: CalibrationResult) -> Json:
     """Of each set of data, the figures of the first term's kind and those of each term."""
 
-    def found(terms: Sequence[TermAccuracy]) -> Json:
+    def of_first_kind(terms: Sequence[TermAccuracy]) -> Json:
         figures = accuracy_json(terms)
         if not result.solution.converged:
             after = figures["after"]
@@ -447,9 +447,10 @@ def _metrics(result: CalibrationResult) -> Json:
     content: Json = {}
     for name, labelled in result.labelled_terms.items():
         by_term = [
-            {"kind": term.term.kind, "label": label} | found([term]) for label, term in labelled
+            {"kind": term.term.kind, "label": label} | of_first_kind([term])
+            for label, term in labelled
         ]
-        content[name] = {**found([term for _, term in labelled]), "by_term": by_term}
+        content[name] = {**of_first_kind([term for _, term in labelled]), "by_term": by_term}
     return content
 
 

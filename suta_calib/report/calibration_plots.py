@@ -3,38 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any
 
 import numpy as np
+from matplotlib.colors import BoundaryNorm
+from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.change import Change
-from suta_calib.plotting.chart import Axis, Boxes, Chart, Lines, Mark, Words, ends
-from suta_calib.plotting.errors import error_histogram, grouped_errors
-from suta_calib.plotting.limits import MOST_CORRELATED, MOST_WRITTEN
-from suta_calib.plotting.look import (
-    BLACK,
-    BLUE,
-    ORANGE,
-    ROW_HEIGHT,
-    SHADES,
-    WHITE,
-    shade,
-    shortened,
-)
-from suta_calib.plotting.parameters import parameter_changes
-from suta_calib.report.chart_svg import chart_svg
+from suta_calib.plotting.errors import draw_grouped_errors, draw_histogram
+from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS, MOST_WRITTEN
+from suta_calib.plotting.look import BLUE, ORANGE, ROW_HEIGHT, WIDTH, shortened
+from suta_calib.plotting.parameters import draw_changes
+from suta_calib.plotting.style import legend_above, plain_log, shades
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import Unit
-
-# Points: heights of panels, of a row of boxes and of few of them; of a cell of a map, which is no
-# smaller than its scale can be read; how wide that scale is.
-_HISTOGRAM: Final = 135.0
-_BARS: Final = 144.0
-_BOX_ROW: Final = 15.0
-_LEAST_BOXES: Final = 50.0
-_CELL: Final = 17.5
-_LEAST_MAP: Final = 150.0
-_SCALE: Final = 11.0
 
 
 def histogram_svg(
@@ -49,9 +32,9 @@ def histogram_svg(
         quantity: what errs, e.g. ``distance``.
         name: id of the plot on its page.
     """
-    chart = error_histogram(before, after, unit, quantity)
-    description = f"Histogram of the {quantity} errors before and after"
-    return chart_svg([chart], name, description, _HISTOGRAM)
+    with picture(name, (WIDTH, 3.2)) as figure:
+        draw_histogram(figure.subplots(), before, after, unit, quantity)
+        return svg_text(figure, name, f"Histogram of the {quantity} errors before and after")
 
 
 def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str, unit: Unit = "m") -> str:
@@ -63,9 +46,11 @@ def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str, unit:
         name: id of the plot on its page.
         unit: SI unit of the errors.
     """
-    chart = grouped_errors(groups, grouping, unit)
-    height = max(_BOX_ROW * (chart.y.first - chart.y.last), _LEAST_BOXES)
-    return chart_svg([chart], name, f"Errors after calibration by {grouping}", height)
+    # Fewer than three boxes have no room for the name of their axis.
+    rows = max(min(len(groups), MOST_GROUPS), 3)
+    with picture(name, (WIDTH, 0.6 + 1.1 * ROW_HEIGHT * rows)) as figure:
+        draw_grouped_errors(figure.subplots(), groups, grouping, unit)
+        return svg_text(figure, name, f"Errors after calibration by {grouping}")
 
 
 def changes_svg(changes: Sequence[Change], name: str) -> str:
@@ -75,10 +60,11 @@ def changes_svg(changes: Sequence[Change], name: str) -> str:
         changes: at least one.
         name: id of the plot on its page.
     """
-    charts = parameter_changes(changes)
-    # A panel of fewer parameters is as high as the others: so are its rows.
-    height = 72.0 * ROW_HEIGHT * max(chart.y.first - chart.y.last for chart in charts)
-    return chart_svg(charts, name, "Changes of the parameters from nominal", height)
+    units = [change.unit for change in changes]
+    rows = max(map(units.count, units))
+    with picture(name, (WIDTH, 1.1 + ROW_HEIGHT * rows)) as figure:
+        draw_changes(figure, changes)
+        return svg_text(figure, name, "Changes of the parameters from nominal")
 
 
 def singular_values_svg(
@@ -93,38 +79,33 @@ def singular_values_svg(
         name: id of the plot on its page.
     """
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
-    height = np.maximum(values, floor)
-    estimated = height >= threshold
-    k = np.arange(1.0, len(values) + 1)
-    bottom = floor / 2
-    marks: list[Mark] = [
-        Boxes(
-            *(k[chosen] - 0.4, k[chosen] + 0.4, np.full(chosen.sum(), bottom), height[chosen]),
-            fill="" if hatched else colour,
-            edge=colour,
-            hatched=hatched,
-            label=f"{label} ({int(chosen.sum())})",
-        )
-        for chosen, colour, hatched, label in (
-            (estimated, BLUE, False, "told by the data"),
-            (~estimated, ORANGE, True, "not told by the data alone"),
-        )
-    ]
-    everywhere = np.array([[-np.inf, np.inf]])
-    marks.append(Lines(everywhere, np.full((1, 2), threshold), 0.9, dash="dashed"))
-    top = ends(np.array([*height, threshold]), log=True, least=bottom)[1]
-    chart = Chart(
-        marks,
-        Axis(
-            "direction of the arm's parameters, strongest first",
-            *(0.3, len(values) + 0.7),
-            whole=True,
-        ),
-        Axis("singular value (no unit)", bottom, top, log=True),
-    )
-    note = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "") if weak else ""
-    description = "Singular values of the information on the arm's parameters"
-    return chart_svg([chart], name, description, _BARS, note=shortened(note, 78))
+    heights = np.maximum(values, floor)
+    by_data, numbers = heights >= threshold, np.arange(1, len(values) + 1)
+    with picture(name, (WIDTH, 3.0)) as figure:
+        axes = figure.subplots()
+        plain_log(axes.yaxis, axes.set_yscale)
+        for chosen, colour, hatch, label in (
+            (by_data, BLUE, "", "told by the data"),
+            (~by_data, ORANGE, "////", "not told by the data alone"),
+        ):
+            axes.bar(
+                *(numbers[chosen], heights[chosen] - floor / 2, 0.8, floor / 2),
+                facecolor="none" if hatch else colour,
+                edgecolor=colour,
+                hatch=hatch,
+                label=f"{label} ({int(chosen.sum())})",
+            )
+        axes.axhline(threshold, c="black", lw=0.9, ls="--")
+        axes.set_ylim(bottom=floor / 2)
+        axes.set_xlim(0.3, len(values) + 0.7)
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+        held = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "") if weak else ""
+        what = "direction of the arm's parameters, strongest first"
+        axes.set_xlabel(f"{what}\n{shortened(held, 78)}" if held else what)
+        axes.set_ylabel("singular value (no unit)")
+        legend_above(axes)
+        what = "Singular values of the information on the arm's parameters"
+        return svg_text(figure, name, what)
 
 
 def correlations_svg(names: Sequence[str], matrix: FloatArray, name: str) -> str:
@@ -137,36 +118,31 @@ def correlations_svg(names: Sequence[str], matrix: FloatArray, name: str) -> str
     """
     strongest = np.abs(matrix - np.eye(len(matrix))).max(axis=1, initial=0.0)
     keep = np.sort(np.argsort(-strongest, kind="stable")[:MOST_CORRELATED])
-    part = matrix[np.ix_(keep, keep)]
-    row, column = (each.ravel().astype(float) for each in np.indices(part.shape))
-    value = part.ravel()
-    written = (np.abs(value) >= 0.1) & (row != column)
-    texts = [
-        f"{v:+.1f}".replace("-", "−") if len(keep) <= MOST_WRITTEN else ("+" if v > 0 else "−")
-        for v in value[written]
-    ]
-    colours = [WHITE if abs(v) > 0.5 else BLACK for v in value[written]]
-    at = [(float(k), names[j]) for k, j in enumerate(keep)]
-    last = len(keep) - 0.5
-    cells = Chart(
-        [
-            Boxes(column - 0.5, column + 0.5, row - 0.5, row + 0.5, [*map(shade, np.abs(value))]),
-            Words(column[written], row[written], texts, colours),
-        ],
-        Axis("", -0.5, last, names=at, size=7.0),
-        Axis("", last, -0.5, names=at, size=7.0),
-    )
-    sizes = np.arange(len(SHADES)) / len(SHADES)
-    nothing, one = np.zeros(len(sizes)), np.ones(len(sizes))
-    scale = Chart(
-        [Boxes(nothing, one, sizes, sizes + 1.0 / len(sizes), SHADES)],
-        Axis("", 0.0, 1.0, names=[]),
-        Axis(
-            "size of the correlation (no unit)",
-            *(0.0, 1.0),
-            names=[(each, f"{each:.1f}") for each in np.linspace(0.0, 1.0, 6)],
-        ),
-    )
-    side = max(_CELL * len(keep), _LEAST_MAP)
-    description = "Correlations of the estimated parameters"
-    return chart_svg([cells, scale], name, description, side, [side, _SCALE])
+    shown = matrix[np.ix_(keep, keep)]
+    # A small map is no smaller than its scale can be read; beside it stand names and scale.
+    side = max(0.243 * len(keep), 2.1)
+    beside = 0.07 * max(len(names[k]) for k in keep)
+    size = min(side + beside + 1.1, WIDTH), min(side + beside + 0.2, WIDTH)
+    with picture(name, size) as figure:
+        axes = figure.subplots()
+        levels = np.linspace(0.0, 1.0, 11)
+        mesh = axes.pcolormesh(
+            np.abs(shown),
+            cmap=shades(),
+            norm=BoundaryNorm(levels, 10),
+            edgecolors="face",
+        )
+        for row, column in np.argwhere((np.abs(shown) >= 0.1) & ~np.eye(len(keep), dtype=bool)):
+            value = shown[row, column]
+            text = f"{value:+.1f}" if len(keep) <= MOST_WRITTEN else f"{value:+.0f}"[0]
+            look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 6}
+            look["color"] = "white" if abs(value) > 0.5 else "black"
+            axes.text(column + 0.5, row + 0.5, text.replace("-", "−"), **look)
+        at = np.arange(len(keep)) + 0.5
+        axes.set_xticks(at, [names[k] for k in keep], fontsize=7, rotation=90)
+        axes.set_yticks(at, [names[k] for k in keep], fontsize=7)
+        axes.invert_yaxis()
+        axes.set_aspect("equal")
+        bar = figure.colorbar(mesh, ax=axes, ticks=levels[::2], aspect=16, shrink=0.9)
+        bar.set_label("size of the correlation (no unit)")
+        return svg_text(figure, name, "Correlations of the estimated parameters")

@@ -81,20 +81,22 @@ class Judged:
         return f"{self.mark.name} (damaged)" if self.faults else self.mark.name
 
 
-def _rows(found: Certification) -> list[Judged]:
+def _rows(certification: Certification) -> list[Judged]:
     drawn: dict[str, Drawn] = {}
-    if (compared := found.comparison) is not None:
-        for mark, off, turn in zip(found.landmarks, compared.deviation, compared.turn, strict=True):
+    if (compared := certification.comparison) is not None:
+        for mark, off, turn in zip(
+            certification.landmarks, compared.deviation, compared.turn, strict=True
+        ):
             if mark.name in compared.drawing.landmarks:
                 place = compared.drawing.landmark(mark.name).position
                 drawn[mark.name] = Drawn(place, off, float(turn))
     return [
         Judged(
             mark,
-            tuple(fault for fault in found.faults if fault.landmark == mark.name),
+            tuple(fault for fault in certification.faults if fault.landmark == mark.name),
             drawn.get(mark.name),
         )
-        for mark in found.landmarks
+        for mark in certification.landmarks
     ]
 
 
@@ -196,40 +198,40 @@ FRAME: Final = Listing[Certification](
     "",
     Column("definition", value=frame_sentence),
     Column("origin"),
-    Column("x", value=lambda found: found.heading),
-    Column("quarter_turns", value=lambda found: found.turned),
-    Column("x_std", value=lambda found: found.heading_std, unit="rad"),
+    Column("x", value=lambda row: row.heading),
+    Column("quarter_turns", value=lambda row: row.turned),
+    Column("x_std", value=lambda row: row.heading_std, unit="rad"),
 )
 NOISE: Final = Listing[Certification](
     "",
-    Column("sigma", value=lambda found: found.noise, unit="m"),
-    Column("stated", value=lambda found: found.stated_noise, unit="m"),
-    Column("degrees_of_freedom", value=lambda found: found.freedom),
+    Column("sigma", value=lambda row: row.noise, unit="m"),
+    Column("stated", value=lambda row: row.stated_noise, unit="m"),
+    Column("degrees_of_freedom", value=lambda row: row.freedom),
     Column("coverage_factor"),
-    Column("holes", value=lambda found: found.probing.of("hole"), unit="m"),
-    Column("side", value=lambda found: found.side and found.probing.of("side"), unit="m"),
+    Column("holes", value=lambda row: row.probing.of("hole"), unit="m"),
+    Column("side", value=lambda row: row.side and row.probing.of("side"), unit="m"),
 )
 COMPARISON: Final = Listing[DrawingComparison](
     "",
-    Column("drawing", value=lambda each: each.drawing.name),
-    Column("T_drawing_artefact", value=lambda each: each.registration.matrix),
+    Column("drawing", value=lambda row: row.drawing.name),
+    Column("T_drawing_artefact", value=lambda row: row.registration.matrix),
     Column("rms", unit="m"),
-    Column("max", value=lambda each: each.largest, unit="m"),
+    Column("max", value=lambda row: row.largest, unit="m"),
     *written("not_drawn", "not_touched"),
 )
 OVER_GROUND: Final = Listing[OverGround](
     "",
     Column("height", unit="m"),
-    Column("height_std", value=lambda each: each.std[0], unit="m"),
+    Column("height_std", value=lambda row: row.std[0], unit="m"),
     Column("tilt", unit="rad"),
-    Column("tilt_std", value=lambda each: each.std[1:], unit="rad"),
+    Column("tilt_std", value=lambda row: row.std[1:], unit="rad"),
 )
 CERTIFICATION: Final = Listing[Certification](
     "",
     *written("name", "points"),
     Column("frame", value=FRAME.record),
-    Column("ground", value=lambda found: PLANE.record(found.ground)),
-    Column("side", value=lambda found: found.side and PLANE.record(found.side)),
+    Column("ground", value=lambda row: PLANE.record(row.ground)),
+    Column("side", value=lambda row: row.side and PLANE.record(row.side)),
     Column("noise", value=NOISE.record),
     Column("comparison", value=lambda f: f.comparison and COMPARISON.record(f.comparison)),
     Column("over_ground", value=lambda f: f.over_ground and OVER_GROUND.record(f.over_ground)),
@@ -238,77 +240,86 @@ CERTIFICATION: Final = Listing[Certification](
 )
 
 
-def certification_document(found: Certification) -> Document:
+def certification_document(certification: Certification) -> Document:
     """Positions, pillars, deviations from the drawing, spacers, noise; every number in JSON."""
-    rows = _rows(found)
+    rows = _rows(certification)
     parts: list[Part] = [
-        Figure(partial(certification_plot, found)),
+        Figure(partial(certification_plot, certification)),
         LANDMARKS.of(rows),
         ShownOnly(PILLARS.of(rows), "page"),
         Text(_PILLARS, place="page"),
     ]
-    if found.comparison is not None:
-        title = f"{DEVIATIONS.title} ({found.comparison.drawing.name}), best superposition"
+    if certification.comparison is not None:
+        title = f"{DEVIATIONS.title} ({certification.comparison.drawing.name}), best superposition"
         parts.append(DEVIATIONS.of(rows, title))
-    parts.append(SPACERS.of((each, found.coverage_factor * each.std) for each in found.spacers))
-    parts += [Text(line) for line in _facts(found)]
+    parts.append(
+        SPACERS.of(
+            (spacer, certification.coverage_factor * spacer.std) for spacer in certification.spacers
+        )
+    )
+    parts += [Text(line) for line in _facts(certification)]
     covariance: Json = {
-        "landmarks": [mark.name for mark in found.landmarks],
+        "landmarks": [mark.name for mark in certification.landmarks],
         "unit": "mm²; x y z of each landmark",
-        "matrix": mm(mm(found.covariance)),
+        "matrix": mm(mm(certification.covariance)),
     }
-    data = CERTIFICATION.record(found) | {"covariance": covariance}
-    return Document(NAME, f"Certification of {found.name}", found.assessment, parts, data)
+    data = CERTIFICATION.record(certification) | {"covariance": covariance}
+    return Document(
+        NAME, f"Certification of {certification.name}", certification.assessment, parts, data
+    )
 
 
-def _facts(found: Certification) -> list[str]:
-    ground = found.ground
+def _facts(certification: Certification) -> list[str]:
+    ground = certification.ground
     facts = [
-        f"Frame: {frame_sentence(found)}",
-        f"One touched coordinate scatters by {um(found.noise):.2f} µm ({noise_source(found)}); "
-        f"95 % intervals are ± {found.coverage_factor:.2f} σ. σ above is the largest of a "
+        f"Frame: {frame_sentence(certification)}",
+        f"One touched coordinate scatters by {um(certification.noise):.2f} µm "
+        f"({noise_source(certification)}); 95 % intervals are "
+        f"± {certification.coverage_factor:.2f} σ. σ above is the largest of a "
         "landmark's three, and what artefact.yaml states.",
         f"Ground: {ground.count} touches, {um(ground.rms):.1f} µm RMS, flat to "
         f"{um(ground.flatness):.1f} µm.",
     ]
-    if (holes := found.probing.own.get("hole")) is not None:
+    if (holes := certification.probing.own.get("hole")) is not None:
         facts[1] += (
             f" Touches of holes scatter by {um(holes.sigma):.2f} µm, from how far the middles of "
             f"their diagonals lie apart ({holes.freedom} degrees of freedom)."
         )
-    if found.side is not None:
+    if certification.side is not None:
         facts[-1] += (
-            f" Side: {found.side.count} touches, {um(found.side.rms):.1f} µm RMS; the direction "
-            f"of x is known to {deg(found.heading_std):.5f}°."
+            f" Side: {certification.side.count} touches, {um(certification.side.rms):.1f} µm RMS; "
+            f"the direction of x is known to {deg(certification.heading_std):.5f}°."
         )
     return facts
 
 
 # ── the artefact from above, and every landmark's coordinates with their uncertainty ─────────
-def certification_plot(found: Certification) -> str:
+def certification_plot(certification: Certification) -> str:
     """An SVG: the artefact from above, and below it numbers by landmark."""
     with picture(NAME, (WIDTH, 8.2)) as figure:
         above, below = figure.subplots(2, 1, height_ratios=(1.9, 1))
-        _from_above(above, found)
-        _by_landmark(below, found)
-        what = f"The {len(found.landmarks)} landmarks of {found.name} from above"
-        against = "" if found.comparison is None else " and their deviations from the drawing"
+        _from_above(above, certification)
+        _by_landmark(below, certification)
+        what = f"The {len(certification.landmarks)} landmarks of {certification.name} from above"
+        against = (
+            "" if certification.comparison is None else " and their deviations from the drawing"
+        )
         return svg_text(figure, NAME, what + against)
 
 
-def _from_above(axes: Axes, found: Certification) -> None:
-    places = np.array([mark.position for mark in found.landmarks])
-    damaged = np.array([mark.name in found.damaged for mark in found.landmarks])
+def _from_above(axes: Axes, certification: Certification) -> None:
+    places = np.array([mark.position for mark in certification.landmarks])
+    damaged = np.array([mark.name in certification.damaged for mark in certification.landmarks])
     # The longest arrow or ellipse, m.
     most = LONGEST * (float(np.ptp(places[:, :2], axis=0).max()) or 1.0)
-    if found.comparison is None:
-        factor = _ellipses(axes, found, places, most)
+    if certification.comparison is None:
+        factor = _ellipses(axes, certification, places, most)
         title = f"95 % ellipses, enlarged {factor:g} times"
     else:
-        factor, shortened = _arrows(axes, found.comparison, places, ~damaged, most)
+        factor, shortened = _arrows(axes, certification.comparison, places, ~damaged, most)
         cut = "; the longest shortened" * shortened
         title = f"Certified less drawn, enlarged {factor:g} times{cut}"
-    _marks(axes, found, places, damaged)
+    _marks(axes, certification, places, damaged)
     # Two lines leave room for the legend.
     axes.set_title("From above\n" + title)
     axes.set_xlabel("x, mm (at each landmark: its height, mm)")
@@ -318,14 +329,18 @@ def _from_above(axes: Axes, found: Certification) -> None:
     axes.grid()
 
 
-def _marks(axes: Axes, found: Certification, places: FloatArray, bad: BoolArray) -> None:
+def _marks(axes: Axes, certification: Certification, places: FloatArray, bad: BoolArray) -> None:
     x, y = mm(places[:, 0]), mm(places[:, 1])
     axes.plot(x[~bad], y[~bad], "o", color=BLUE, ms=5, label="landmark")
     if bad.any():
         axes.plot(x[bad], y[bad], label="damaged, or touched wrongly", **DAMAGED)
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, borderaxespad=0.2)
-    falls = np.zeros(len(x)) if found.comparison is None else found.comparison.deviation[:, 1]
-    for mark, across, up, fall in zip(found.landmarks, x, y, falls, strict=True):
+    falls = (
+        np.zeros(len(x))
+        if certification.comparison is None
+        else certification.comparison.deviation[:, 1]
+    )
+    for mark, across, up, fall in zip(certification.landmarks, x, y, falls, strict=True):
         # Clear of an arrow that points down.
         drop, align = (3, "bottom") if fall < 0 else (-3, "top")
         label = f"{mark.name}\n{mm(mark.position[2]):.1f}"
@@ -334,11 +349,13 @@ def _marks(axes: Axes, found: Certification, places: FloatArray, bad: BoolArray)
         axes.annotate(label, (across, up), (7, drop), textcoords="offset points", **look)
 
 
-def _ellipses(axes: Axes, found: Certification, places: FloatArray, most: float) -> float:
+def _ellipses(axes: Axes, certification: Certification, places: FloatArray, most: float) -> float:
     """Confidence ellipses in the plane, and how much they are enlarged."""
     # 95 % of two dimensions: √χ²(2).
-    scale = found.coverage_factor * 1.249
-    blocks = [found.covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in range(len(places))]
+    scale = certification.coverage_factor * 1.249
+    blocks = [
+        certification.covariance[3 * k : 3 * k + 2, 3 * k : 3 * k + 2] for k in range(len(places))
+    ]
     variance, directions = np.linalg.eigh(blocks)
     half = scale * np.sqrt(np.maximum(variance, 0.0))
     factor = round_down(most / 2 / half.max()) if half.any() else 1.0
@@ -350,38 +367,38 @@ def _ellipses(axes: Axes, found: Certification, places: FloatArray, most: float)
 
 
 def _arrows(
-    axes: Axes, found: DrawingComparison, places: FloatArray, sound: BoolArray, most: float
+    axes: Axes, comparison: DrawingComparison, places: FloatArray, sound: BoolArray, most: float
 ) -> tuple[float, bool]:
     """Deviations in the plane; a damaged pillar's may be longer than the others'."""
-    turned = (found.deviation @ found.registration.rotation)[:, :2]
-    known = np.isfinite(turned[:, 0])
-    judged = turned[known & sound] if (known & sound).any() else turned[known]
+    turned = (comparison.deviation @ comparison.registration.rotation)[:, :2]
+    finite = np.isfinite(turned[:, 0])
+    judged = turned[finite & sound] if (finite & sound).any() else turned[finite]
     longest = float(np.linalg.norm(judged, axis=1).max())
     factor = round_down(most / longest) if longest > 0 else 1.0
-    vectors = turned[known] * factor
+    vectors = turned[finite] * factor
     # An arrow out of the picture would hide the others; its number is in the table.
     length = np.linalg.norm(vectors, axis=1)
     shorten = np.minimum(1.0, 2 * most / np.maximum(length, 1e-12))
     axes.quiver(
-        *mm(places[known, :2].T), *mm(vectors * shorten[:, None]).T,
+        *mm(places[finite, :2].T), *mm(vectors * shorten[:, None]).T,
         angles="xy", scale_units="xy", scale=1.0, width=0.004, color="black", zorder=3,
     )  # fmt: skip
     return factor, bool((shorten < 1).any())
 
 
-def _by_landmark(axes: Axes, found: Certification) -> None:
-    names = [mark.name for mark in found.landmarks]
+def _by_landmark(axes: Axes, certification: Certification) -> None:
+    names = [mark.name for mark in certification.landmarks]
     at = np.arange(len(names))
-    if found.comparison is None:
-        values = um(np.array([mark.std for mark in found.landmarks]))
+    if certification.comparison is None:
+        values = um(np.array([mark.std for mark in certification.landmarks]))
         bars = np.zeros_like(values)
         axes.set_title("Standard deviation of each coordinate")
         axes.set_ylabel("σ, µm")
         axes.set_ylim(-0.08 * float(values.max()), 1.15 * float(values.max()))
     else:
-        values = mm(found.comparison.deviation)
-        std = np.array([mark.shape_std for mark in found.landmarks])
-        bars = mm(found.coverage_factor * std)
+        values = mm(certification.comparison.deviation)
+        std = np.array([mark.shape_std for mark in certification.landmarks])
+        bars = mm(certification.coverage_factor * std)
         axes.axhline(0.0, color=GREY, lw=1)
         axes.set_title("Certified less drawn, with 95 % intervals")
         axes.set_ylabel("deviation, mm")

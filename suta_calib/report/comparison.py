@@ -14,32 +14,32 @@ from suta_calib.report.errors import accuracy_json, errors_table
 NAME: Final = "validation"
 
 
-def comparison_document(found: ArmComparison, own: Path, given: Path) -> Document:
+def comparison_document(comparison: ArmComparison, before: Path, given: Path) -> Document:
     """A comparison to be shown; the figures of ``validation`` are those of the first term's kind.
 
     Args:
-        found: errors with either arm.
-        own: the job's URDF.
+        comparison: errors with either arm.
+        before: the job's URDF.
         given: the other one.
     """
-    own, given = plain(own), plain(given)
-    terms = found.terms
+    before, given = plain(before), plain(given)
+    terms = comparison.terms
     by_term = [{"kind": term.term.kind} | accuracy_json([term]) for term in terms]
-    told = math.isfinite(found.gain.significance)
+    significant = math.isfinite(comparison.gain.significance)
     metrics = {
         "validation": {
             **accuracy_json(terms),
-            "gain_standard_errors": found.gain.significance if told else None,
+            "gain_standard_errors": comparison.gain.significance if significant else None,
             "by_term": by_term,
         }
     }
     return Document(
         NAME,
         "Validation",
-        found.assessment,
+        comparison.assessment,
         [
             errors_table({"validation": terms}),
-            Text(f"before: {own}\nafter:  {given}", look="verbatim"),
+            Text(f"before: {before}\nafter:  {given}", look="verbatim"),
         ],
         {"urdf": str(given), "metrics": metrics},
     )

@@ -29,8 +29,6 @@ TONE: Final[dict[Tone, str]] = {
     "soft": "dim",
 }
 
-# Of a cell in a table, at most about.
-_LINES: Final = 3
 # Where a name goes on with its next part, and not a number with its decimals.
 _AFTER_DOT: Final = re.compile(r"(?<=\.)(?=[^\W\d])")
 # `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
@@ -57,11 +55,13 @@ def rendered(answer: document.Document) -> RenderableType:
         elif isinstance(part, listing.Table):
             parts.append(Fitted(part))
     # A table ends with an empty line of its own.
-    apart = [] if not parts or isinstance(parts[-1], Fitted) else [""]
+    blank = [] if not parts or isinstance(parts[-1], Fitted) else [""]
     how_far = answer.assessment
-    said = how_far.sentence[:1].upper() + how_far.sentence[1:]
-    word = Text(f"{how_far.word}. " if said else f"{how_far.word}.", style=COLOUR[how_far.level])
-    return Group(*parts, *apart, Wrapped(said, word), *map(bullet, how_far.notes))
+    sentence = how_far.sentence[:1].upper() + how_far.sentence[1:]
+    word = Text(
+        f"{how_far.word}. " if sentence else f"{how_far.word}.", style=COLOUR[how_far.level]
+    )
+    return Group(*parts, *blank, Wrapped(sentence, word), *map(bullet, how_far.notes))
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,8 +162,8 @@ class Fitted:
             ]
             drawn.add_row(*cells, style="bold" if strong else "", end_section=strong)
             below = (f"{listed.heads[j]} {row[j]}".strip() for j in hung if row[j].strip())
-            if said := "  ".join(below):
-                parts.append(Wrapped(said, "   ", "   ", "dim"))
+            if remaining_cells := "  ".join(below):
+                parts.append(Wrapped(remaining_cells, "   ", "   ", "dim"))
         for k, part in enumerate(parts):
             if isinstance(part, Wrapped):
                 yield part
@@ -215,10 +215,12 @@ class Fitted:
         # Numbers stay on their line, whatever is between them; other cells break between words,
         # and no row becomes a tower.
         split = _pieces if broken else str.split
+        # Of a cell in a table, at most about.
+        lines = 3
         least = [
             widest
             if k in self.listed.numeric
-            else max(widest // _LINES, *map(cell_len, split(" ".join(column))), 0)
+            else max(widest // lines, *map(cell_len, split(" ".join(column))), 0)
             for k, widest, column in zip(beside, widths, columns, strict=True)
         ]
         # The frame and what is between two columns.

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from suta_calib.vision import Detection, View
 
 NAME: Final = "detect"
-# Most pictures of a table on a console; JSON and the page have all.
-_MOST_ROWS: Final = 40
 # Most corners that are drawn, as a drawing of more is many megabytes.
 _MOST_MARKS: Final = 5000
 _PIXELS: Final = frozenset({"fx", "fy", "cx", "cy"})
@@ -33,14 +31,14 @@ VIEWS: Final = Listing["View"](
     Column("image", "picture", lambda view: view.picture.name),
     Column("corners", "corners", lambda view: len(view.found.point) if view.found else 0, form="d"),
     Column("rms", "RMS, px", unit="px"),
-    Column("sigma", "σ, px", lambda view: _found(view, "std"), unit="px"),
-    Column("blur", "blur, px", lambda view: _found(view, "blur"), unit="px", form=".2f"),
+    Column("sigma", "σ, px", lambda view: _board_figure(view, "std"), unit="px"),
+    Column("blur", "blur, px", lambda view: _board_figure(view, "blur"), unit="px", form=".2f"),
     Column("left_out", "left out: what was found", lambda view: view.reason),
     key="pictures",
 )
 
 
-def _found(view: View, what: str) -> float | None:
+def _board_figure(view: View, what: str) -> float | None:
     if view.found is None:
         return None
     value = float(np.median(getattr(view.found, what)))
@@ -91,39 +89,42 @@ def camera_record(camera: Camera) -> Json:
     return record
 
 
-def detect_document(found: Detection, *, pictures: bool = False) -> Document:
+def detect_document(detection: Detection, *, pictures: bool = False) -> Document:
     """Pictures with the board and without, and the camera; ``NAME.found.jpg`` of each if asked."""
-    table = VIEWS.of(found.views)
-    lost = [view for view in found.views if view.found is None]
+    table = VIEWS.of(detection.views)
+    lost = [view for view in detection.views if view.found is None]
     parts: list[Part] = []
-    if len(found.views) <= _MOST_ROWS:
+    # Most pictures of a table on a console; JSON and the page have all.
+    if len(detection.views) <= 40:
         parts.append(table)
     else:
         parts += [ShownOnly(table, "page"), ShownOnly(VIEWS.of(lost, "Left out"), "console")]
-    told = f"{found.detected} of {len(found.views)} pictures show the board"
-    if found.rms is not None:
-        told += f"; reprojection RMS {text(found.rms, 'px', with_unit=True)} (2-D)"
-    parts.append(Text(told))
-    if found.camera is not None:
-        title = "Camera, calibrated from these pictures" if found.fit else "Camera, as given"
+    sentence = f"{detection.detected} of {len(detection.views)} pictures show the board"
+    if detection.rms is not None:
+        sentence += f"; reprojection RMS {text(detection.rms, 'px', with_unit=True)} (2-D)"
+    parts.append(Text(sentence))
+    if detection.camera is not None:
+        title = "Camera, calibrated from these pictures" if detection.fit else "Camera, as given"
         parts += [
-            CAMERA.of(intrinsics_of(found.camera), title),
-            Figure(partial(_plot, found), "Where corners were seen, and what is left"),
+            CAMERA.of(intrinsics_of(detection.camera), title),
+            Figure(partial(_plot, detection), "Where corners were seen, and what is left"),
         ]
     if pictures:
-        parts += [File(_file_name(v.picture.name), partial(drawn, v, found)) for v in found.views]
+        parts += [
+            File(_file_name(v.picture.name), partial(drawn, v, detection)) for v in detection.views
+        ]
     data: Json = {
-        "images": len(found.views),
-        "detected": found.detected,
-        "corners": len(found.corners),
-        "rms_px": found.rms,
-        "board": found.board.row(),
-        "calibrated": found.fit is not None,
-        "camera": None if found.camera is None else camera_record(found.camera),
+        "images": len(detection.views),
+        "detected": detection.detected,
+        "corners": len(detection.corners),
+        "rms_px": detection.rms,
+        "board": detection.board.row(),
+        "calibrated": detection.fit is not None,
+        "camera": None if detection.camera is None else camera_record(detection.camera),
     }
-    if found.fit is not None:
-        data["covered"] = found.fit.covered
-    return Document(NAME, "Corners in pictures", found.assessment, parts, data)
+    if detection.fit is not None:
+        data["covered"] = detection.fit.covered
+    return Document(NAME, "Corners in pictures", detection.assessment, parts, data)
 
 
 def _file_name(picture: str) -> str:
@@ -131,16 +132,16 @@ def _file_name(picture: str) -> str:
     return f"{Path(picture).with_suffix('').as_posix().replace('/', '_')}.found.jpg"
 
 
-def _plot(found: Detection) -> str:
+def _plot(detection: Detection) -> str:
     """An SVG: corners over the picture, and reprojection errors."""
-    camera, residuals = found.camera, found.residuals
+    camera, residuals = detection.camera, detection.residuals
     assert camera is not None
     assert residuals is not None
     with picture(NAME, (1.3 * WIDTH, 3.8)) as figure:
         where, left = figure.subplots(1, 2, width_ratios=(1.4, 1))
         step = max(1, len(residuals) // _MOST_MARKS)
         marks: dict[str, Any] = {"color": BLUE, "ms": 1.5, "alpha": 0.6, "linestyle": "none"}
-        where.plot(*found.corners.pixel[::step].T, marker="o", **marks)
+        where.plot(*detection.corners.pixel[::step].T, marker="o", **marks)
         where.set_xlim(-0.5, camera.width - 0.5)
         where.set_ylim(camera.height - 0.5, -0.5)
         where.set_aspect("equal")

@@ -123,8 +123,8 @@ Part = Shown | ShownOnly | File
 def section(what: str, parts: Callable[[], Iterable[Part]]) -> list[Part]:
     """Parts of a document, or a sentence in their place where they cannot be computed."""
     notes = list[str]()
-    found = attempt(f"shown: {what}", lambda: list(parts()), None, notes)
-    return [*map(Text, notes)] if found is None else found
+    computed = attempt(f"shown: {what}", lambda: list(parts()), None, notes)
+    return [*map(Text, notes)] if computed is None else computed
 
 
 def entry(key: str, compute: Callable[[], Any]) -> Any:
@@ -157,16 +157,16 @@ class Document:
 
     def shown(self, place: Place) -> list[Shown]:
         """The parts for the console or for a page, in order; tables without rows are not."""
-        found: list[Shown] = []
+        visible: list[Shown] = []
         for part in self.parts:
             where = part.place if isinstance(part, ShownOnly | Text) else "everywhere"
-            told = part.table if isinstance(part, ShownOnly) else part
-            if isinstance(told, File):
+            content = part.table if isinstance(part, ShownOnly) else part
+            if isinstance(content, File):
                 continue
-            rows = told.table if isinstance(told, Folded) else told
+            rows = content.table if isinstance(content, Folded) else content
             if where in ("everywhere", place) and (not isinstance(rows, Table) or rows.cells):
-                found.append(told)
-        return found
+                visible.append(content)
+        return visible
 
     def with_data(self, **data: Any) -> Document:
         """The same with more for JSON, such as the files it was made from."""

@@ -20,7 +20,7 @@ from suta_calib.terms.block import grouped
 from suta_calib.units import NOTHING, Unit
 
 # Unit of what was seen in pictures.
-SEEN: Final[Unit] = "px"
+PIXELS: Final[Unit] = "px"
 
 
 @dataclass(frozen=True)
@@ -85,14 +85,16 @@ class KindErrors:
 
 def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
     """Errors of all terms, one entry for each kind and quantity, in the order of the terms."""
-    found: dict[tuple[str, str, Unit], list[tuple[BlockErrors, float]]] = {}
+    blocks_by_kind: dict[tuple[str, str, Unit], list[tuple[BlockErrors, float]]] = {}
     for term in terms:
         for block in term.blocks:
-            found.setdefault((term.term.kind, block.name, block.unit), []).append((block, 1.0))
+            blocks_by_kind.setdefault((term.term.kind, block.name, block.unit), []).append(
+                (block, 1.0)
+            )
             if block.pixel is not None:
                 # The same errors, as they were seen.
-                seen = term.term.kind, block.name, SEEN
-                found.setdefault(seen, []).append((block, block.pixel))
+                in_picture = term.term.kind, block.name, PIXELS
+                blocks_by_kind.setdefault(in_picture, []).append((block, block.pixel))
     return [
         KindErrors(
             kind,
@@ -101,7 +103,7 @@ def by_kind(terms: Sequence[TermAccuracy]) -> list[KindErrors]:
             np.concatenate([b.before / scale for b, scale in blocks]),
             np.concatenate([b.after / scale for b, scale in blocks]),
         )
-        for (kind, name, unit), blocks in found.items()
+        for (kind, name, unit), blocks in blocks_by_kind.items()
     ]
 
 
@@ -149,10 +151,10 @@ def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
 def _accuracy_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[AccuracyRow]:
     if not terms:
         yield AccuracyRow(name, "no such data", NOTHING, QuantityErrors(None, "m"))
-    found = by_kind(terms)
-    for errors in found:
+    kinds = by_kind(terms)
+    for errors in kinds:
         before, after = errors.metrics
-        what = errors.quantity if len({e.kind for e in found}) > 1 else errors.name
+        what = errors.quantity if len({e.kind for e in kinds}) > 1 else errors.name
         what = f"{what}, {units.unit_name(errors.unit)}"
         yield AccuracyRow(name, what, "before", QuantityErrors(before, errors.unit))
         better = units.percent(before.rms, after.rms)
@@ -165,8 +167,8 @@ def accuracy_json(terms: Sequence[TermAccuracy]) -> dict[str, Json]:
     if not terms:
         nothing = metrics_json(Metrics.of(np.zeros(0)))
         return {"before": nothing, "after": dict(nothing)}
-    found = [errors for errors in by_kind(terms) if errors.kind == terms[0].term.kind]
-    return {"before": _of_kind(found, 0), "after": _of_kind(found, 1)}
+    of_first_kind = [errors for errors in by_kind(terms) if errors.kind == terms[0].term.kind]
+    return {"before": _of_kind(of_first_kind, 0), "after": _of_kind(of_first_kind, 1)}
 
 
 def metrics_json(metrics: Metrics, unit: Unit = "m") -> Json:
@@ -174,12 +176,12 @@ def metrics_json(metrics: Metrics, unit: Unit = "m") -> Json:
     return METRICS.record(QuantityErrors(metrics, unit))
 
 
-def _of_kind(found: Sequence[KindErrors], which: int) -> Json:
+def _of_kind(kinds: Sequence[KindErrors], which: int) -> Json:
     content: Json = {}
-    for errors in found:
+    for errors in kinds:
         part = metrics_json(errors.metrics[which], errors.unit)
         content |= {key: value for key, value in part.items() if key not in content}
-    if found and found[0].unit == "rad":
+    if kinds and kinds[0].unit == "rad":
         return content
     # Orientations are told by one figure beside the positions.
     return {k: v for k, v in content.items() if not k.endswith("_deg") or k == "rms_deg"}
@@ -249,7 +251,7 @@ def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray
     Terms whose errors have another unit than those of the first are left out. An error that
     belongs to two landmarks, as a distance does, counts for both.
     """
-    found: dict[str, list[FloatArray]] = {}
+    by_label: dict[str, list[FloatArray]] = {}
     for term in terms:
         names = _names(term, grouping)
         if names is None or term.blocks[0].unit != terms[0].blocks[0].unit:
@@ -265,8 +267,8 @@ def groups(terms: Sequence[TermAccuracy], grouping: str) -> dict[str, FloatArray
             np.cumsum(np.bincount(name, minlength=len(different)))[:-1],
         )
         for label, errors in zip(different, of_each, strict=True):
-            found.setdefault(label, []).append(errors)
-    joined = {name: np.concatenate(errors) for name, errors in found.items()}
+            by_label.setdefault(label, []).append(errors)
+    joined = {name: np.concatenate(errors) for name, errors in by_label.items()}
     return {name: errors for name, errors in joined.items() if len(errors)}
 
 

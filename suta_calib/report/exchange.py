@@ -45,11 +45,11 @@ FORMATS: Final = Listing[Described](
     Column("example", "example"),
     Column(
         "options",
-        value=lambda each: [
-            {"name": o.switch, "help": o.help, "choices": list(o.choices)} for o in each.options
+        value=lambda row: [
+            {"name": o.switch, "help": o.help, "choices": list(o.choices)} for o in row.options
         ],
     ),
-    Column("extra", "needs", cell=lambda each: each.extra and f"suta_calib[{each.extra}]"),
+    Column("extra", "needs", cell=lambda row: row.extra and f"suta_calib[{row.extra}]"),
     key="formats",
 )
 
@@ -58,60 +58,60 @@ def _short(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def imported_document(found: Imported, written: Path | None = None) -> Document:
+def imported_document(imported: Imported, written: Path | None = None) -> Document:
     """What a foreign file became, column by column.
 
     Args:
-        found: as it was read.
+        imported: as it was read.
         written: where it was written, if it was.
     """
     parts: list[Part] = []
     data: dict[str, Any] = {
-        "source": str(found.source),
-        "format": found.form,
+        "source": str(imported.source),
+        "format": imported.form,
         "file": None if written is None else str(written),
     }
-    if isinstance(found, ImportedRows):
-        data |= {"rows": len(found), "dropped": found.dropped}
-        parts.append(COLUMNS.of(_Shown(*each) for each in found.columns.items()))
+    if isinstance(imported, ImportedRows):
+        data |= {"rows": len(imported), "dropped": imported.dropped}
+        parts.append(COLUMNS.of(_Shown(*column) for column in imported.columns.items()))
     if written is not None:
         parts.append(Text(f"Written to {written}."))
-        parts += _pictures(found, written, data)
-    title = f"{found.source.name} as {found.form}"
-    return Document("import", title, found.assessment, parts, data, written="files")
+        parts += _pictures(imported, written, data)
+    title = f"{imported.source.name} as {imported.form}"
+    return Document("import", title, imported.assessment, parts, data, written="files")
 
 
-def _pictures(found: Imported, written: Path, data: dict[str, Any]) -> list[Part]:
+def _pictures(imported: Imported, written: Path, data: dict[str, Any]) -> list[Part]:
     """Where the pictures are, what took them, and what finds the board in them."""
-    if not isinstance(found, ImportedRows) or not found.pictures:
+    if not isinstance(imported, ImportedRows) or not imported.pictures:
         return []
-    folder, camera = found.beside(written)
+    folder, camera = imported.beside(written)
     data |= {"images": str(folder), "camera": None if camera is None else str(camera)}
-    told = f"{len(found.pictures)} pictures in {folder}"
-    told += "" if camera is None else f", the camera in {camera}"
+    sentence = f"{len(imported.pictures)} pictures in {folder}"
+    sentence += "" if camera is None else f", the camera in {camera}"
     with_camera = "--camera-out camera.yaml" if camera is None else f"--camera {camera}"
     ready = f"suta-calib detect {folder} --board board.yaml --out corners.csv {with_camera}"
-    return [Text(f"{told}. Next: {ready}")]
+    return [Text(f"{sentence}. Next: {ready}")]
 
 
-def exported_document(found: Exported, written: Sequence[Path]) -> Document:
+def exported_document(export: Exported, written: Sequence[Path]) -> Document:
     """What went out, and what the format could not hold.
 
     Args:
-        found: the result in its format.
+        export: the result in its format.
         written: the file, and beside it what the format cannot hold.
     """
     parts = [Text(f"Written to {written[0]}.")]
     if written[1:]:
-        parts.append(Text(f"What {found.form} cannot hold is in {written[1]}."))
+        parts.append(Text(f"What {export.form} cannot hold is in {written[1]}."))
     data: dict[str, Any] = {
-        "result": str(found.result.path),
-        "format": found.form,
+        "result": str(export.result.path),
+        "format": export.form,
         "files": [str(path) for path in written],
-        "left_out": found.left_out,
+        "left_out": export.left_out,
     }
-    title = f"{found.result.path.name} as {found.form}"
-    return Document("export", title, found.assessment, parts, data, written="files")
+    title = f"{export.result.path.name} as {export.form}"
+    return Document("export", title, export.assessment, parts, data, written="files")
 
 
 def formats_document(formats: Mapping[str, Described], title: str) -> Document:

@@ -25,10 +25,10 @@ def _spaced(
     """A cell with several numbers; empty for a point, which has no orientation."""
 
     def cell(pose: ExternalPose) -> str:
-        found = numbers(pose)
-        if found is None or pose.rotation is None:
+        components = numbers(pose)
+        if components is None or pose.rotation is None:
             return ""
-        return "  ".join(text(float(v), unit, decimals=decimals) for v in found)
+        return "  ".join(text(float(v), unit, decimals=decimals) for v in components)
 
     return cell
 

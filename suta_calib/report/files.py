@@ -57,9 +57,9 @@ def write_document(
 
         report, page = _report(answer, folder, job)
         made_from = (f" from {Path(n).name} (SHA-256 {h[:12]})" for n, h in inputs.items())
-        told = Text(f"Run {run['id']}{', '.join(made_from)}.", place="page", look="soft")
-        said = replace(answer, parts=(*answer.parts, told))
-        contents[report] = page_with(said, page, job).encode(errors="replace")
+        run_note = Text(f"Run {run['id']}{', '.join(made_from)}.", place="page", look="soft")
+        with_run = replace(answer, parts=(*answer.parts, run_note))
+        contents[report] = page_with(with_run, page, job).encode(errors="replace")
     names = [*contents, record] if record else [*contents]
     complete = answer.json()
     complete |= {"files": {name: str(folder / name) for name in names}}
@@ -80,8 +80,8 @@ def write_document(
             f"{folder}: cannot be used as the output folder: {error.strerror}; choose another one"
         ) from error
     # A page that others have their sections on stays, unless it would tell of the run before.
-    kept = {*names, *([] if answer.written == "record" else [REPORT])}
-    stale = _written_before(folder / record) - kept if record else ()
+    current = {*names, *([] if answer.written == "record" else [REPORT])}
+    stale = _written_before(folder / record) - current if record else ()
     exchange_files(folder, contents, stale)
     return complete
 
@@ -108,34 +108,34 @@ def _page(path: Path) -> str | None:
 def _written_before(record: Path) -> set[str]:
     """Names of files that a run before wrote beside its JSON, as far as nobody changed them."""
     try:
-        told = json.loads(record.read_text(encoding="utf-8"))
-        files, hashes = dict(told["files"]), dict(told.get("run", {}).get("sha256", {}))
+        previous = json.loads(record.read_text(encoding="utf-8"))
+        files, hashes = dict(previous["files"]), dict(previous.get("run", {}).get("sha256", {}))
     except (OSError, ValueError, TypeError, KeyError, AttributeError):
         return set()
-    found = set()
+    unchanged = set()
     for name in files:
         path = record.parent / name
         if Path(name).name == name and path.is_file():
             data = path.read_bytes() if name in hashes else b""
             if name not in hashes or sha256(data).hexdigest() == hashes[name]:
-                found.add(name)
-    return found
+                unchanged.add(name)
+    return unchanged
 
 
 def _contents(answer: Document, notes: list[str]) -> dict[str, bytes]:
     """Pictures and further files by name, in the document's order; ``notes`` of what failed."""
     figures = [part for part in answer.parts if isinstance(part, Figure)]
-    found: dict[str, bytes] = {}
+    contents: dict[str, bytes] = {}
     for part in answer.parts:
         if isinstance(part, File):
             # A file that is the answer itself is written, or the command fails.
             if answer.written == "files":
-                found[part.name] = part.as_bytes()
+                contents[part.name] = part.as_bytes()
             elif (
                 content := attempt(f"written: {part.name}", part.as_bytes, None, notes)
             ) is not None:
-                found[part.name] = content
+                contents[part.name] = content
         elif isinstance(part, Figure) and answer.written not in ("opening", "record"):
             number = f"_{figures.index(part) + 1}" if len(figures) > 1 else ""
-            found[f"{answer.name}{number}.svg"] = part.svg.encode()
-    return found
+            contents[f"{answer.name}{number}.svg"] = part.svg.encode()
+    return contents

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Final
 
+from suta_calib import report
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
-from suta_calib.report import pose_plots as plots
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.report.poses import (
@@ -27,50 +27,58 @@ NAME: Final = "hand_eye"
 CALIBRATION: Final = Listing[HandEyeCalibration](
     "",
     Column("rms", unit="m"),
-    Column("rms", value=lambda found: found.rms_angle, unit="rad"),
-    Column("hand_share", value=lambda found: found.robot_noise_fraction),
-    Column("distance_trend", value=lambda found: found.trend.share, unit="%"),
-    Column("distance_trend_std", value=lambda found: found.trend.std, unit="%"),
+    Column("rms", value=lambda row: row.rms_angle, unit="rad"),
+    Column("hand_share", value=lambda row: row.robot_noise_fraction),
+    Column("distance_trend", value=lambda row: row.trend.share, unit="%"),
+    Column("distance_trend_std", value=lambda row: row.trend.std, unit="%"),
 )
 
 
-def hand_eye_document(found: HandEyeCalibration, data: PosePairs) -> Document:
+def hand_eye_document(calibration: HandEyeCalibration, data: PosePairs) -> Document:
     """X, and Z where the model asks for it, with standard deviations; ``residuals.csv``."""
-    names, frames = found.unknowns, FRAMES[found.setup]
-    parts: list[Part] = [*frame_tables(found)]
-    record: Json = {"setup": found.setup, "model": found.model}
+    names, frames = calibration.unknowns, FRAMES[calibration.setup]
+    parts: list[Part] = [*frame_tables(calibration)]
+    record: Json = {"setup": calibration.setup, "model": calibration.model}
     for name in names:
-        pose = getattr(found, name)
+        pose = getattr(calibration, name)
         record |= {name: pose, **pose_record(pose, f"{name}_")}
     fit = (
-        f"rms {text(found.rms, 'm', with_unit=True)} (3-D), "
-        f"{text(found.rms_angle, 'rad', with_unit=True)}"
+        f"rms {text(calibration.rms, 'm', with_unit=True)} (3-D), "
+        f"{text(calibration.rms_angle, 'rad', with_unit=True)}"
     )
-    residuals, turns = found.residuals, found.rotation_residuals
+    residuals, turns = calibration.residuals, calibration.rotation_residuals
     parts += [
-        *fit_texts(fit, "pair", found, data.lines),
-        residuals_file(found.inliers, {"line": data.lines}, residuals, turns),
-        Figure(lambda: plots.hand_eye_plot(found)),
+        *fit_texts(fit, "pair", calibration, data.lines),
+        residuals_file(calibration.inliers, {"line": data.lines}, residuals, turns),
+        Figure(lambda: report.hand_eye_plot(calibration)),
     ]
     size = 6 * len(names)
     order = [f"{name}.{key}" for name in names for key in PLACEMENT]
     record |= {
         "frames": {name: frames[name] for name in names},
-        "std": {name: pose_std_record(found.std[name]) for name in names},
-        **CALIBRATION.record(found),
-        **fitted_rows(found, data.lines),
-        "covariance": covariance_record(found.covariance[:size, :size], order, "m, rad"),
+        "std": {name: pose_std_record(calibration.std[name]) for name in names},
+        **CALIBRATION.record(calibration),
+        **fitted_rows(calibration, data.lines),
+        "covariance": covariance_record(calibration.covariance[:size, :size], order, "m, rad"),
         "input": str(data.path),
     }
     return Document(
-        NAME, "Hand-eye calibration", found.assessment, parts, record, "result", found.in_a_line
+        NAME,
+        "Hand-eye calibration",
+        calibration.assessment,
+        parts,
+        record,
+        "result",
+        calibration.in_a_line,
     )
 
 
-def frame_tables(found: HandEyeCalibration) -> Iterator[Table]:
+def frame_tables(calibration: HandEyeCalibration) -> Iterator[Table]:
     """X, and Z where the model asks for it, each in words with its standard deviations."""
-    for name in found.unknowns:
-        frame = FRAMES[found.setup][name]
+    for name in calibration.unknowns:
+        frame = FRAMES[calibration.setup][name]
         _, base, what = frame.split("_")
-        title = f"{name} = {frame}: the {what} in the {base}, {found.setup}"
-        yield pose_table(title, getattr(found, name), found.std[name], f"the {what}'s axes")
+        title = f"{name} = {frame}: the {what} in the {base}, {calibration.setup}"
+        yield pose_table(
+            title, getattr(calibration, name), calibration.std[name], f"the {what}'s axes"
+        )

@@ -44,8 +44,8 @@ def _rms(values: FloatArray) -> float:
 
 def _within(probability: float) -> Column[HeldOutRow]:
     def shown(row: HeldOutRow) -> str:
-        found = row.errors.coverage(probability)
-        return f"{100 * found.share:.0f} ± {100 * found.std:.0f} %"
+        coverage = row.errors.coverage(probability)
+        return f"{100 * coverage.share:.0f} ± {100 * coverage.std:.0f} %"
 
     return Column(
         f"within_{100 * probability:.0f}",
@@ -92,5 +92,9 @@ HELD_OUT: Final = Listing[HeldOutRow](
 def held_out_rows(result: CalibrationResult) -> Iterator[HeldOutRow]:
     """Of every block that was held out; the solution has converged."""
     for label, term in result.labelled_terms["validation"]:
-        errors = (each for each in result.examined.held_out if each.term is term.term)
-        yield from (HeldOutRow(label, each) for each in errors)
+        errors = (
+            errors_of_block
+            for errors_of_block in result.examined.held_out
+            if errors_of_block.term is term.term
+        )
+        yield from (HeldOutRow(label, error) for error in errors)

@@ -42,20 +42,20 @@ _TITLE: Final = f"Acceptance test after {STANDARD}"
 
 CHARACTERISTICS: Final = Listing[Characteristic](
     _TITLE,
-    Column("symbol", "worst of each, mm", cell=lambda each: SYMBOL[each.symbol]),
+    Column("symbol", "worst of each, mm", cell=lambda row: SYMBOL[row.symbol]),
     Column(
         "value",
         "value",
         unit="m",
-        cell=lambda each: text(each.value, "m", sign=each.symbol in _SIGNED),
+        cell=lambda row: text(row.value, "m", sign=row.symbol in _SIGNED),
     ),
     Column("limit", "limit", unit="m"),
-    Column("expanded_uncertainty", "U", lambda each: each.expanded, "m"),
+    Column("expanded_uncertainty", "U", lambda row: row.expanded, "m"),
     Column("decision"),
     Column("where"),
     Column("count", "of", form="d"),
     Column("missing", optional=True),
-    Column("", "", lambda each: each.decision),
+    Column("", "", lambda row: row.decision),
     key="characteristics",
 )
 # Errors of lengths, (n,): of all, and of each placement.
@@ -75,21 +75,21 @@ PLACEMENTS: Final = Listing[tuple[str, FloatArray]](
 ARTICULATIONS: Final = Listing[Articulation](
     "One point from several articulations, mm",
     Column("point", "point"),
-    Column("articulations", "from", lambda each: len(each.names), form="d"),
+    Column("articulations", "from", lambda row: len(row.names), form="d"),
     Column("touches", "touches", form="d"),
-    Column("location", "L_Dia", lambda each: each.diameter, "m"),
-    Column("max_deviation", "max", lambda each: each.maximum, "m"),
+    Column("location", "L_Dia", lambda row: row.diameter, "m"),
+    Column("max_deviation", "max", lambda row: row.maximum, "m"),
     Column("two_sigma", "2 sigma", unit="m"),
     Column("axis_range", unit="m"),
     Column("amplification"),
-    Column("centre", None, lambda each: each.centres.mean(axis=0), "m"),
+    Column("centre", None, lambda row: row.centres.mean(axis=0), "m"),
     key="articulations",
     named=True,
 )
 SPHERES: Final = Listing[SphereProbing](
     "Probing, mm",
     Column("sphere", "sphere"),
-    Column("touches", "touches", lambda each: len(each.radial), form="d"),
+    Column("touches", "touches", lambda row: len(row.radial), form="d"),
     Column("size", "P_Size", unit="m", sign=True),
     Column("form", "P_Form", unit="m"),
     Column("radial", unit="m"),
@@ -100,10 +100,10 @@ SPHERES: Final = Listing[SphereProbing](
 REPEATS: Final = Listing[Repeats](
     "Repeatability of one point, mm",
     Column("point", "point"),
-    Column("visits", "visits", lambda each: each.scatter.count, form="d"),
+    Column("visits", "visits", lambda row: row.scatter.count, form="d"),
     Column("diameter", "diameter", unit="m"),
-    Column("rp", "RP", lambda each: each.scatter.rp.value, "m"),
-    Column("rms", "RMS", lambda each: each.scatter.rms.value, "m"),
+    Column("rp", "RP", lambda row: row.scatter.rp.value, "m"),
+    Column("rms", "RMS", lambda row: row.scatter.rms.value, "m"),
     key="repeatability",
     named=True,
 )
@@ -114,37 +114,40 @@ LIMITS: Final = Listing[Limits](
 )
 
 
-def acceptance_document(found: AcceptanceTest) -> Document:
+def acceptance_document(test: AcceptanceTest) -> Document:
     """Every figure with its limit, its uncertainty and the decision, and what it was found on."""
-    m = found.measured
-    given = found.limits.length
+    m = test.measured
+    given = test.limits.length
     stated = "" if given is None else f"; length {length_limit_text(given)}"
-    parts: list[Part] = [Figure(partial(acceptance_plot, found))]
-    parts.append(CHARACTERISTICS.of(found.characteristics, f"{_TITLE}{stated}"))
+    parts: list[Part] = [Figure(partial(acceptance_plot, test))]
+    parts.append(CHARACTERISTICS.of(test.characteristics, f"{_TITLE}{stated}"))
     if m.lengths is not None:
         parts.append(PLACEMENTS.of(*_by_placement(m.lengths)))
     parts += [ARTICULATIONS.of(m.articulations), SPHERES.of(m.spheres), REPEATS.of(m.repeats)]
-    parts += [Text(rule_text(found)), *(Text(each, bullet=True) for each in found.simplified)]
+    parts += [
+        Text(rule_text(test)),
+        *(Text(simplification, bullet=True) for simplification in test.simplified),
+    ]
     data: Json = {
         "standard": STANDARD,
-        "decision": found.decision,
-        "passed": None if found.decision == "no limit" else found.decision == "pass",
-        "decision_rule": {"kind": found.rule.kind, "factor": found.rule.factor},
-        "lengths": None if m.lengths is None else _lengths_dict(found, m.lengths),
-        "mpe": LIMITS.record(found.limits) if found.limits.given else None,
-        "simplified": list(found.simplified),
+        "decision": test.decision,
+        "passed": None if test.decision == "no limit" else test.decision == "pass",
+        "decision_rule": {"kind": test.rule.kind, "factor": test.rule.factor},
+        "lengths": None if m.lengths is None else _lengths_dict(test, m.lengths),
+        "mpe": LIMITS.record(test.limits) if test.limits.given else None,
+        "simplified": list(test.simplified),
     }
-    return Document(NAME, _TITLE, found.assessment, parts, data)
+    return Document(NAME, _TITLE, test.assessment, parts, data)
 
 
-def rule_text(found: AcceptanceTest) -> str:
+def rule_text(test: AcceptanceTest) -> str:
     """How it was decided, in a sentence."""
-    if not found.limits.given:
+    if not test.limits.given:
         return "No limits are given: add mpe to the job to have a decision."
-    if found.rule.kind == "simple":
+    if test.rule.kind == "simple":
         return "Decision rule: simple; a value up to its limit passes, whatever the uncertainty."
     return (
-        f"Decision rule: guarded (ISO 14253-1), guard band {found.rule.factor:g} standard "
+        f"Decision rule: guarded (ISO 14253-1), guard band {test.rule.factor:g} standard "
         "uncertainties: pass below the limit less the guard band, fail above the limit and the "
         "guard band, undecided between them. U is the test's expanded uncertainty (k = 2): the "
         "artefact's, and what the job states; where neither says anything there is no guard band."
@@ -170,9 +173,9 @@ def _by_placement(lengths: LengthErrors) -> tuple[list[tuple[str, FloatArray]], 
     return rows, f"{PLACEMENTS.title}{repeated}"
 
 
-def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
+def _lengths_dict(test: AcceptanceTest, lengths: LengthErrors) -> Json:
     """The lengths one by one: columns, because there are many."""
-    limit = None if found.limits.length is None else found.limits.length.at(lengths.length)
+    limit = None if test.limits.length is None else test.limits.length.at(lengths.length)
     return {
         **Listing("", *ERRORS).record(lengths.error),
         "repeat_range_mm": plain(lengths.repeat_range, "m"),
@@ -184,7 +187,7 @@ def _lengths_dict(found: AcceptanceTest, lengths: LengthErrors) -> Json:
             "length_mm": plain(lengths.length, "m"),
             "error_mm": plain(lengths.error, "m"),
             "limit_mm": plain(limit, "m"),
-            "expanded_uncertainty_mm": plain(found.length_expanded, "m"),
+            "expanded_uncertainty_mm": plain(test.length_expanded, "m"),
         },
     }
 
@@ -200,10 +203,10 @@ _IN_A_ROW: Final = 7
 _LOOKS: Final = ((BLUE, "o"), (ORANGE, "s"), ("black", "D"), (GREY, "^"), (BLUE, "P"))
 
 
-def acceptance_plot(found: AcceptanceTest) -> str:
+def acceptance_plot(test: AcceptanceTest) -> str:
     """An SVG: errors of lengths by length, deviations of places below."""
     name = f"{NAME}_errors"
-    measured = found.measured
+    measured = test.measured
     drawn = {"articulations": measured.articulations, "spheres": measured.spheres}
     below = [key for key, given in drawn.items() if given]
     rows: Any = [["lengths"] * max(1, len(below))] if measured.lengths is not None else []
@@ -212,26 +215,26 @@ def acceptance_plot(found: AcceptanceTest) -> str:
     with picture(name, (LARGE, 3.1 * len(rows))) as figure:
         panels = figure.subplot_mosaic(rows)
         if measured.lengths is not None:
-            _lengths(panels["lengths"], found, measured.lengths)
+            _lengths(panels["lengths"], test, measured.lengths)
         if measured.articulations:
-            _articulations(panels["articulations"], found)
+            _articulations(panels["articulations"], test)
         if measured.spheres:
-            _spheres(panels["spheres"], found)
+            _spheres(panels["spheres"], test)
         if "repeats" in panels:
-            _repeats(panels["repeats"], found)
+            _repeats(panels["repeats"], test)
         return svg_text(figure, name, "Errors of the acceptance test against their limits, mm")
 
 
-def _lengths(axes: Axes, found: AcceptanceTest, lengths: LengthErrors) -> None:
+def _lengths(axes: Axes, test: AcceptanceTest, lengths: LengthErrors) -> None:
     for k, (placement, rows) in enumerate(lengths.by_placement()):
         colour, marker = _LOOKS[k % len(_LOOKS)]
         places = mm(lengths.length[rows]), mm(lengths.error[rows])
         axes.plot(*places, marker, color=colour, ms=3, mew=0.7, mfc="none", label=placement)
-    if found.limits.length is not None:
+    if test.limits.length is not None:
         # The limit, and on either side of it the band in which nothing is proved.
         order = np.argsort(lengths.length)
-        length, limit = mm(lengths.length[order]), mm(found.limits.length.at(lengths.length[order]))
-        guard = mm(found.rule.guard(found.length_expanded[order]))
+        length, limit = mm(lengths.length[order]), mm(test.limits.length.at(lengths.length[order]))
+        guard = mm(test.rule.guard(test.length_expanded[order]))
         for sign, named, unproved in ((1, "limit", "undecided"), (-1, None, None)):
             axes.plot(length, sign * limit, "k--", lw=1.2, label=named)
             if guard.any():
@@ -245,32 +248,34 @@ def _lengths(axes: Axes, found: AcceptanceTest, lengths: LengthErrors) -> None:
     axes.legend(**_LEGEND | {"ncols": _IN_A_ROW, "columnspacing": 3.5})
 
 
-def _articulations(axes: Axes, found: AcceptanceTest) -> None:
+def _articulations(axes: Axes, test: AcceptanceTest) -> None:
     start = 1
     ticks: list[str] = []
-    for k, each in enumerate(found.measured.articulations):
+    for k, articulation in enumerate(test.measured.articulations):
         colour, marker = _LOOKS[k % len(_LOOKS)]
-        places = np.arange(start, start + len(each.names))
-        label = f"{each.point} (L_Dia {text(each.diameter, 'm')})"
-        axes.plot(places, mm(each.deviations), marker, color=colour, ms=5, mfc="none", label=label)
-        start += len(each.names)
-        ticks += each.names
+        places = np.arange(start, start + len(articulation.names))
+        label = f"{articulation.point} (L_Dia {text(articulation.diameter, 'm')})"
+        axes.plot(
+            places, mm(articulation.deviations), marker, color=colour, ms=5, mfc="none", label=label
+        )
+        start += len(articulation.names)
+        ticks += articulation.names
     if len(ticks) <= 12:
         axes.set_xticks(range(1, start), ticks, rotation=45, ha="right")
     else:
         axes.set_xlabel("articulation, in order")
     axes.set_title("Distance to the mean place", pad=_ABOVE)
     axes.set_ylabel("mm")
-    limit = found.limits.location
+    limit = test.limits.location
     _sizes(axes, None if limit is None else limit / 2, "half the limit")
 
 
-def _spheres(axes: Axes, found: AcceptanceTest) -> None:
-    for k, each in enumerate(found.measured.spheres):
+def _spheres(axes: Axes, test: AcceptanceTest) -> None:
+    for k, sphere in enumerate(test.measured.spheres):
         colour, marker = _LOOKS[k % len(_LOOKS)]
-        touches = np.arange(1, len(each.radial) + 1)
-        label = f"{each.sphere} (size {mm(each.size):+.3f}, form {mm(each.form):.3f})"
-        axes.plot(touches, mm(each.radial), marker, color=colour, ms=4, mfc="none", label=label)
+        touches = np.arange(1, len(sphere.radial) + 1)
+        label = f"{sphere.sphere} (size {mm(sphere.size):+.3f}, form {mm(sphere.form):.3f})"
+        axes.plot(touches, mm(sphere.radial), marker, color=colour, ms=4, mfc="none", label=label)
     axes.axhline(0, color=GREY, lw=0.8)
     axes.set_title("Distance to the fitted sphere", pad=_ABOVE)
     axes.set_xlabel("touch, in order")
@@ -279,13 +284,13 @@ def _spheres(axes: Axes, found: AcceptanceTest) -> None:
     axes.legend(**_LEGEND)
 
 
-def _repeats(axes: Axes, found: AcceptanceTest) -> None:
-    sizes: FloatArray = np.array([each.diameter for each in found.measured.repeats])
-    names = [each.point for each in found.measured.repeats]
+def _repeats(axes: Axes, test: AcceptanceTest) -> None:
+    sizes: FloatArray = np.array([repeat.diameter for repeat in test.measured.repeats])
+    names = [repeat.point for repeat in test.measured.repeats]
     axes.bar(names, mm(sizes), color=BLUE, hatch="//", edgecolor="white")
     axes.set_title("Smallest sphere that holds the visits", pad=_ABOVE)
     axes.set_ylabel("diameter, mm")
-    _sizes(axes, found.limits.repeatability, "limit")
+    _sizes(axes, test.limits.repeatability, "limit")
 
 
 def _sizes(axes: Axes, limit: float | None, label: str) -> None:

@@ -239,8 +239,8 @@ def components(
 
     def component(k: int) -> Callable[[Row], float | None]:
         def of(row: Row) -> float | None:
-            whole = vector(row)
-            return None if whole is None else float(whole[k]) + 0.0
+            values = vector(row)
+            return None if values is None else float(values[k]) + 0.0
 
         return of
 

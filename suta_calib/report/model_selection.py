@@ -26,13 +26,6 @@ CAPTION: Final = (
     "RMS{unit}, each error counted up to the Huber threshold. Change: of the held-out variance "
     "against the job's model, with its standard error over the folds."
 )
-MOST_TESTS: Final = 6
-# Models that a terminal and the picture show.
-MOST_MODELS: Final = 12
-# Columns of a line of YAML.
-WIDE: Final = 78
-# Letters of a name beside a plot.
-LONG: Final = 60
 
 
 def _estimate_text(e: Estimate) -> str:
@@ -92,7 +85,8 @@ def model_selection_document(choice: ModelSelection) -> Document:
     if choice.rows:
         parts.append(Text("Rows for the job's parameters:"))
         parts += [Text(wrapped(row_text(row))) for row in choice.rows]
-    parts.append(ShownOnly(TESTS.of(choice.tests[:MOST_TESTS]), "page"))
+    most_tests = 6
+    parts.append(ShownOnly(TESTS.of(choice.tests[:most_tests]), "page"))
     return Document(NAME, TITLE, choice.assessment, parts, _data(choice))
 
 
@@ -119,7 +113,8 @@ def row_text(row: Selection) -> str:
 
 def wrapped(row: str) -> str:
     """A line of YAML, to be copied: what does not fit goes on indented, which YAML allows."""
-    return fill(row, WIDE, initial_indent="  ", subsequent_indent=" " * 6, break_long_words=False)
+    # Columns of a line of YAML.
+    return fill(row, 78, initial_indent="  ", subsequent_indent=" " * 6, break_long_words=False)
 
 
 def models_plot(choice: ModelSelection) -> str:
@@ -145,14 +140,17 @@ def models_plot(choice: ModelSelection) -> str:
 
 def short(name: str) -> str:
     """A name that fits beside a plot: models that grew from one another differ at the end."""
-    return name if len(name) < LONG else f"{name[: LONG // 3]} … {name[-(LONG - LONG // 3) :]}"
+    # Letters of a name beside a plot.
+    long = 60
+    return name if len(name) < long else f"{name[: long // 3]} … {name[-(long - long // 3) :]}"
 
 
 def _best(choice: ModelSelection) -> list[ModelCandidate]:
     """The job's own model, the chosen one, and the best of the others, as they were tried."""
     by_loss = sorted(choice.tried, key=lambda c: (c is not choice.chosen, c.held_out.loss))
-    kept = {id(c) for c in (choice.job, *by_loss[: MOST_MODELS - 1])}
-    return [c for c in choice.tried if id(c) in kept]
+    # Models that a terminal and the picture show.
+    shown_ids = {id(c) for c in (choice.job, *by_loss[: 12 - 1])}
+    return [c for c in choice.tried if id(c) in shown_ids]
 
 
 def _models(choice: ModelSelection) -> Listing[ModelCandidate]:

@@ -83,7 +83,7 @@ def noise_of(result: CalibrationResult) -> list[BlockNoise]:
     intervals = (
         [None] * len(solution.noise)
         if solution.weights is None
-        else [found.interval for found in solution.weights.noise]
+        else [level.interval for level in solution.weights.noise]
     )
     blocks = [
         (term.term.kind, label, block)
@@ -91,8 +91,8 @@ def noise_of(result: CalibrationResult) -> list[BlockNoise]:
         for block in term.term.blocks
     ]
     return [
-        BlockNoise(*block, assumed, found if solution.converged else None, interval)
-        for block, assumed, found, interval in zip(
+        BlockNoise(*block, assumed, estimated if solution.converged else None, interval)
+        for block, assumed, estimated, interval in zip(
             blocks, solution.problem.assumed_sigmas(), solution.noise, intervals, strict=True
         )
     ]

@@ -20,83 +20,89 @@ MOST_SENTENCES: Final = 3
 
 EXPLANATIONS: Final = Listing[Explanation](
     "Why parameters are held",
-    Column("held", "held", lambda each: each.fixed),
+    Column("held", "held", lambda row: row.fixed),
     Column("sentence", "why"),
     Column("remedy", "what to do"),
     Column("told"),
 )
 
 
-def observability_document(found: Observability, *, verbose: bool = False) -> Document:
+def observability_document(observability: Observability, *, verbose: bool = False) -> Document:
     """An observability to be shown.
 
     Args:
-        found: what the data of a problem can tell.
+        observability: what the data of a problem can tell.
         verbose: list the terms' own unknowns too; otherwise one line counts them.
     """
-    prospects = list(found.prospects.values())
-    arm = found.problem.arm_count or len(prospects)
+    prospects = list(observability.prospects.values())
+    arm = observability.problem.arm_count or len(prospects)
     parts: list[Part] = [
         PROSPECTS.of(prospects if verbose else prospects[:arm]),
         *([] if verbose else left_out(0, prospects[arm:])),
-        Text(conditioning(found)),
+        Text(conditioning(observability)),
         *section(
-            "explanations", lambda: explained(found.explanations, "everywhere", MOST_SENTENCES)
+            "explanations",
+            lambda: explained(observability.explanations, "everywhere", MOST_SENTENCES),
         ),
     ]
     data = {
-        "samples": found.samples,
-        "equations": found.equations,
-        "unknowns": found.unknowns,
-        "rank": found.rank,
-        "asked": found.asked,
-        "condition": found.condition,
-        "singular_values": found.singular_values,
-        "indices": found.indices.as_dict(),
+        "samples": observability.samples,
+        "equations": observability.equations,
+        "unknowns": observability.unknowns,
+        "rank": observability.rank,
+        "asked": observability.asked,
+        "condition": observability.condition,
+        "singular_values": observability.singular_values,
+        "indices": observability.indices.as_dict(),
         "parameters": PROSPECTS.records(prospects),
-        "unidentified": found.unidentified,
-        "redundant": found.redundant,
-        "unobservable": unobservable(found.identification),
-        "explanations": EXPLANATIONS.records(found.explanations),
+        "unidentified": observability.unidentified,
+        "redundant": observability.redundant,
+        "unobservable": unobservable(observability.identification),
+        "explanations": EXPLANATIONS.records(observability.explanations),
     }
-    return Document(NAME, "What these data can determine", found.assessment, parts, data)
+    return Document(NAME, "What these data can determine", observability.assessment, parts, data)
 
 
-def conditioning(found: Observability) -> str:
+def conditioning(observability: Observability) -> str:
     """How evenly the identified parameters are determined, in a sentence."""
-    identified = len(found.singular_values)
+    identified = len(observability.singular_values)
     if not identified:
         return "The data alone identify nothing."
-    indices = ", ".join(f"{name} {value:.3g}" for name, value in found.indices.as_dict().items())
+    indices = ", ".join(
+        f"{name} {value:.3g}" for name, value in observability.indices.as_dict().items()
+    )
     return (
-        f"Of the {identified} that the data identify: condition number {found.condition:.3g}, "
-        f"{indices} (parameters in plausible ranges, residuals in sigmas)."
+        f"Of the {identified} that the data identify: condition number "
+        f"{observability.condition:.3g}, {indices} (parameters in plausible ranges, "
+        "residuals in sigmas)."
     )
 
 
-def explained(found: Iterable[Explanation], place: Place, most: int | None = None) -> list[Text]:
+def explained(
+    explanations: Iterable[Explanation], place: Place, most: int | None = None
+) -> list[Text]:
     """Why parameters are held, and below those that share a remedy, the remedy.
 
     What is redundant is one line: nothing is to be done about it. Another names what no data of
     these kinds could tell either, but the tip depends on.
 
     Args:
-        found: explanations.
+        explanations: explanations.
         place: where they are shown.
         most: of one remedy; the others are counted.
     """
     together: dict[str, list[str]] = {}
     redundant, as_drawn = list[str](), list[str]()
-    for each in found:
-        if each.told == "redundant":
-            (as_drawn if each.as_drawn else redundant).append(each.fixed)
+    for explanation in explanations:
+        if explanation.told == "redundant":
+            (as_drawn if explanation.as_drawn else redundant).append(explanation.fixed)
         else:
-            together.setdefault(each.remedy, []).append(each.sentence)
+            together.setdefault(explanation.remedy, []).append(explanation.sentence)
     parts = []
     for remedy, sentences in together.items():
         more = 0 if most is None else max(len(sentences) - most, 0)
-        said = [*sentences[:most], *([f"and {more} more of this sort"] if more else [])]
-        parts += [Text(sentence, bullet=True, place=place) for sentence in said]
+        shown_sentences = [*sentences[:most], *([f"and {more} more of this sort"] if more else [])]
+        parts += [Text(sentence, bullet=True, place=place) for sentence in shown_sentences]
         parts.append(Text(remedy, place=place, look="remedy"))
     if redundant:
         said_once = (

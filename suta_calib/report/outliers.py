@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Final
 
+from suta_calib import report
 from suta_calib.analysis.outliers import (
     AGREEMENT,
     GROUPING_NOUN,
@@ -21,16 +22,13 @@ from suta_calib.analysis.outliers import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.analysis.outliers.plots import PANEL, metric_charts, told
+from suta_calib.analysis.outliers.answer import metric_labels
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.report.chart_svg import Row, rows_svg
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.units import NOTHING, Unit, key, shown, text, unit_name
 
 NAME: Final = "outliers"
-# Larger figures have no place in a column.
-WIDEST: Final = 1e5
 # Of long levels only the groups with the largest shares are shown.
 MOST_GROUPS_SHOWN: Final = 20
 EXPLAINED: Final = (
@@ -49,7 +47,7 @@ OWN_FIT: Final = (
 
 
 def _key(metric: Metric, unit: Unit) -> str:
-    return key(metric, told(metric, unit)[0])
+    return key(metric, metric_labels(metric, unit)[0])
 
 
 def _column(metric: Metric, errors: Unit, *, judged: bool) -> Column[Group]:
@@ -57,14 +55,15 @@ def _column(metric: Metric, errors: Unit, *, judged: bool) -> Column[Group]:
 
     ``errors`` is the unit of the observation's errors.
     """
-    unit, head, _ = told(metric, errors)
+    unit, head, _ = metric_labels(metric, errors)
 
     def value(group: Group) -> float:
         return (group.values if judged else group.as_calibrated)[metric]
 
     def cell(group: Group) -> str:
         number = shown(value(group), unit)
-        wide = math.isfinite(number) and abs(number) >= WIDEST
+        # Larger figures have no place in a column.
+        wide = math.isfinite(number) and abs(number) >= 1e5
         flag = " !" if judged and metric in group.flags else ""
         return (f"{number:.1e}" if wide else text(value(group), unit, decimals=3)) + flag
 
@@ -114,37 +113,37 @@ THRESHOLDS: Final = Listing[Thresholds](
 )
 
 
-def outliers_document(found: Outliers) -> Document:
+def outliers_document(outliers: Outliers) -> Document:
     """Tables by level, heat maps, what excluding would do, and how to exclude what was named."""
-    explained = EXPLAINED.format(significance=found.thresholds.significance)
-    parts: list[Part] = [Text(explained, place="page"), *_figures(found)]
-    for term in found.terms:
+    explained = EXPLAINED.format(significance=outliers.thresholds.significance)
+    parts: list[Part] = [Text(explained, place="page"), *_figures(outliers)]
+    for term in outliers.terms:
         for level in term.levels:
             shown_groups = _groups(term, level).of(_shown(level))
             parts += [shown_groups, Text(_limits_text(level, term.unit))]
-    for term in found.terms:
+    for term in outliers.terms:
         if term.levels:
             level, noun = term.levels[0], GROUPING_NOUN[term.levels[0].name]
             title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
-            own = Listing(title, Column[Group]("label", noun), *_as_calibrated(term))
-            parts += [own.of(_shown(level)), Text(OWN_FIT)]
-    parts += [ShownOnly(_touches(term).of(term.touches), "page") for term in found.terms]
-    parts += [ShownOnly(MOVES.of(term.moves), "page") for term in found.terms]
-    parts += advice(found)
-    return Document(NAME, "Outliers", found.assessment, parts, _data(found))
+            group_listing = Listing(title, Column[Group]("label", noun), *_as_calibrated(term))
+            parts += [group_listing.of(_shown(level)), Text(OWN_FIT)]
+    parts += [ShownOnly(_touches(term).of(term.touches), "page") for term in outliers.terms]
+    parts += [ShownOnly(MOVES.of(term.moves), "page") for term in outliers.terms]
+    parts += advice(outliers)
+    return Document(NAME, "Outliers", outliers.assessment, parts, _data(outliers))
 
 
-def advice(found: Outliers) -> list[Text]:
+def advice(outliers: Outliers) -> list[Text]:
     """What excluding would do, and how to do it: the line to paste into the job."""
-    if not any(found.exclusion):
+    if not any(outliers.exclusion):
         return [Text("Nothing was excluded.", bullet=True)]
     cause = "Nothing was excluded. Look for the cause first: certificate, seat, burr, label."
-    said = [Text(cause, bullet=True)]
-    for term, levels in zip(found.terms, found.exclusion, strict=True):
+    texts = [Text(cause, bullet=True)]
+    for term, levels in zip(outliers.terms, outliers.exclusion, strict=True):
         if not levels:
             continue
         how = f"To leave it out, write into the {term.kind} row of the job:"
-        said += [
+        texts += [
             Text(how, bullet=True),
             Text(f"exclude: {yaml_text(levels, one_line=True)}", look="verbatim"),
         ]
@@ -153,15 +152,15 @@ def advice(found: Outliers) -> list[Text]:
             for group in level.outliers:
                 if (effect := _effect(term, level, group)) is None:
                     continue
-                others = " of the others" if effect.count and noun == "landmark" else ""
+                of_others = " of the others" if effect.count and noun == "landmark" else ""
                 before = text(effect.before, term.unit)
                 after = text(effect.after, term.unit, with_unit=True)
                 effect_said = (
-                    f"Without {noun} {group.label} the held-out RMS{others} goes from {before} to "
-                    f"{after} ({shown(effect.change, '%'):+.1f} %, {term.method})."
+                    f"Without {noun} {group.label} the held-out RMS{of_others} goes from {before} "
+                    f"to {after} ({shown(effect.change, '%'):+.1f} %, {term.method})."
                 )
-                said.append(Text(effect_said, bullet=True))
-    return said
+                texts.append(Text(effect_said, bullet=True))
+    return texts
 
 
 def _effect(term: TermOutliers, level: Level, group: Group) -> HeldOut | None:
@@ -197,24 +196,24 @@ def _shown(level: Level) -> Sequence[Group]:
     if len(level.groups) <= MOST_GROUPS_SHOWN:
         return level.groups
     ranked = sorted(level.groups, key=lambda g: (not g.flags, -g.values["contribution"]))
-    kept = {g.label for g in ranked[:MOST_GROUPS_SHOWN]}
-    return [g for g in level.groups if g.label in kept]
+    labels = {g.label for g in ranked[:MOST_GROUPS_SHOWN]}
+    return [g for g in level.groups if g.label in labels]
 
 
 def _limits_text(level: Level, errors: Unit) -> str:
     limits = ", ".join(
         f"{head.split()[0]} {shown(level.thresholds[metric], unit):.3g} {unit_name(unit)}".rstrip()
         for metric in METRICS
-        for unit, head, _ in [told(metric, errors)]
+        for unit, head, _ in [metric_labels(metric, errors)]
     )
     rest = len(level.groups) - len(_shown(level))
     more = f"; {rest} more with smaller shares" if rest else ""
     return f"! beyond threshold ({limits}) and chance{more}"
 
 
-def _data(found: Outliers) -> Json:
+def _data(outliers: Outliers) -> Json:
     """The whole answer; levels of the first observation that has them stand at the top."""
-    terms = [_term_dict(term) for term in found.terms]
+    terms = [_term_dict(term) for term in outliers.terms]
     top: Json = {}
     for term in terms:
         top = {name: term[name] for name in GROUPING_NOUN if name in term} | top
@@ -223,10 +222,10 @@ def _data(found: Outliers) -> Json:
         "touches": [touch for term in terms for touch in term["touches"]],
         "moves": [move for term in terms for move in term["moves"]],
         "held_out": terms[0]["held_out"],
-        "thresholds": THRESHOLDS.record(found.thresholds),
+        "thresholds": THRESHOLDS.record(outliers.thresholds),
         "agreement": AGREEMENT,
-        "exclude": found.exclusion,
-        "explained_by": list(found.explaining),
+        "exclude": outliers.exclusion,
+        "explained_by": list(outliers.explaining),
         **({"by_term": terms} if len(terms) > 1 else {}),
     }
 
@@ -235,16 +234,16 @@ def _term_dict(term: TermOutliers) -> Json:
     levels: Json = {level.name: _groups(term, level).records(level.groups) for level in term.levels}
     for level in term.levels:
         for group in level.groups:
-            if (found := group.displacement) is not None:
+            if (displacement := group.displacement) is not None:
                 row = levels[level.name][group.label]
-                row["displacement_mm"] = plain(found.vector, "m")
-                row["displacement_std_mm"] = plain(found.std, "m")
+                row["displacement_mm"] = plain(displacement.vector, "m")
+                row["displacement_std_mm"] = plain(displacement.std, "m")
     return {
         "kind": term.kind,
         **levels,
         "thresholds": {
             level.name: {
-                _key(metric, term.unit): shown(limit, told(metric, term.unit)[0])
+                _key(metric, term.unit): shown(limit, metric_labels(metric, term.unit)[0])
                 for metric, limit in level.thresholds.items()
             }
             for level in term.levels
@@ -263,19 +262,13 @@ def _term_dict(term: TermOutliers) -> Json:
     }
 
 
-def _figures(found: Outliers) -> list[Figure]:
+def _figures(outliers: Outliers) -> list[Figure]:
     """One picture for each observation that has groups: over the artefact, or group by group."""
     figures = []
-    for k, term in enumerate(found.terms, start=1):
+    for k, term in enumerate(outliers.terms, start=1):
         if not term.levels:
             continue
-        name = NAME if len(found.terms) == 1 else f"{NAME}-{k}"
+        name = NAME if len(outliers.terms) == 1 else f"{NAME}-{k}"
         title = f"{term.kind}: the metrics {term.drawn_over}"
-        figures.append(Figure(partial(_metrics_plot, term, name), title))
+        figures.append(Figure(partial(report.metrics_plot, term, name), title))
     return figures
-
-
-def _metrics_plot(term: TermOutliers, name: str) -> str:
-    charts = metric_charts(term)
-    rows = [Row(charts[:2], PANEL), Row(charts[2:], PANEL)]
-    return rows_svg(rows, name, f"The four outlier metrics {term.drawn_over}") + "\n"

@@ -19,7 +19,7 @@ from suta_calib.assessment import attempt
 from suta_calib.plotting.look import BLUE, GREY, LINE, ORANGE, TINT
 from suta_calib.report.document import Document, Figure, Folded, Space
 from suta_calib.report.listing import Table
-from suta_calib.report.panels import apart
+from suta_calib.report.panels import separated
 from suta_calib.report.spatial import scene_html
 
 # Documents that a report begins anew with.
@@ -109,7 +109,7 @@ def _turnable(space: Space, templates: Environment) -> str:
 
 
 def _drawn(figure: Figure) -> Markup:
-    return Markup(apart(themed(figure.svg)))
+    return Markup(separated(themed(figure.svg)))
 
 
 def themed(svg: str) -> str:
@@ -119,7 +119,7 @@ def themed(svg: str) -> str:
     """
     theme = _theme()
     if set(map(str.lower, _COLOUR.findall(svg))) <= set(theme):
-        return _COLOUR.sub(lambda found: f"var(--{theme[found[0].lower()]})", svg)
+        return _COLOUR.sub(lambda row: f"var(--{theme[row[0].lower()]})", svg)
     return svg.replace("<svg ", '<svg data-mapped="" ', 1)
 
 

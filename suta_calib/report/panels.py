@@ -2,8 +2,8 @@
 
 A figure of one panel can be made smaller, as what is written in it is enlarged; one of three
 would be too small to read. It is drawn once, as one SVG, which is also the file, and says where
-its panels are (`mark`); a page cuts it there (`apart`). Where they have room, the parts stand as
-they were drawn, without a seam.
+its panels are (`mark`); a page cuts it there (`separated`). Where they have room, the parts stand
+as they were drawn, without a seam.
 """
 
 from __future__ import annotations
@@ -26,11 +26,6 @@ _PARTS: Final = "data-parts"
 # What each panel and legend says: the part it is in; the ground behind them is in none.
 _PART: Final = "data-part"
 _DEFINITIONS: Final = "{http://www.w3.org/2000/svg}defs"
-# Pixels on a page per point from which on panels stand beside each other, and at most.
-_BESIDE: Final = 1.1
-_ENLARGED: Final = 1.5
-# Two panels whose outlines overlap by less stand apart, points.
-_TOUCHING: Final = 1.0
 
 _Span = tuple[float, float]
 _Box = tuple[_Span, _Span]
@@ -46,7 +41,7 @@ def mark(figure: Figure, name: str) -> str:
         name: of the plot, unique on the page.
 
     Returns:
-        What `apart` needs, for `numbered`; empty where no two parts stand beside each other.
+        What `separated` needs, for `numbered`; empty where no two parts stand beside each other.
     """
     width, height = (72.0 * float(inches) for inches in figure.get_size_inches())
     artists: list[Any] = [*figure.axes, *figure.legends, *figure.texts]
@@ -76,7 +71,7 @@ def numbered(root: Any, name: str, parts: str) -> None:
             element.set(_PART, element.get("id").removeprefix(begin).split("-")[0])
 
 
-def apart(svg: str) -> str:
+def separated(svg: str) -> str:
     """A figure for a page: in its parts where it has several beside each other, else as it is.
 
     Args:
@@ -95,21 +90,26 @@ def apart(svg: str) -> str:
         *edges, row = part.split()
         rows.setdefault(row, []).append(_piece(root, number, *map(float, edges)))
     shown = "\n".join(f"<div>{''.join(pieces)}</div>" for pieces in rows.values())
-    said = f'id="{name}" role="img" aria-label="{escape(description)}"'
-    return f'<div class="panels" {said}>\n{shown}\n</div>'
+    attributes = f'id="{name}" role="img" aria-label="{escape(description)}"'
+    return f'<div class="panels" {attributes}>\n{shown}\n</div>'
 
 
 def _piece(root: Any, number: int, left: float, right: float, top: float, bottom: float) -> str:
     """One part of a figure as an SVG of its own."""
+    # Pixels on a page per point from which on panels stand beside each other, and at most.
+    beside = 1.1
+    enlarged = 1.5
     piece = deepcopy(root)
-    strange = [each for each in piece.iter() if each.get(_PART, str(number)) != str(number)]
+    strange = [
+        element for element in piece.iter() if element.get(_PART, str(number)) != str(number)
+    ]
     # What all refer to stands in the first: ids are the page's.
     strange += piece.findall(_DEFINITIONS) if number else []
     for element in strange:
         element.getparent().remove(element)
     width = right - left
     piece.set("viewBox", f"{left:.1f} {top:.1f} {width:.1f} {bottom - top:.1f}")
-    look = f"flex:{width:.0f} 1 {width * _BESIDE:.0f}px;max-width:{width * _ENLARGED:.0f}px"
+    look = f"flex:{width:.0f} 1 {width * beside:.0f}px;max-width:{width * enlarged:.0f}px"
     piece.set("style", look)
     if width > 72.0 * WIDTH:
         piece.set("data-wider", "")
@@ -123,7 +123,8 @@ def _cut(
     groups: list[tuple[list[int], list[float]]] = []
     for k in sorted(inside, key=lambda k: boxes[k][axis]):
         low, high = boxes[k][axis]
-        if groups and low < groups[-1][1][1] - _TOUCHING:
+        # Two panels whose outlines overlap by less stand apart, points.
+        if groups and low < groups[-1][1][1] - 1.0:
             groups[-1][0].append(k)
             groups[-1][1][1] = max(groups[-1][1][1], high)
         else:

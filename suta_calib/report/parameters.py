@@ -98,8 +98,8 @@ class Outcome:
     @property
     def bounds(self) -> tuple[float, float] | None:
         """Lower and upper, SI; None without any."""
-        found = self.known.lower, self.known.upper
-        return found if any(map(math.isfinite, found)) else None
+        limits = self.known.lower, self.known.upper
+        return limits if any(map(math.isfinite, limits)) else None
 
 
 def _unit(row: Outcome | Prospect) -> Unit:
@@ -163,17 +163,17 @@ def outcomes(examined: CalibrationExamination) -> list[Outcome]:
     ]
 
 
-def left_out(unmoved: int, own: Sequence[Estimate] | Sequence[Prospect]) -> list[Text]:
+def left_out(unmoved: int, of_terms: Sequence[Estimate] | Sequence[Prospect]) -> list[Text]:
     """A line on what a console's table leaves out; none where it has everything.
 
     Args:
         unmoved: parameters of the arm that are not in the table.
-        own: the terms' own unknowns, none of which is.
+        of_terms: the terms' own unknowns, none of which is.
     """
     parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
-    if own:
-        told = sum(each.state in ("identified", "prior") for each in own)
-        frames = listed(sorted({each.owner for each in own}), 2)
-        parts.append(f"{told} of {len(own)} unknowns of the observations ({frames})")
-    said = f"and {', '.join(parts)}: --verbose shows them"
-    return [Text(said, place="console")] if parts else []
+    if of_terms:
+        determined = sum(unknown.state in ("identified", "prior") for unknown in of_terms)
+        frames = listed(sorted({unknown.owner for unknown in of_terms}), 2)
+        parts.append(f"{determined} of {len(of_terms)} unknowns of the observations ({frames})")
+    line = f"and {', '.join(parts)}: --verbose shows them"
+    return [Text(line, place="console")] if parts else []

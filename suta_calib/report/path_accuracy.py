@@ -16,15 +16,14 @@ from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as
 from suta_calib.report.poses import pose_record
-from suta_calib.report.svg import picture, shown_array, svg_text
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.tracking.path_accuracy import UPDATE_RATES, MotionQuarter, PathAccuracy
 from suta_calib.tracking.record_faults import RecordFault
 from suta_calib.tracking.reversals import ChannelReversals
-from suta_calib.units import NOTHING, Unit, mm, ms, text, unit_name
+from suta_calib.units import NOTHING, Unit, mm, ms, shown, text, unit_name
 
 # Of its picture too: what the command was called at first.
 NAME: Final = "dynamics"
-_MOST_POINTS: Final = 2000
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,18 +36,18 @@ class ErrorKind:
     sizes: FloatArray
 
 
-def _unit(each: ErrorKind) -> Unit:
-    return each.unit
+def _unit(errors: ErrorKind) -> Unit:
+    return errors.unit
 
 
 ERRORS: Final = Listing[ErrorKind](
     "Distance from the reference",
-    Column("", "", lambda each: f"{each.name}, {unit_name(each.unit)}"),
-    Column("rms", "RMS", lambda each: np.sqrt(np.mean(each.sizes**2)), _unit),
-    Column("mean", "mean", lambda each: each.sizes.mean(), _unit),
-    Column("p95", "95 %", lambda each: np.percentile(each.sizes, 95), _unit),
-    Column("max", "max", lambda each: each.sizes.max(), _unit),
-    Column("count", None, lambda each: len(each.sizes)),
+    Column("", "", lambda row: f"{row.name}, {unit_name(row.unit)}"),
+    Column("rms", "RMS", lambda row: np.sqrt(np.mean(row.sizes**2)), _unit),
+    Column("mean", "mean", lambda row: row.sizes.mean(), _unit),
+    Column("p95", "95 %", lambda row: np.percentile(row.sizes, 95), _unit),
+    Column("max", "max", lambda row: row.sizes.max(), _unit),
+    Column("count", None, lambda row: len(row.sizes)),
 )
 
 
@@ -56,9 +55,9 @@ def _by_motion(title: str, key: str, unit: str) -> Listing[MotionQuarter]:
     """Errors by speed or acceleration, in SI: that is what people state them in."""
     return Listing(
         title,
-        shown_as(f"from to, {unit}", lambda each: f"{each.low:.3f} to {each.high:.3f}"),
-        Column(f"{key}_low", None, lambda each: each.low),
-        Column(f"{key}_high", None, lambda each: each.high),
+        shown_as(f"from to, {unit}", lambda row: f"{row.low:.3f} to {row.high:.3f}"),
+        Column(f"{key}_low", None, lambda row: row.low),
+        Column(f"{key}_high", None, lambda row: row.high),
         Column("rms_same_time", "at the same time", unit="m"),
         Column("rms", "latency removed", unit="m"),
         Column("std", "± std", unit="m"),
@@ -93,24 +92,25 @@ class Reversals:
     hysteresis_std: float
 
 
-def _joint_unit(each: Reversals) -> Unit:
-    return each.channel.channel.unit
+def _joint_unit(reversals: Reversals) -> Unit:
+    return reversals.channel.channel.unit
 
 
-def _hysteresis_text(each: Reversals) -> str:
-    if math.isnan(each.hysteresis):
+def _hysteresis_text(reversals: Reversals) -> str:
+    if math.isnan(reversals.hysteresis):
         return NOTHING
-    unit = _joint_unit(each)
-    return f"{text(each.hysteresis, unit)} ± {text(each.hysteresis_std, unit, with_unit=True)}"
+    unit = _joint_unit(reversals)
+    std = text(reversals.hysteresis_std, unit, with_unit=True)
+    return f"{text(reversals.hysteresis, unit)} ± {std}"
 
 
 AXES: Final = Listing[Reversals](
     "Error where it turns back, mm RMS",
-    Column("name", "axis", lambda each: each.channel.channel.name),
-    Column("count", "times", lambda each: len(each.channel.reversals), form="d"),
-    Column("error_before", "before", lambda each: each.channel.error_before, "m"),
-    Column("error_after", "after", lambda each: each.channel.error_after, "m"),
-    Column("jump", "jump", lambda each: each.channel.jump, "m"),
+    Column("name", "axis", lambda row: row.channel.channel.name),
+    Column("count", "times", lambda row: len(row.channel.reversals), form="d"),
+    Column("error_before", "before", lambda row: row.channel.error_before, "m"),
+    Column("error_after", "after", lambda row: row.channel.error_after, "m"),
+    Column("jump", "jump", lambda row: row.channel.jump, "m"),
 )
 JOINTS: Final = Listing[Reversals](
     AXES.title,
@@ -121,8 +121,8 @@ JOINTS: Final = Listing[Reversals](
 )
 
 
-def _fault_unit(each: RecordFault) -> Unit:
-    return each.unit
+def _fault_unit(fault: RecordFault) -> Unit:
+    return fault.unit
 
 
 # Written only: the notes of the assessment tell them.
@@ -138,12 +138,12 @@ FAULTS: Final = Listing[RecordFault](
     Column("std", unit=_fault_unit),
     Column("explained"),
     Column("rms", unit="m"),
-    Column("latency_ms", value=lambda each: ms(each.latency)),
+    Column("latency_ms", value=lambda row: ms(row.latency)),
     Column("spoils"),
 )
 
 
-def path_accuracy_document(found: PathAccuracy) -> Document:
+def path_accuracy_document(accuracy: PathAccuracy) -> Document:
     """Latency, errors, what happens where joints turn back, and the transform if one was found.
 
     In JSON ``errors`` has ``same_time`` (recorded minus reference at one time),
@@ -151,36 +151,36 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
     ``orientation``; ``faults`` has what the record itself got wrong, and ``rms`` and ``latency``
     without that.
     """
-    alignment = found.alignment
-    same_time, aligned = np.linalg.norm([found.error_same_time, found.error], axis=2)
+    alignment = accuracy.alignment
+    same_time, aligned = np.linalg.norm([accuracy.error_same_time, accuracy.error], axis=2)
     errors = [
         ErrorKind("same_time", "at the same time", "m", same_time),
         ErrorKind("latency_removed", "latency removed", "m", aligned),
-        ErrorKind("path", "across the path", "m", found.path_error),
+        ErrorKind("path", "across the path", "m", accuracy.path_error),
     ]
-    if found.angle_error is not None:
-        errors.append(ErrorKind("orientation", "orientation", "rad", found.angle_error))
-    reversals = JOINTS if found.per == "joint" else AXES
+    if accuracy.angle_error is not None:
+        errors.append(ErrorKind("orientation", "orientation", "rad", accuracy.angle_error))
+    reversals = JOINTS if accuracy.per == "joint" else AXES
     unknown = (math.nan, math.nan)
     rows = [
-        Reversals(each, *found.hysteresis.get(each.channel.name, unknown))
-        for each in found.reversals
+        Reversals(reversal, *accuracy.hysteresis.get(reversal.channel.name, unknown))
+        for reversal in accuracy.reversals
     ]
-    rates = [(rate, found.staleness(rate)) for rate in UPDATE_RATES]
+    rates = [(rate, accuracy.staleness(rate)) for rate in UPDATE_RATES]
     late = "later" if alignment.latency >= 0 else "earlier"
     latency = (
         f"Latency {ms(alignment.latency):.3f} ± {ms(alignment.latency_std):.3f} ms: the "
-        f"recording comes {late} than the reference ({len(found.time)} rows, "
-        f"{found.time[-1] - found.time[0]:.1f} s)"
+        f"recording comes {late} than the reference ({len(accuracy.time)} rows, "
+        f"{accuracy.time[-1] - accuracy.time[0]:.1f} s)"
     )
     parts: list[Part] = [
         Text(latency),
         ERRORS.of(errors),
-        SPEEDS.of(found.by_speed),
-        ACCELERATIONS.of(found.by_acceleration),
+        SPEEDS.of(accuracy.by_speed),
+        ACCELERATIONS.of(accuracy.by_acceleration),
         RATES.of(rates),
         reversals.of(rows),
-        Figure(partial(path_accuracy_plot, found)),
+        Figure(partial(path_accuracy_plot, accuracy)),
     ]
     registration: Json | None = None
     if alignment.registered:
@@ -193,45 +193,49 @@ def path_accuracy_document(found: PathAccuracy) -> Document:
             "searched_ms": ms(float(alignment.shifts[-1])),
             "as_good_ms": [ms(latency) for latency in alignment.as_good],
         },
-        "errors": {each.key: ERRORS.record(each) for each in errors},
-        "by_speed": SPEEDS.records(found.by_speed),
-        "by_acceleration": ACCELERATIONS.records(found.by_acceleration),
+        "errors": {error.key: ERRORS.record(error) for error in errors},
+        "by_speed": SPEEDS.records(accuracy.by_speed),
+        "by_acceleration": ACCELERATIONS.records(accuracy.by_acceleration),
         "by_update_rate": RATES.records(rates),
-        "reversals": {"per": found.per, "channels": reversals.records(rows)},
-        "faults": FAULTS.records(found.faults),
+        "reversals": {"per": accuracy.per, "channels": reversals.records(rows)},
+        "faults": FAULTS.records(accuracy.faults),
         "registration": registration,
-        "samples": {"compared": len(found.time), "recorded": len(found.recorded.time)},
-        "seconds": float(found.time[-1] - found.time[0]),
-        "input": {"recorded": str(found.recorded.path), "reference": str(found.reference.path)},
+        "samples": {"compared": len(accuracy.time), "recorded": len(accuracy.recorded.time)},
+        "seconds": float(accuracy.time[-1] - accuracy.time[0]),
+        "input": {
+            "recorded": str(accuracy.recorded.path),
+            "reference": str(accuracy.reference.path),
+        },
     }
-    return Document(NAME, "Path accuracy", found.assessment, parts, data, "result")
+    return Document(NAME, "Path accuracy", accuracy.assessment, parts, data, "result")
 
 
-def path_accuracy_plot(found: PathAccuracy) -> str:
+def path_accuracy_plot(accuracy: PathAccuracy) -> str:
     """An SVG: error over time, distance by latency, and what happens at reversals."""
     with picture(NAME, (LARGE, 5.6)) as figure:
-        below = ["latency", "reversals"] + ["hysteresis"] * (found.per == "joint")
+        below = ["latency", "reversals"] + ["hysteresis"] * (accuracy.per == "joint")
         layout: Any = [["time"] * len(below), below]
         panels = figure.subplot_mosaic(layout)
-        _over_time(panels["time"], found)
-        _by_latency(panels["latency"], found)
-        _at_reversals(panels["reversals"], found)
-        if found.per == "joint":
-            _hysteresis(panels["hysteresis"], found)
+        _over_time(panels["time"], accuracy)
+        _by_latency(panels["latency"], accuracy)
+        _at_reversals(panels["reversals"], accuracy)
+        if accuracy.per == "joint":
+            _hysteresis(panels["hysteresis"], accuracy)
         description = "Dynamic accuracy: error over time, by latency, and at reversals"
         return svg_text(figure, NAME, description)
 
 
-def _over_time(axes: Axes, found: PathAccuracy) -> None:
-    step = max(1, len(found.time) // _MOST_POINTS)
-    rows = len(found.time) // step * step
+def _over_time(axes: Axes, accuracy: PathAccuracy) -> None:
+    most_points = 2000
+    step = max(1, len(accuracy.time) // most_points)
+    rows = len(accuracy.time) // step * step
     for error, colour, label in (
-        (found.error_same_time, ORANGE, "at the same time"),
-        (found.error, BLUE, "latency removed"),
+        (accuracy.error_same_time, ORANGE, "at the same time"),
+        (accuracy.error, BLUE, "latency removed"),
     ):
         # The largest of every few rows: no peak is lost, and the file stays small.
         size = mm(np.linalg.norm(error, axis=1))[:rows].reshape(-1, step).max(axis=1)
-        axes.plot(found.time[:rows:step], size, color=colour, lw=0.9, label=label)
+        axes.plot(accuracy.time[:rows:step], size, color=colour, lw=0.9, label=label)
     axes.set_ylim(bottom=0)
     axes.set_title("Distance from the reference", pad=24)
     axes.set_xlabel("time, s")
@@ -240,8 +244,8 @@ def _over_time(axes: Axes, found: PathAccuracy) -> None:
     axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
 
 
-def _by_latency(axes: Axes, found: PathAccuracy) -> None:
-    alignment = found.alignment
+def _by_latency(axes: Axes, accuracy: PathAccuracy) -> None:
+    alignment = accuracy.alignment
     axes.plot(ms(alignment.shifts), mm(alignment.rms), color=BLUE, lw=1.2)
     axes.axvline(ms(alignment.latency), color=GREY, lw=1.2, ls="--")
     axes.set_ylim(bottom=0)
@@ -253,15 +257,15 @@ def _by_latency(axes: Axes, found: PathAccuracy) -> None:
     axes.grid()
 
 
-def _at_reversals(axes: Axes, found: PathAccuracy) -> None:
+def _at_reversals(axes: Axes, accuracy: PathAccuracy) -> None:
     for shift, colour, mark, what in (
         (-0.2, BLUE, "o", "before"),
         (0.0, ORANGE, "s", "after"),
         (0.2, "black", "D", "jump"),
     ):
         values = [
-            each.jump if what == "jump" else getattr(each, f"error_{what}")
-            for each in found.reversals
+            reversal.jump if what == "jump" else getattr(reversal, f"error_{what}")
+            for reversal in accuracy.reversals
         ]
         places = np.arange(len(values)) + shift
         axes.plot(places, mm(np.array(values)), mark, color=colour, ms=4.5, label=what)
@@ -270,25 +274,25 @@ def _at_reversals(axes: Axes, found: PathAccuracy) -> None:
     axes.set_title("Error of the tip where it turns back", pad=24)
     axes.set_ylabel("RMS, mm")
     axes.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
-    _name(axes, found)
+    _name(axes, accuracy)
 
 
-def _hysteresis(axes: Axes, found: PathAccuracy) -> None:
+def _hysteresis(axes: Axes, accuracy: PathAccuracy) -> None:
     """Each joint's hysteresis with twice its standard uncertainty, in mm for one that slides."""
-    for k, each in enumerate(found.reversals):
-        pair = found.hysteresis.get(each.channel.name)
+    for k, reversal in enumerate(accuracy.reversals):
+        pair = accuracy.hysteresis.get(reversal.channel.name)
         if pair is not None:
-            size, std = shown_array(np.array(pair), each.channel.unit)
+            size, std = shown(np.array(pair), reversal.channel.unit)
             axes.errorbar(k, size, 2 * std, fmt="o", color=BLUE, ms=5, capsize=4)
     axes.axhline(0, color=GREY, lw=0.8)
-    units = {unit_name(each.channel.unit) for each in found.reversals}
+    units = {unit_name(reversal.channel.unit) for reversal in accuracy.reversals}
     axes.set_title("Hysteresis (bars: 2 std)", pad=24)
     axes.set_ylabel(f"hysteresis, {' or '.join(sorted(units))}")
-    _name(axes, found)
+    _name(axes, accuracy)
 
 
-def _name(axes: Axes, found: PathAccuracy) -> None:
-    names = [each.channel.name for each in found.reversals]
+def _name(axes: Axes, accuracy: PathAccuracy) -> None:
+    names = [reversal.channel.name for reversal in accuracy.reversals]
     axes.set_xticks(range(len(names)), names)
     axes.set_xlim(-0.6, len(names) - 0.4)
     axes.tick_params(axis="x", labelrotation=45 if len(names) > 3 else 0)

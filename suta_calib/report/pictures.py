@@ -35,7 +35,6 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
-_DIGITS: Final = 6
 # Of the picture's width, how long the largest error is drawn.
 _ARROW: Final = 0.06
 _INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "linestyle": "none", "ms": 4.5}
@@ -98,64 +97,77 @@ class SeenCorner:
 
 CORNERS: Final = Listing[SeenCorner](
     "Every corner",
-    Column("camera", value=lambda each: each.camera.label),
-    Column("image", value=lambda each: each.camera.images[int(each.number(0))]),
-    Column("point", value=lambda each: int(each.number(1))),
-    Column("u", value=lambda each: each.number(2)),
-    Column("v", value=lambda each: each.number(3)),
-    Column("du", value=lambda each: each.number(4), unit="px"),
-    Column("dv", value=lambda each: each.number(5), unit="px"),
-    Column("status", value=lambda each: "inlier" if each.number(6) else "outlier"),
+    Column("camera", value=lambda row: row.camera.label),
+    Column("image", value=lambda row: row.camera.images[int(row.number(0))]),
+    Column("point", value=lambda row: int(row.number(1))),
+    Column("u", value=lambda row: row.number(2)),
+    Column("v", value=lambda row: row.number(3)),
+    Column("du", value=lambda row: row.number(4), unit="px"),
+    Column("dv", value=lambda row: row.number(5), unit="px"),
+    Column("status", value=lambda row: "inlier" if row.number(6) else "outlier"),
 )
 
 
-def picture_document(found: PictureCalibration, data: HandPoses) -> Document:
+def picture_document(calibration: PictureCalibration, data: HandPoses) -> Document:
     """X of every camera, Z where the model asks for it, and intrinsics, with standard deviations.
 
     Files: ``residuals.csv``, and ``camera.yaml`` of every camera whose intrinsics were found.
     """
-    several = len(found.cameras) > 1
+    several = len(calibration.cameras) > 1
     parts: list[Part] = []
-    for seen in found.cameras:
+    for camera in calibration.cameras:
         if several:
-            parts.append(Text(f"Camera {seen.label}", look="heading"))
-        parts += _poses(found, seen)
-        if seen.camera.covariance is not None:
-            parts.append(INTRINSIC.of(_intrinsics(seen)))
-            name = f"camera-{seen.label}.yaml" if several else "camera.yaml"
-            parts.append(File(name, partial(camera_text, seen.camera)))
-        parts += _fit(seen)
-    corners = [SeenCorner(c, k) for c in found.cameras for k in range(len(c.corners))]
-    parts += [Text(said) for said in (_predicted(found), _hand(found.noise)) if said]
+            parts.append(Text(f"Camera {camera.label}", look="heading"))
+        parts += _poses(calibration, camera)
+        if camera.camera.covariance is not None:
+            parts.append(INTRINSIC.of(_intrinsics(camera)))
+            name = f"camera-{camera.label}.yaml" if several else "camera.yaml"
+            parts.append(File(name, partial(camera_text, camera.camera)))
+        parts += _fit(camera)
+    corners = [SeenCorner(c, k) for c in calibration.cameras for k in range(len(c.corners))]
     parts += [
-        File("residuals.csv", lambda: csv_text(CORNERS, corners, _DIGITS)),
-        Figure(partial(picture_plot, found)),
+        Text(sentence)
+        for sentence in (_predicted(calibration), _hand(calibration.noise))
+        if sentence
     ]
-    first = found.cameras[0]
-    record: Json = {"setup": found.setup, "model": found.model, **_record(found, first)}
+    digits = 6
+    parts += [
+        File("residuals.csv", lambda: csv_text(CORNERS, corners, digits)),
+        Figure(partial(picture_plot, calibration)),
+    ]
+    first = calibration.cameras[0]
+    record: Json = {
+        "setup": calibration.setup,
+        "model": calibration.model,
+        **_record(calibration, first),
+    }
     if several:
-        record["cameras"] = {seen.label: _record(found, seen) for seen in found.cameras}
+        record["cameras"] = {
+            camera.label: _record(calibration, camera) for camera in calibration.cameras
+        }
     record["hand_noise"] = {
-        "position_mm": mm(found.noise.position.value),
-        "rotation_deg": deg(found.noise.rotation.value),
-        "log_std": [found.noise.position.log_std, found.noise.rotation.log_std],
-        "shared_position_mm": mm(found.noise.shared[0]),
-        "shared_rotation_deg": deg(found.noise.shared[1]),
-        "model": found.error_model.name,
-        "share_by_pixels": found.error_model.share if found.error_model.base_by_pixels else None,
+        "position_mm": mm(calibration.noise.position.value),
+        "rotation_deg": deg(calibration.noise.rotation.value),
+        "log_std": [calibration.noise.position.log_std, calibration.noise.rotation.log_std],
+        "shared_position_mm": mm(calibration.noise.shared[0]),
+        "shared_rotation_deg": deg(calibration.noise.shared[1]),
+        "model": calibration.error_model.name,
+        "share_by_pixels": calibration.error_model.share
+        if calibration.error_model.base_by_pixels
+        else None,
         "left_out_rms_px": {
-            "hand-errors": _left_out(found, MODELS[0]),
-            "exact-hand": _left_out(found, MODELS[-1]),
+            "hand-errors": _left_out(calibration, MODELS[0]),
+            "exact-hand": _left_out(calibration, MODELS[-1]),
         },
     }
-    counts = [len(seen.images) for seen in found.cameras]
-    lost = [int((~seen.inliers).sum()) for seen in found.cameras]
+    counts = [len(camera.images) for camera in calibration.cameras]
+    lost = [int((~camera.inliers).sum()) for camera in calibration.cameras]
     record |= {
-        "frames": {name: FRAMES[found.setup][name] for name in found.unknowns},
-        "reprojection_rms_px": found.rms,
-        "reprojection_left_out_rms_px": found.left_out,
-        "outliers": list(found.outliers),
-        "outlier_lines": [data.lines[row] for row in found.outliers],
+        "frames": {name: FRAMES[calibration.setup][name] for name in calibration.unknowns},
+        "reprojection_rms_px": calibration.rms,
+        "reprojection_left_out_rms_px": calibration.left_out,
+        "outliers": list(calibration.outliers),
+        "outlier_lines": [data.lines[row] for row in calibration.outliers],
         "counts": {
             "rows": len(data.lines),
             "images": sum(counts),
@@ -165,42 +177,42 @@ def picture_document(found: PictureCalibration, data: HandPoses) -> Document:
         "input": str(data.path),
     }
     title = "Hand-eye calibration from pictures"
-    return Document(NAME, title, found.assessment, parts, record, "result")
+    return Document(NAME, title, calibration.assessment, parts, record, "result")
 
 
-def _poses(found: PictureCalibration, seen: SeenCamera) -> Iterator[Part]:
-    for name in found.unknowns:
-        frame = FRAMES[found.setup][name]
+def _poses(calibration: PictureCalibration, camera: SeenCamera) -> Iterator[Part]:
+    for name in calibration.unknowns:
+        frame = FRAMES[calibration.setup][name]
         _, base, what = frame.split("_")
-        title = f"{name} = {frame}: the {what} in the {base}, {found.setup}"
-        yield pose_table(title, getattr(seen, name), seen.std[name], f"the {what}'s axes")
+        title = f"{name} = {frame}: the {what} in the {base}, {calibration.setup}"
+        yield pose_table(title, getattr(camera, name), camera.std[name], f"the {what}'s axes")
 
 
-def _intrinsics(seen: SeenCamera) -> list[Intrinsic]:
-    stds = seen.camera.stds
+def _intrinsics(camera: SeenCamera) -> list[Intrinsic]:
+    stds = camera.camera.stds
     return [
         Intrinsic(
             name,
             "px" if name in (*FOCAL, *CENTRE) else "1",
-            None if seen.given is None else seen.given.values[name],
+            None if camera.given is None else camera.given.values[name],
             value,
             None if stds is None else float(stds[k]),
         )
-        for k, (name, value) in enumerate(seen.camera.values.items())
+        for k, (name, value) in enumerate(camera.camera.values.items())
     ]
 
 
-def _left_out(found: PictureCalibration, model: ErrorModel) -> float | None:
+def _left_out(calibration: PictureCalibration, model: ErrorModel) -> float | None:
     """RMS of pictures left out by one of the models, px; None of few pictures."""
-    return found.errors[model].left_out if found.errors else None
+    return calibration.errors[model].left_out if calibration.errors else None
 
 
-def _predicted(found: PictureCalibration) -> str:
+def _predicted(calibration: PictureCalibration) -> str:
     """How well pictures are foretold that were left out, and what frames follow; empty of few."""
-    if not found.errors:
+    if not calibration.errors:
         return ""
-    error, model = found.errors[found.error_model], found.error_model
-    stands = "the board" if found.setup == EYE_IN_HAND else "the camera"
+    error, model = calibration.errors[calibration.error_model], calibration.error_model
+    stands = "the board" if calibration.setup == EYE_IN_HAND else "the camera"
     how = {
         "hand-errors": "each picture is weighted by the errors of the hand",
         "mixed": f"X is weighted by the errors of the hand, {100 * model.share:.0f} % of the way "
@@ -210,8 +222,8 @@ def _predicted(found: PictureCalibration) -> str:
     return (
         f"reprojection rms {error.fitted:.3f} px in the fitted pictures, {error.left_out:.3f} px "
         f"in pictures left out in turn; {how}. Of left-out pictures, least squares has "
-        f"{found.errors[MODELS[-1]].left_out:.3f} px and weighting alone "
-        f"{found.errors[MODELS[0]].left_out:.3f} px"
+        f"{calibration.errors[MODELS[-1]].left_out:.3f} px and weighting alone "
+        f"{calibration.errors[MODELS[0]].left_out:.3f} px"
     )
 
 
@@ -219,7 +231,7 @@ def _hand(noise: PictureNoise) -> str:
     """How far the hand is off."""
     low, high = noise.position.interval
     from_turn, to_turn = noise.rotation.interval
-    said = (
+    sentence = (
         f"each pose of the hand is off by {mm(noise.position.value):.3f} mm "
         f"({mm(low):.3f} to {mm(high):.3f}) and {deg(noise.rotation.value):.3f}° "
         f"({deg(from_turn):.3f} to {deg(to_turn):.3f}) about each axis (one sigma)"
@@ -227,26 +239,26 @@ def _hand(noise: PictureNoise) -> str:
     shift, turn = noise.shared
     if shift == 0.0:
         return (
-            f"{said}. An error that all poses share, such as a tilted base, is not visible in "
+            f"{sentence}. An error that all poses share, such as a tilted base, is not visible in "
             "pictures and not in ±"
         )
     return (
-        f"{said}, and by {mm(shift):.3f} mm and {deg(turn):.3f}° that neighbouring poses share, "
-        "as with wrong lengths or angles of the arm. An error that all poses share is not "
+        f"{sentence}, and by {mm(shift):.3f} mm and {deg(turn):.3f}° that neighbouring poses "
+        "share, as with wrong lengths or angles of the arm. An error that all poses share is not "
         "visible in pictures: ± assumes that it is about as large"
     )
 
 
-def _fit(seen: SeenCamera) -> Iterator[Part]:
+def _fit(camera: SeenCamera) -> Iterator[Part]:
     """How well the pictures agree, and which do not."""
-    count, strange = len(seen.images), seen.strange
-    said = f"reprojection rms {seen.rms:.3f} px"
-    if seen.alone > 0 and seen.rms > ROBOTS * seen.alone:
-        said += (
-            f", of which the camera alone leaves {seen.alone:.3f} px: the rest is where the robot "
-            "was against what it reported"
+    count, strange = len(camera.images), camera.strange
+    sentence = f"reprojection rms {camera.rms:.3f} px"
+    if camera.alone > 0 and camera.rms > ROBOTS * camera.alone:
+        sentence += (
+            f", of which the camera alone leaves {camera.alone:.3f} px: the rest is where the "
+            "robot was against what it reported"
         )
-    yield Text(said)
+    yield Text(sentence)
     fitted = f"{count - len(strange)} of {count} pictures fitted"
     if strange:
         s = "s" * (len(strange) > 1)
@@ -254,32 +266,32 @@ def _fit(seen: SeenCamera) -> Iterator[Part]:
     yield Text(fitted)
 
 
-def _record(found: PictureCalibration, seen: SeenCamera) -> Json:
+def _record(calibration: PictureCalibration, camera: SeenCamera) -> Json:
     """A camera as JSON has it."""
     record: Json = {}
-    for name in found.unknowns:
-        record |= {name: getattr(seen, name), **pose_record(getattr(seen, name), f"{name}_")}
-    size = 6 * len(found.unknowns)
-    order = [f"{name}.{key}" for name in found.unknowns for key in PLACEMENT]
-    told = seen.inliers & np.isfinite(seen.slides[:, 0])
+    for name in calibration.unknowns:
+        record |= {name: getattr(camera, name), **pose_record(getattr(camera, name), f"{name}_")}
+    size = 6 * len(calibration.unknowns)
+    order = [f"{name}.{key}" for name in calibration.unknowns for key in PLACEMENT]
+    judged = camera.inliers & np.isfinite(camera.slides[:, 0])
     return record | {
-        "std": {name: pose_std_record(seen.std[name]) for name in found.unknowns},
-        "rms_mm": plain(rms_length(seen.slides[told]), "m"),
-        "rms_deg": plain(rms_length(seen.turns[told]), "rad"),
-        "reprojection_rms_px": seen.rms,
-        "camera_alone_rms_px": seen.alone,
-        "camera": _camera_record(seen),
+        "std": {name: pose_std_record(camera.std[name]) for name in calibration.unknowns},
+        "rms_mm": plain(rms_length(camera.slides[judged]), "m"),
+        "rms_deg": plain(rms_length(camera.turns[judged]), "rad"),
+        "reprojection_rms_px": camera.rms,
+        "camera_alone_rms_px": camera.alone,
+        "camera": _camera_record(camera),
         "intrinsics_held": None
-        if seen.if_held is None
-        else {"X": seen.if_held.X, "std": pose_std_record(seen.if_held.std)},
-        "outlier_images": seen.strange,
-        "covariance": covariance_record(seen.covariance[:size, :size], order, "m, rad"),
+        if camera.if_held is None
+        else {"X": camera.if_held.X, "std": pose_std_record(camera.if_held.std)},
+        "outlier_images": camera.strange,
+        "covariance": covariance_record(camera.covariance[:size, :size], order, "m, rad"),
     }
 
 
-def _camera_record(seen: SeenCamera) -> Json:
+def _camera_record(camera: SeenCamera) -> Json:
     """Intrinsics with their standard deviations, null where they were held."""
-    values, stds = seen.camera.intrinsics, seen.camera.stds
+    values, stds = camera.camera.intrinsics, camera.camera.stds
     none: Sequence[float | None] = [None] * len(INTRINSICS)
     std = none if stds is None else stds.tolist()
     return {
@@ -292,28 +304,30 @@ def _camera_record(seen: SeenCamera) -> Json:
     }
 
 
-def picture_plot(found: PictureCalibration) -> str:
+def picture_plot(calibration: PictureCalibration) -> str:
     """An SVG: errors by picture, and where in the picture corners are off."""
-    rows = len(found.cameras)
+    rows = len(calibration.cameras)
     with picture(NAME, (LARGE, 3.2 * rows)) as figure:
         panels = figure.subplots(rows, 2, squeeze=False, width_ratios=(1.3, 1))
-        for (by_picture, over), seen in zip(panels, found.cameras, strict=True):
-            number, good = np.arange(len(seen.images)), seen.inliers
-            by_picture.axhline(seen.rms, color=GREY, lw=1.2, ls="--", label="RMS")
-            by_picture.plot(number[good], seen.picture_rms[good], label="fitted", **_INLIER)
+        for (by_picture, over), camera in zip(panels, calibration.cameras, strict=True):
+            number, good = np.arange(len(camera.images)), camera.inliers
+            by_picture.axhline(camera.rms, color=GREY, lw=1.2, ls="--", label="RMS")
+            by_picture.plot(number[good], camera.picture_rms[good], label="fitted", **_INLIER)
             if not good.all():
-                by_picture.plot(number[~good], seen.picture_rms[~good], label="outlier", **_OUTLIER)
+                by_picture.plot(
+                    number[~good], camera.picture_rms[~good], label="outlier", **_OUTLIER
+                )
                 by_picture.set_yscale("log")
             else:
                 by_picture.set_ylim(bottom=0.0)
             by_picture.xaxis.set_major_locator(MaxNLocator(integer=True))
             by_picture.set(xlabel="picture (from 0)", ylabel="reprojection RMS, px")
             by_picture.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
-            fitted = seen.corners[seen.corners[:, 6] > 0]
+            fitted = camera.corners[camera.corners[:, 6] > 0]
             u, v, du, dv = fitted[:, 2:6].T
             largest = max(float(np.hypot(du, dv).max(initial=0.0)), 1e-9)
-            scale = largest / (_ARROW * seen.camera.width)
+            scale = largest / (_ARROW * camera.camera.width)
             over.quiver(u, v, du, dv, angles="xy", scale_units="xy", scale=scale, width=3e-3)
-            over.set(xlim=(0, seen.camera.width), ylim=(seen.camera.height, 0), aspect="equal")
+            over.set(xlim=(0, camera.camera.width), ylim=(camera.camera.height, 0), aspect="equal")
             over.set(xlabel="u, px", ylabel="v, px", title=f"errors × {1 / scale:.0f}")
         return svg_text(figure, NAME, "Reprojection errors by picture and over the picture")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Final
 
+from suta_calib import report
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.pose_calibration.pivot import PivotCalibration
-from suta_calib.report import pose_plots as plots
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, Table, json_text, plain, written
 from suta_calib.report.poses import (
@@ -27,7 +27,7 @@ CALIBRATION: Final = Listing[PivotCalibration](
     "",
     *TIP.columns,
     Column("post", unit="m"),
-    Column("post_std", value=lambda found: found.post_std(), unit="m"),
+    Column("post_std", value=lambda row: row.post_std(), unit="m"),
     *written("rms", "sigma", unit="m"),
     Column("turn", unit="rad"),
 )
@@ -41,48 +41,54 @@ PLACES: Final = Listing[tuple[str, FloatArray, FloatArray]](
 )
 
 
-def pivot_document(found: PivotCalibration, data: ToolPoses) -> Document:
+def pivot_document(calibration: PivotCalibration, data: ToolPoses) -> Document:
     """Tip, posts, fit; with ``residuals.csv``, and ``tip.json`` where the tip may be used."""
-    parts: list[Part] = [places_table(found, labelled=data.point is not None)]
-    if (more := len(found.posts) - MOST_POSTS) > 0:
+    parts: list[Part] = [places_table(calibration, labelled=data.point is not None)]
+    if (more := len(calibration.posts) - MOST_POSTS) > 0:
         parts.append(Text(f"and {more} more posts: --json has them"))
     touched = {} if data.point is None else {"point": data.point.tolist()}
     fit = (
-        f"rms {text(found.rms, 'm', with_unit=True)} (3-D); "
-        f"the tool was turned by {deg(found.turn):.0f}° RMS"
+        f"rms {text(calibration.rms, 'm', with_unit=True)} (3-D); "
+        f"the tool was turned by {deg(calibration.turn):.0f}° RMS"
     )
     parts += [
-        *fit_texts(fit, "pose", found, data.lines),
-        residuals_file(found.inliers, {"line": data.lines, **touched}, found.residuals),
-        Figure(lambda: plots.pivot_plot(found, data)),
+        *fit_texts(fit, "pose", calibration, data.lines),
+        residuals_file(calibration.inliers, {"line": data.lines, **touched}, calibration.residuals),
+        Figure(lambda: report.pivot_plot(calibration, data)),
     ]
-    if found.assessment.usable:
-        parts.append(File("tip.json", lambda: json_text(TIP.record(found))))
-    order = [f"{name}.{axis}" for name in ("tip", *found.posts) for axis in "xyz"]
-    record: Json = CALIBRATION.record(found)
+    if calibration.assessment.usable:
+        parts.append(File("tip.json", lambda: json_text(TIP.record(calibration))))
+    order = [f"{name}.{axis}" for name in ("tip", *calibration.posts) for axis in "xyz"]
+    record: Json = CALIBRATION.record(calibration)
     if data.point is not None:
-        record["posts_mm"] = plain(found.posts, "m")
-        record["posts_std_mm"] = {n: plain(found.post_std(n), "m") for n in found.posts}
+        record["posts_mm"] = plain(calibration.posts, "m")
+        record["posts_std_mm"] = {n: plain(calibration.post_std(n), "m") for n in calibration.posts}
     record |= {
-        **fitted_rows(found, data.lines),
-        "covariance": covariance_record(found.covariance, order, "m²"),
+        **fitted_rows(calibration, data.lines),
+        "covariance": covariance_record(calibration.covariance, order, "m²"),
         "input": str(data.path),
     }
     return Document(
-        NAME, "Pivot calibration", found.assessment, parts, record, "result", found.in_a_line
+        NAME,
+        "Pivot calibration",
+        calibration.assessment,
+        parts,
+        record,
+        "result",
+        calibration.in_a_line,
     )
 
 
-def places_table(found: PivotCalibration, *, labelled: bool) -> Table:
+def places_table(calibration: PivotCalibration, *, labelled: bool) -> Table:
     """Tip and posts, ± std, mm.
 
     Args:
-        found: the answer.
+        calibration: the answer.
         labelled: whether the posts have names of their own.
     """
     posts = [
-        (f"post {name}" if labelled else "post", post, found.post_std(name))
-        for name, post in list(found.posts.items())[:MOST_POSTS]
+        (f"post {name}" if labelled else "post", post, calibration.post_std(name))
+        for name, post in list(calibration.posts.items())[:MOST_POSTS]
     ]
-    title = PLACES.title if len(found.posts) == 1 else PLACES.title.replace("post", "posts")
-    return PLACES.of([("tip", found.tip, found.tip_std), *posts], title)
+    title = PLACES.title if len(calibration.posts) == 1 else PLACES.title.replace("post", "posts")
+    return PLACES.of([("tip", calibration.tip, calibration.tip_std), *posts], title)

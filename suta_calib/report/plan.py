@@ -116,25 +116,25 @@ STOP: Final = Listing[Stop](
 UNREACHABLE: Final = Listing[Unreachable]("", Column("name"), Column("kind"), Column("reason"))
 
 
-def plan_document(found: Plan) -> Document:
+def plan_document(plan: Plan) -> Document:
     """The plan, where it is on the bench, what each more would bring, and the parameters."""
-    pairs = zip(_expected(found.before), _expected(found.after), strict=True)
+    pairs = zip(_expected(plan.before), _expected(plan.after), strict=True)
     parts: list[Part] = [
-        File("plan.csv", lambda: csv_text(_bench_rows(found), found.chosen)),
-        File("plan.yaml", lambda: _bench_yaml(found)),
-        CHOSEN.of(found.chosen),
-        Figure(partial(bench_drawing, found), "On the bench"),
-        *(Text(sentence, bullet=True) for sentence in _remedy_sentences(found)),
-        Figure(partial(gain_curve, found), "What each more would bring"),
-        *(Text(sentence, bullet=True) for sentence in _sentences(found)),
+        File("plan.csv", lambda: csv_text(_bench_rows(plan), plan.chosen)),
+        File("plan.yaml", lambda: _bench_yaml(plan)),
+        CHOSEN.of(plan.chosen),
+        Figure(partial(bench_drawing, plan), "On the bench"),
+        *(Text(sentence, bullet=True) for sentence in _remedy_sentences(plan)),
+        Figure(partial(gain_curve, plan), "What each more would bring"),
+        *(Text(sentence, bullet=True) for sentence in _sentences(plan)),
         PARAMETERS.of(pairs),
         Text(_WHAT, place="page"),
     ]
-    return Document(NAME, TITLE, found.assessment, parts, _data(found))
+    return Document(NAME, TITLE, plan.assessment, parts, _data(plan))
 
 
-def _data(found: Plan) -> Json:
-    sorts, situation = [candidate.sort for candidate in found.candidates], found.situation
+def _data(plan: Plan) -> Json:
+    sorts, situation = [candidate.sort for candidate in plan.candidates], plan.situation
     # What every touch is taken to scatter by.
     noise = [
         {
@@ -145,26 +145,26 @@ def _data(found: Plan) -> Json:
         for block, sigma in zip(situation.problem.blocks, situation.sigmas, strict=True)
     ]
     return {
-        "criterion": found.options.criterion,
-        "predicted": {"before": _forecast_dict(found.before), "after": _forecast_dict(found.after)},
-        "best_possible": BEST.record(found.best),
+        "criterion": plan.options.criterion,
+        "predicted": {"before": _forecast_dict(plan.before), "after": _forecast_dict(plan.after)},
+        "best_possible": BEST.record(plan.best),
         "random": {
-            "sets": len(found.random),
-            "median_tip_mm": mm(float(np.median(found.random))),
-            "best_tip_mm": mm(float(found.random.min())),
+            "sets": len(plan.random),
+            "median_tip_mm": mm(float(np.median(plan.random))),
+            "best_tip_mm": mm(float(plan.random.min())),
         },
-        "stop": STOP.record(found.stop),
-        "makes_identified": {r.parameter: list(r.candidates) for r in found.remedies if r.by_all},
-        "no_candidate_can": {r.parameter: r.why for r in found.remedies if not r.by_all},
-        "region": region_record(found.region),
+        "stop": STOP.record(plan.stop),
+        "makes_identified": {r.parameter: list(r.candidates) for r in plan.remedies if r.by_all},
+        "no_candidate_can": {r.parameter: r.why for r in plan.remedies if not r.by_all},
+        "region": region_record(plan.region),
         "candidates": {
             "count": len(sorts),
             "sorts": {name: sorts.count(name) for name in dict.fromkeys(sorts)},
         },
-        "unreachable": UNREACHABLE.records(found.unreachable),
-        "collisions": found.collisions,
+        "unreachable": UNREACHABLE.records(plan.unreachable),
+        "collisions": plan.collisions,
         "noise": noise,
-        "repeats": found.options.repeats,
+        "repeats": plan.options.repeats,
     }
 
 
@@ -200,20 +200,20 @@ def _forecast_dict(forecast: Forecast) -> Json:
         "tip_held_exact_mm": mm(forecast.tip_estimated),
         "unidentified": list(forecast.fixed),
         "parameters": {
-            each.name: {
-                key("std", each.unit): plain(each.std, each.unit),
-                key("plausible", each.unit): shown(each.plausible, each.unit),
-                "state": "unidentified" if each.std is None else "identified",
+            parameter.name: {
+                key("std", parameter.unit): plain(parameter.std, parameter.unit),
+                key("plausible", parameter.unit): shown(parameter.plausible, parameter.unit),
+                "state": "unidentified" if parameter.std is None else "identified",
             }
-            for each in forecast.parameters
+            for parameter in forecast.parameters
         },
     }
 
 
-def _bench_rows(found: Plan) -> Listing[Choice]:
+def _bench_rows(plan: Plan) -> Listing[Choice]:
     """Columns of ``plan.csv``: those of a pose, and those of joints where a posture is planned."""
-    postures = any(isinstance(choice.candidate.place, Posture) for choice in found.chosen)
-    joints = _joints(found) if postures else {}
+    postures = any(isinstance(choice.candidate.place, Posture) for choice in plan.chosen)
+    joints = _joints(plan) if postures else {}
 
     def number(k: int, choice: Choice) -> float | None:
         """Of a pose, and then of a posture."""
@@ -239,11 +239,11 @@ def _bench_rows(found: Plan) -> Listing[Choice]:
     )
 
 
-def _bench_yaml(found: Plan) -> str:
+def _bench_yaml(plan: Plan) -> str:
     """The same as a candidates file: it can be trimmed, changed and planned with again."""
-    content: dict[str, Any] = {"repeats": found.options.repeats}
-    joints = _joints(found).items()
-    for choice in found.chosen:
+    content: dict[str, Any] = {"repeats": plan.options.repeats}
+    joints = _joints(plan).items()
+    for choice in plan.chosen:
         place = choice.candidate.place
         if isinstance(place, Posture):
             posture: Json = content.setdefault("poses", {}).setdefault(place.name, {})
@@ -257,16 +257,16 @@ def _bench_yaml(found: Plan) -> str:
     return yaml_text(content, heading)
 
 
-def _joints(found: Plan) -> dict[str, Unit]:
+def _joints(plan: Plan) -> dict[str, Unit]:
     """Joints with the units of their readings."""
-    moving = found.situation.arm.chain.moving
+    moving = plan.situation.arm.chain.moving
     return {joint.name: "m" if joint.type == "prismatic" else "rad" for joint in moving}
 
 
-def _remedy_sentences(found: Plan) -> list[str]:
+def _remedy_sentences(plan: Plan) -> list[str]:
     """For every open parameter: what determines it, or that nothing here does."""
     sentences = []
-    for remedy in found.remedies:
+    for remedy in plan.remedies:
         named = listed(remedy.candidates, MOST_NAMES)
         why = f" ({remedy.why})" if remedy.why else ""
         if remedy.by_all and remedy.candidates:
@@ -277,15 +277,15 @@ def _remedy_sentences(found: Plan) -> list[str]:
         elif remedy.by_all:
             together = "only several candidates together determine it."
             sentences.append(f"{remedy.parameter} is open{why}; {together}")
-    never = [r for r in found.remedies if not r.by_all]
+    never = [r for r in plan.remedies if not r.by_all]
     for advice, group in groupby(sorted(never, key=lambda r: r.advice), key=lambda r: r.advice):
         names = ", ".join(r.parameter for r in group)
         sentences.append(f"No candidate can determine {names}: {advice or 'all leave it open'}.")
     return sentences
 
 
-def _efficiency(found: Plan) -> str:
-    best = found.best
+def _efficiency(plan: Plan) -> str:
+    best = plan.best
     shares = [
         f"{shown(part, '%'):.0f} %" if part >= 0.01 else "less than 1 %"
         for part in (best.efficiency, best.d_efficiency)
@@ -303,20 +303,20 @@ def _efficiency(found: Plan) -> str:
     )
 
 
-def _sentences(found: Plan) -> tuple[str, ...]:
-    median, least = (text(float(f(found.random)), "m") for f in (np.median, np.min))
+def _sentences(plan: Plan) -> tuple[str, ...]:
+    median, least = (text(float(f(plan.random)), "m") for f in (np.median, np.min))
     return (
-        _efficiency(found),
-        f"{len(found.random)} random choices of {len(found.chosen)} reach {median} mm (median) "
+        _efficiency(plan),
+        f"{len(plan.random)} random choices of {len(plan.chosen)} reach {median} mm (median) "
         f"and {least} mm at best.",
-        _stop(found),
-        f"{len(found.candidates)} candidates within reach, {len(found.unreachable)} not; region "
-        f"{region_text(found.region)}; {found.collisions}.",
+        _stop(plan),
+        f"{len(plan.candidates)} candidates within reach, {len(plan.unreachable)} not; region "
+        f"{region_text(plan.region)}; {plan.collisions}.",
     )
 
 
-def _stop(found: Plan) -> str:
-    stop, ahead = found.stop, len(found.stop.tips) - 1
+def _stop(plan: Plan) -> str:
+    stop, ahead = plan.stop, len(plan.stop.tips) - 1
     percent = f"{shown(stop.least_gain, '%'):.0f} %"
     if stop.worthwhile is None:
         sentence = f"Each of {ahead} further candidates lessens the tip's uncertainty by {percent}."

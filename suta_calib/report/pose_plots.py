@@ -9,13 +9,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import right_singular
-from suta_calib.plotting.chart import Axis, Chart, Lines, Mark, Points, Words, ends
 from suta_calib.plotting.factor import round_down
-from suta_calib.plotting.look import BLACK, BLUE, GREY, LINE, ORANGE, WHITE
-from suta_calib.report.chart_svg import Row, rows_svg
+from suta_calib.plotting.look import BEHIND, BLUE, GREY, LINE, ORANGE, WIDTH
+from suta_calib.plotting.style import legend_above, plain_log, thinned
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import Unit, deg, from_deg, mm, shown, unit_name
 
 if TYPE_CHECKING:
@@ -25,152 +26,130 @@ if TYPE_CHECKING:
     from suta_calib.pose_calibration.pivot import PivotCalibration
     from suta_calib.pose_calibration.registration import Registration
 
-# Outliers so many times the others' scatter would press these flat on a linear scale.
-FAR: Final = 10.0
 # Residuals below it, mm or degrees, are rounding: exact data have no other.
 ROUNDING: Final = 1e-6
 RINGS: Final = (5, 10, 15, 30, 45, 60, 90, 120, 150, 180)  # deg
-# Points across: of a row, of an outlier, of a direction, of the largest turn.
-_ROW: Final = 4.5
-_OUTLIER: Final = 7.5
-_DIRECTION: Final = 5.5
-_LARGEST: Final = 10.0
-# Heights of panels, points.
-_RESIDUALS: Final = 110.0
-_SPHERE: Final = 175.0
-# The longest arrow, as a part of the points' extent, and its head, as a part of the arrow.
-ARROW: Final = 0.25
-_HEAD: Final = 0.25
-_EVERY: Final = np.array([[-np.inf, np.inf]])
+# How inliers and outliers are marked; sizes are points across.
+_INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "ls": "none", "clip_on": False}
+_OUTLIER: Final[dict[str, Any]] = _INLIER | {"marker": "X", "color": ORANGE, "mec": "black"}
 
 
-def pivot_plot(found: PivotCalibration, data: ToolPoses) -> str:
+def pivot_plot(calibration: PivotCalibration, data: ToolPoses) -> str:
     """An SVG: residuals by pose, and the directions of the tool in the tracker."""
-    residuals = residuals_chart(
-        "Tip from post", found.residuals, found.inliers, found.rms, "m", "pose (row, from 0)"
-    )
     # From the tool's origin to its tip; the tool's z where they coincide.
-    length = float(np.linalg.norm(found.tip))
-    axis = found.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
-    directions = directions_chart(
-        "Directions of the tool\nin the tracker\n(angle from their mean)",
-        np.asarray(data.rotation @ axis),
-        found.inliers,
-    )
-    row = Row([residuals, directions], _SPHERE, (1.6, 1.0))
-    return rows_svg([row], "pivot", "Pivot calibration: residuals and directions")
+    length = float(np.linalg.norm(calibration.tip))
+    axis = calibration.tip / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])
+    with picture("pivot", (WIDTH, 3.4)) as figure:
+        residuals, directions = figure.subplots(1, 2, width_ratios=(1.6, 1.0))
+        rows = calibration.residuals, calibration.inliers, calibration.rms
+        _draw_residuals(residuals, "Tip from post", *rows, "m", "pose (row, from 0)")
+        draw_directions(directions, np.asarray(data.rotation @ axis), calibration.inliers)
+        directions.set_title("Directions of the tool in the\ntracker (angle from their mean)")
+        return svg_text(figure, "pivot", "Pivot calibration: residuals and directions")
 
 
-def hand_eye_plot(found: HandEyeCalibration) -> str:
+def hand_eye_plot(calibration: HandEyeCalibration) -> str:
     """An SVG: residuals by pair in length and angle, and the axes of the motions."""
-    inliers = found.inliers
-    pair = "pair (row, from 0)"
-    parts: tuple[tuple[str, FloatArray, float, Unit], ...] = (
-        ("A X B from their mean", found.residuals, found.rms, "m"),
-        ("", found.rotation_residuals, found.rms_angle, "rad"),
-    )
-    of_pairs = [
-        residuals_chart(title, residuals, inliers, rms, unit, pair, columns=1)
-        for title, residuals, rms, unit in parts
-    ]
+    inliers, row = calibration.inliers, "pair (row, from 0)"
     # With the eye beside the robot the hand's poses are inverted: axes are in the base.
-    frame = "hand" if found.setup == "eye-in-hand" else "base"
-    axes = axes_chart(
-        f"Axes of the motions from row to row,\nin the {frame} (angle from its z); "
-        "large marks: large turns",
-        found.axes,
-        inliers[1:] & inliers[:-1],
-    )
-    rows = [Row(of_pairs, _RESIDUALS), Row([axes], _SPHERE)]
-    return rows_svg(rows, "hand_eye", "Hand-eye calibration: residuals and axes of motion")
+    frame = "hand" if calibration.setup == "eye-in-hand" else "base"
+    with picture("hand_eye", (WIDTH, 5.6)) as figure:
+        layout: Any = [["m", "rad"], ["axes", "axes"]]
+        panels = figure.subplot_mosaic(layout, height_ratios=(1.0, 1.3))
+        shifts, turns = (
+            (calibration.residuals, inliers, calibration.rms),
+            calibration.rotation_residuals,
+        )
+        _draw_residuals(panels["m"], "A X B from their mean", *shifts, "m", row)
+        _draw_residuals(panels["rad"], "", turns, inliers, calibration.rms_angle, "rad", row)
+        draw_axes(panels["axes"], calibration.axes, inliers[1:] & inliers[:-1])
+        panels["axes"].set_title(
+            "Axes of the motions from row to row,\n"
+            f"in the {frame} (angle from its z); large marks: large turns"
+        )
+        what = "Hand-eye calibration: residuals and axes of motion"
+        return svg_text(figure, "hand_eye", what)
 
 
-def register_plot(found: Registration, b: MeasuredPoints) -> str:
+def register_plot(registration: Registration, b: MeasuredPoints) -> str:
     """An SVG: residuals by point, and as arrows at the points, seen from two sides."""
-    residuals = residuals_chart(
-        "Residuals", found.residuals, found.inliers, found.rms, "m", "point (row, from 0)"
-    )
-    rows = [Row([residuals], _RESIDUALS), Row(_arrow_views(found, b.position), _SPHERE)]
-    return rows_svg(rows, "register", "Registration: residuals by point and as vectors")
+    with picture("register", (WIDTH, 5.6)) as figure:
+        layout: Any = [["row", "row"], ["in", "across"]]
+        panels = figure.subplot_mosaic(layout, height_ratios=(1.0, 1.5))
+        rows = registration.residuals, registration.inliers, registration.rms
+        _draw_residuals(panels["row"], "Residuals", *rows, "m", "point (row, from 0)")
+        _draw_arrows(panels["in"], panels["across"], registration, b.position)
+        what = "Registration: residuals by point and as vectors"
+        return svg_text(figure, "register", what)
 
 
-def _arrow_views(found: Registration, points: FloatArray) -> list[Chart]:
+def _draw_arrows(
+    in_plane: Any, across: Any, registration: Registration, points: FloatArray
+) -> None:
     """Residuals in the plane that the points come nearest to, and across it."""
-    inliers = found.inliers
+    inliers = registration.inliers
     centred = points - points[inliers].mean(axis=0)
     principal = right_singular(centred[inliers])[1]
-    places, vectors = centred @ principal.T, found.residuals @ principal.T
+    places, vectors = centred @ principal.T, registration.residuals @ principal.T
     longest = float(np.linalg.norm(vectors[inliers], axis=1).max())
     extent = float(np.ptp(places[inliers], axis=0).max())
-    factor = round_down(ARROW * extent / longest) if mm(longest) >= ROUNDING else 1.0
-    views = ((1, "2nd", "in the points' plane"), (2, "3rd", "across it"))
-    return [
-        _arrows(
-            mm(places[:, [0, other]]),
-            mm(factor * vectors[:, [0, other]]),
-            inliers,
-            f"Residuals {where},\nenlarged {factor:g} times",
-            f"along their {name}, mm",
-        )
-        for other, name, where in views
-    ]
+    # The longest arrow, as a part of the points' extent.
+    arrow = 0.25
+    factor = round_down(arrow * extent / longest) if mm(longest) >= ROUNDING else 1.0
+    views = ((in_plane, 1, "2nd", "in the points' plane"), (across, 2, "3rd", "across it"))
+    for axes, other, name, where in views:
+        at, along = mm(places[:, [0, other]]), mm(factor * vectors[:, [0, other]])
+        _draw_rows(axes, at[:, 0], at[:, 1], inliers)
+        # The arrow of an outlier would only hide the others.
+        arrows: dict[str, Any] = {"angles": "xy", "scale_units": "xy", "scale": 1, "width": 0.004}
+        axes.quiver(*at[inliers].T, *along[inliers].T, **arrows)
+        axes.update_datalim(at[inliers] + along[inliers])
+        axes.set_aspect("equal", adjustable="datalim")
+        axes.set_title(f"Residuals {where},\nenlarged {factor:g} times")
+        axes.set_xlabel("along the points' 1st principal axis, mm")
+        axes.set_ylabel(f"along their {name}, mm")
+        axes.grid()
 
 
-def _arrows(
-    places: FloatArray, vectors: FloatArray, inliers: BoolArray, title: str, up: str
-) -> Chart:
-    """Points (n, 2) with arrows; an outlier's would only hide the others."""
-    begin, along = places[inliers], vectors[inliers]
-    tip, across = begin + along, along @ np.array([[0.0, 1.0], [-1.0, 0.0]])
-    back, aside = tip - _HEAD * along, 0.5 * _HEAD * across
-    x, y = np.stack([begin, tip, back + aside, back - aside, tip], axis=-1).swapaxes(0, 1)
-    everything = np.concatenate([places, tip])
-    wide, high = (ends(each) for each in everything.T)
-    marks = [*_points(places[:, 0], places[:, 1], inliers), Lines(x, y)]
-    first = Axis("along the points' 1st principal axis, mm", *wide, grid=True)
-    return Chart(marks, first, Axis(up, *high, grid=True), title=title, equal=True)
-
-
-def residuals_chart(
+def _draw_residuals(
+    axes: Any,
     title: str,
     residuals: FloatArray,
     inliers: BoolArray,
     rms: float,
     unit: Unit,
-    what: str,
-    columns: int = 2,
-) -> Chart:
-    """Lengths of residuals by row; the inliers' scatter as a line; log where outliers are far.
+    row: str,
+) -> None:
+    """Draw lengths of residuals by row; log where outliers are far.
 
     Args:
-        title: above it.
+        axes: empty `Axes`.
+        title: above the legend.
         residuals: (n, 3), m or rad.
         inliers: (n,) which were fitted.
-        rms: of these, m or rad.
+        rms: of these, m or rad, drawn as a line.
         unit: of both.
-        what: a row is.
-        columns: of the legend.
+        row: what a row is.
     """
-    norms = np.linalg.norm(residuals, axis=1) * shown(1.0, unit)
-    level, rows = shown(rms, unit), np.arange(float(len(norms)))
-    far = bool((norms[~inliers] > FAR * level).any()) and level > 0
-    if far:
-        norms = np.maximum(norms, 0.02 * level)
-        low, high = ends(np.append(norms, level), log=True)
+    sizes, level = shown(np.linalg.norm(residuals, axis=1), unit), shown(rms, unit)
+    # Outliers so many times the others' scatter would press these flat on a linear scale.
+    if level > 0 and (sizes[~inliers] > 10.0 * level).any():
+        sizes = np.maximum(sizes, 0.02 * level)
+        plain_log(axes.yaxis, axes.set_yscale)
     else:
-        low, high = 0.0, max(1.08 * float(norms.max()), ROUNDING)
+        axes.set_ylim(0.0, max(1.08 * float(sizes.max()), ROUNDING))
     label = f"RMS of the fitted {level:.3g} {unit_name(unit)}"
-    marks = [
-        Lines(_EVERY, np.full((1, 2), level), 1.2, GREY, "dashed", label),
-        *_points(rows, norms, inliers, "fitted", "outlier"),
-    ]
-    name = "turn" if unit == "rad" else "distance"
-    up = Axis(f"{name}, {unit_name(unit)}", low, high, log=far, grid=True)
-    return Chart(marks, Axis(what, *ends(rows), whole=True), up, columns, title=title)
+    axes.axhline(level, c=GREY, lw=1.2, ls="--", label=label)
+    _draw_rows(axes, np.arange(float(len(sizes))), sizes, inliers, ("fitted", "outlier"))
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel(row)
+    axes.set_ylabel(f"{'turn' if unit == 'rad' else 'distance'}, {unit_name(unit)}")
+    axes.grid(axis="y")
+    legend_above(axes, columns=1, title=title)
 
 
-def directions_chart(title: str, directions: FloatArray, inliers: BoolArray) -> Chart:
-    """Unit vectors (n, 3) seen from outside the sphere above the mean of the ``inliers`` (n,)."""
+def draw_directions(axes: Any, directions: FloatArray, inliers: BoolArray) -> None:
+    """Draw unit vectors (n, 3) from outside the sphere above the mean of the ``inliers`` (n,)."""
     middle = _unit(directions[inliers].mean(axis=0))
     # Two unit vectors that make a right-handed triad with it, seen against it.
     across = _unit(np.cross(np.eye(3)[np.argmin(np.abs(middle))], middle))
@@ -179,14 +158,15 @@ def directions_chart(title: str, directions: FloatArray, inliers: BoolArray) -> 
     tangent = directions @ np.stack([across, up], axis=1)
     angle = min(1.02 * deg(float(np.arccos(cosine[inliers].min()))), 180.0)
     widest = next(ring for ring in RINGS if ring >= angle)
-    shown = cosine >= np.cos(from_deg(widest)) - 1e-9
-    marks = _marks(_flat(tangent, cosine), np.full(len(directions), _DIRECTION), inliers, shown)
-    note = "" if shown.all() else f"outliers farther out: {np.sum(~shown)}"
-    return _sphere(title, widest, marks, note)
+    inside = cosine >= np.cos(from_deg(widest)) - 1e-9
+    places = _flat(tangent, cosine)[inside]
+    _draw_sphere(axes, widest, places, np.full(len(places), 5.5), inliers[inside])
+    if not inside.all():
+        axes.set_xlabel(f"outliers farther out: {np.sum(~inside)}")
 
 
-def axes_chart(title: str, vectors: FloatArray, inliers: BoolArray) -> Chart:
-    """Axes of rotation vectors (n, 3), rad, seen along z; marks grow with the angle.
+def draw_axes(axes: Any, vectors: FloatArray, inliers: BoolArray) -> None:
+    """Draw axes of rotation vectors (n, 3), rad, seen along z; marks grow with the angle.
 
     An axis has no sign: those that point down are drawn where they come out above, and opposite
     points of the rim are one.
@@ -195,42 +175,59 @@ def axes_chart(title: str, vectors: FloatArray, inliers: BoolArray) -> Chart:
     turned = angle > 1e-9
     units = vectors[turned] / angle[turned, None]
     units *= np.where(units[:, 2:] < 0, -1.0, 1.0)
-    sizes = _LARGEST * np.sqrt(angle[turned] / max(float(angle.max()), 1e-9))
-    everything = np.ones(len(units), dtype=np.bool_)
-    marks = _marks(_flat(units[:, :2], units[:, 2]), sizes, inliers[turned], everything)
-    return _sphere(title, 90, marks)
+    # Areas tell angles; the largest mark is ten points across.
+    sizes = 10.0 * np.sqrt(angle[turned] / max(float(angle.max()), 1e-9))
+    _draw_sphere(axes, 90, _flat(units[:, :2], units[:, 2]), sizes, inliers[turned])
 
 
-def draw_axes(axes: Any, vectors: FloatArray, inliers: BoolArray) -> None:
-    """Draw an `axes_chart` on Matplotlib's `Axes`."""
-    from suta_calib.plotting.on_axes import draw_chart
+def _draw_rows(
+    axes: Any,
+    x: FloatArray,
+    y: FloatArray,
+    inliers: BoolArray,
+    labels: tuple[str | None, str | None] = (None, None),
+) -> None:
+    """Mark rows that were fitted, and outliers on top of them, with what the legend calls them."""
+    for chosen, look, size, label in (
+        (inliers, _INLIER, 4.5, labels[0]),
+        (~inliers, _OUTLIER, 7.5, labels[1]),
+    ):
+        if chosen.any():
+            rows = np.flatnonzero(chosen)[thinned(x[chosen], y[chosen])]
+            axes.plot(x[rows], y[rows], ms=size, label=label, zorder=3, **look)
 
-    draw_chart(axes, axes_chart("", vectors, inliers))
 
+def _draw_sphere(
+    axes: Any, widest: int, places: FloatArray, sizes: FloatArray, inliers: BoolArray
+) -> None:
+    """Places (n, 2) on a sphere that is flattened as far as the ring ``widest``, degrees.
 
-def _points(
-    x: FloatArray, y: FloatArray, inliers: BoolArray, fitted: str = "", astray: str = ""
-) -> list[Mark]:
-    """Rows that were fitted, and, on top of them, outliers, with what the legend calls them."""
-    found: list[Mark] = [Points(x[inliers], y[inliers], _ROW, "circle", BLUE, BLUE, fitted)]
-    if not inliers.all():
-        outlier = Points(x[~inliers], y[~inliers], _OUTLIER, "cross", ORANGE, BLACK, astray)
-        found.append(outlier)
-    return found
-
-
-def _marks(
-    places: FloatArray, sizes: FloatArray, inliers: BoolArray, shown: BoolArray
-) -> list[Mark]:
-    """Places (n, 2) on a flattened sphere, small marks on top of large ones."""
+    Small marks stand on top of large ones, and outliers on top of all.
+    """
+    rings = *[ring for ring in RINGS if widest / 4 <= ring < widest][-2:], widest
+    radii = 2.0 * np.sin(from_deg(np.array(rings, dtype=float)) / 2.0)
+    turn = np.linspace(0.0, 2.0 * np.pi, 73)
+    rim = float(radii[-1])
+    axes.plot([[-rim, 0.0], [rim, 0.0]], [[0.0, -rim], [0.0, rim]], c=LINE, lw=0.7)
+    for radius, ring in zip(radii, rings, strict=True):
+        colour = "black" if ring == widest else GREY
+        axes.plot(radius * np.cos(turn), radius * np.sin(turn), c=colour, lw=0.8)
     order = np.argsort(-sizes, kind="stable")
-    places, sizes, inliers, shown = places[order], sizes[order], inliers[order], shown[order]
-    x, y = places.T
-    fitted, astray = inliers & shown, ~inliers & shown
-    found: list[Mark] = [Points(x[fitted], y[fitted], sizes[fitted], "circle", BLUE, WHITE)]
-    if astray.any():
-        found.append(Points(x[astray], y[astray], 1.4 * sizes[astray], "cross", ORANGE, BLACK))
-    return found
+    for chosen, marker, colour, edge, factor in (
+        (inliers, "o", BLUE, "white", 1.0),
+        (~inliers, "X", ORANGE, "black", 1.4),
+    ):
+        rows = order[chosen[order]]
+        rows = rows[thinned(*places[rows].T)]
+        look: dict[str, Any] = {"marker": marker, "c": colour, "edgecolors": edge, "zorder": 3}
+        axes.scatter(*places[rows].T, np.square(factor * sizes[rows]), **look)
+    # Above the marks, which would make them illegible.
+    for radius, ring in zip(radii * np.sqrt(0.5), rings, strict=True):
+        text: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": 8, "zorder": 4}
+        axes.text(radius, radius, f"{ring}°", bbox=BEHIND, **text)
+    axes.set(xticks=[], yticks=[], xlim=(-1.1 * rim, 1.1 * rim), ylim=(-1.1 * rim, 1.1 * rim))
+    axes.set_aspect("equal", anchor="W")
+    axes.spines[:].set_visible(False)
 
 
 def _flat(tangent: FloatArray, cosine: FloatArray) -> FloatArray:
@@ -238,25 +235,6 @@ def _flat(tangent: FloatArray, cosine: FloatArray) -> FloatArray:
     sine = np.linalg.norm(tangent, axis=1)
     radius = np.sqrt(np.maximum(2.0 * (1.0 - cosine), 0.0))
     return np.asarray(tangent * (radius / np.maximum(sine, 1e-12))[:, None])
-
-
-def _sphere(title: str, widest: int, marks: list[Mark], note: str = "") -> Chart:
-    """Marks on a sphere that is flattened as far as the ring ``widest``, degrees."""
-    rings = *[ring for ring in RINGS if widest / 4 <= ring < widest][-2:], widest
-    radii = 2.0 * np.sin(from_deg(np.array(rings, dtype=float)) / 2.0)
-    turn = np.linspace(0.0, 2.0 * np.pi, 73)
-    x, y = (radii[:, None] * each(turn) for each in (np.cos, np.sin))
-    cross, corner, rim = np.array([[-1.0, 1.0], [0.0, 0.0]]) * radii[-1], radii * np.sqrt(0.5), 0.8
-    behind: list[Mark] = [
-        Lines(cross, cross[::-1], 0.7, LINE),
-        Lines(x[:-1], y[:-1], rim, GREY),
-        Lines(x[-1:], y[-1:], rim, BLACK),
-    ]
-    # Above the marks, which would make them illegible.
-    names = Words(corner, corner, [f"{ring}°" for ring in rings], [BLACK] * len(rings), 8.0, True)
-    end = 1.1 * float(radii[-1])
-    across, up = (Axis(label, -end, end, names=()) for label in (note, ""))
-    return Chart([*behind, *marks, names], across, up, title=title, equal=True, bare=True)
 
 
 def _unit(vector: FloatArray) -> FloatArray:

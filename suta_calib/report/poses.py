@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from suta_calib.pose_calibration.robust_answer import RobustAnswer
 
 MOST_OUTLIERS: Final = 10
-_DIGITS: Final = 6  # of residuals in files
 
 
 # ── rows ─────────────────────────────────────────────────────────────────────────────────────
@@ -42,30 +41,31 @@ def residuals_file(
     columns += [Column(name, value=cells.__getitem__) for name, cells in names.items()]
     vectors: list[tuple[str, Unit, FloatArray]] = [("", "m", slides)]
     vectors += [] if turns is None else [("r", "rad", turns)]
-    for prefix, unit, each in vectors:
-        parts = [*each.T, np.linalg.norm(each, axis=1)]
+    for prefix, unit, vector in vectors:
+        parts = [*vector.T, np.linalg.norm(vector, axis=1)]
         keys = (*(f"{prefix}{axis}" for axis in "xyz"), "norm")
         for name, part in zip(keys, parts, strict=True):
             columns.append(Column(name, value=part.__getitem__, unit=unit))
     columns.append(Column("status", value=lambda k: "inlier" if inliers[k] else "outlier"))
     rows = Listing("", *columns)
-    return File("residuals.csv", lambda: csv_text(rows, range(len(inliers)), _DIGITS))
+    # of residuals in files
+    return File("residuals.csv", lambda: csv_text(rows, range(len(inliers)), 6))
 
 
-def fitted_rows(found: RobustAnswer, lines: Sequence[int]) -> Json:
+def fitted_rows(answer: RobustAnswer, lines: Sequence[int]) -> Json:
     """Outliers and counts, for JSON."""
-    count, lost = len(found.inliers), found.outliers
+    count, lost = len(answer.inliers), answer.outliers
     return {
         "outliers": list(lost),
         "outlier_lines": [lines[row] for row in lost],
-        "suspects": [int(row) for row in np.flatnonzero(found.suspects)],
+        "suspects": [int(row) for row in np.flatnonzero(answer.suspects)],
         "counts": {"rows": count, "inliers": count - len(lost), "outliers": len(lost)},
     }
 
 
-def fit_texts(figures: str, what: str, found: RobustAnswer, lines: Sequence[int]) -> list[Text]:
+def fit_texts(figures: str, what: str, answer: RobustAnswer, lines: Sequence[int]) -> list[Text]:
     """How well the rows agree, and which do not."""
-    count, lost = len(found.inliers), found.outliers
+    count, lost = len(answer.inliers), answer.outliers
     fitted = f"{count - len(lost)} of {count} {what}s fitted"
     if lost:
         rows, s = listed([f"{row} (line {lines[row]})" for row in lost], MOST_OUTLIERS), "s"

@@ -7,11 +7,11 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib import report
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.pose_files import Points
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.registration import Registration
-from suta_calib.report import pose_plots as plots
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, Table, components, written
 from suta_calib.report.poses import (
@@ -26,7 +26,6 @@ from suta_calib.report.poses import (
 from suta_calib.units import text
 
 NAME: Final = "register"
-MOST_TARGETS: Final = 20
 REGISTRATION: Final = Listing[Registration](
     "", *written("rms", "sigma", "centre", unit="m"), *written("scale", "scale_std")
 )
@@ -34,9 +33,9 @@ REGISTRATION: Final = Listing[Registration](
 
 STATED: Final = Listing[Registration](
     "",
-    Column("sigma", value=lambda found: found.stated, unit="m"),
-    Column("factor", value=lambda found: found.agreement and found.agreement.factor),
-    Column("chance", value=lambda found: found.agreement and found.agreement.chance),
+    Column("sigma", value=lambda row: row.stated, unit="m"),
+    Column("factor", value=lambda row: row.agreement and row.agreement.factor),
+    Column("chance", value=lambda row: row.agreement and row.agreement.chance),
 )
 
 
@@ -65,14 +64,14 @@ TARGETS: Final = Listing[Target](
     Column("row", "row", form="d"),
     Column("line"),
     *written("a", "b", unit="m"),
-    *components("xyz", lambda each: each.b, "m"),
+    *components("xyz", lambda row: row.b, "m"),
     Column("std", unit="m"),
     Column("error", "error", unit="m"),
 )
 
 
 def register_document(
-    found: Registration, a: Points, b: Points, targets: Points | None = None
+    registration: Registration, a: Points, b: Points, targets: Points | None = None
 ) -> Document:
     """``T_b_a``, fit, the error to expect at the targets; ``residuals.csv``.
 
@@ -81,57 +80,60 @@ def register_document(
     the files state standard deviations: that of a typical row, how many times as large the
     residuals are, and the chance of it.
     """
+    most_targets = 20
     at: list[Target] = []
     if targets is not None:
         given = targets.position
-        std = np.sqrt(np.diagonal(found.target_covariance(given), axis1=1, axis2=2))
-        moved, error = found.act(given), found.target_error(given).tolist()
+        std = np.sqrt(np.diagonal(registration.target_covariance(given), axis1=1, axis2=2))
+        moved, error = registration.act(given), registration.target_error(given).tolist()
         at = [
             Target(k, line, given[k], moved[k], std[k], error[k])
             for k, line in enumerate(targets.lines)
         ]
-    centre = float(np.sqrt(np.trace(found.covariance[:3, :3])))
+    centre = float(np.sqrt(np.trace(registration.covariance[:3, :3])))
     fit = (
-        f"rms {text(found.rms, 'm', with_unit=True)} (3-D, fiducial registration error); "
+        f"rms {text(registration.rms, 'm', with_unit=True)} (3-D, fiducial registration error); "
         f"in the middle of the points ± {text(centre, 'm', with_unit=True)} (3-D)"
     )
-    if found.stated is not None and found.agreement is not None:
+    if registration.stated is not None and registration.agreement is not None:
         fit += (
-            f"; residuals {found.agreement.factor:.2g} times as large as the stated σ, typically "
-            f"{text(found.stated, 'm', with_unit=True)}, have them"
+            f"; residuals {registration.agreement.factor:.2g} times as large as the stated σ, "
+            f"typically {text(registration.stated, 'm', with_unit=True)}, have them"
         )
     lines = {"line_a": a.lines, "line_b": b.lines}
     parts: list[Part] = [
-        transform_table(found),
-        *fit_texts(fit, "point", found, a.lines),
-        residuals_file(found.inliers, lines, found.residuals),
-        Figure(lambda: plots.register_plot(found, b)),
-        TARGETS.of(at[:MOST_TARGETS]),
+        transform_table(registration),
+        *fit_texts(fit, "point", registration, a.lines),
+        residuals_file(registration.inliers, lines, registration.residuals),
+        Figure(lambda: report.register_plot(registration, b)),
+        TARGETS.of(at[:most_targets]),
     ]
     if at:
-        more = len(at) - MOST_TARGETS
+        more = len(at) - most_targets
         left = f"; and {more} more: --json has them" if more > 0 else ""
         parts.append(Text(f"error: target registration error to expect (RMS, 3-D){left}"))
     data: Json = {
-        "T_b_a": found.matrix,
-        **pose_record(found.matrix),
-        **REGISTRATION.record(found),
-        "std": pose_std_record(found.origin_std),
-        "std_at_centre": pose_std_record(np.sqrt(np.diag(found.covariance))),
-        **fitted_rows(found, a.lines),
+        "T_b_a": registration.matrix,
+        **pose_record(registration.matrix),
+        **REGISTRATION.record(registration),
+        "std": pose_std_record(registration.origin_std),
+        "std_at_centre": pose_std_record(np.sqrt(np.diag(registration.covariance))),
+        **fitted_rows(registration, a.lines),
         "covariance": covariance_record(
-            found.covariance, PLACEMENT, "m, rad; at the centre, axes of b"
+            registration.covariance, PLACEMENT, "m, rad; at the centre, axes of b"
         ),
         "input": {"a": str(a.path), "b": str(b.path)},
     }
-    if found.stated is not None:
-        data["stated"] = STATED.record(found)
+    if registration.stated is not None:
+        data["stated"] = STATED.record(registration)
     if targets is not None:
         data["targets"] = TARGETS.records(at)
-    return Document(NAME, "Registration", found.assessment, parts, data, "result", found.in_a_line)
+    return Document(
+        NAME, "Registration", registration.assessment, parts, data, "result", registration.in_a_line
+    )
 
 
-def transform_table(found: Registration) -> Table:
+def transform_table(registration: Registration) -> Table:
     """``T_b_a`` in words with its standard deviations."""
     title = "T_b_a: frame a in frame b"
-    return pose_table(title, found.matrix, found.origin_std, "b's axes")
+    return pose_table(title, registration.matrix, registration.origin_std, "b's axes")

@@ -50,8 +50,8 @@ _REST: Final = (
 
 
 # ── visits ───────────────────────────────────────────────────────────────────────────────────
-def _interval(each: Interval, *, sign: bool = False) -> str:
-    return f"{text(each.low, 'm', sign=sign)} to {text(each.high, 'm', sign=sign)}"
+def _interval(interval: Interval, *, sign: bool = False) -> str:
+    return f"{text(interval.low, 'm', sign=sign)} to {text(interval.high, 'm', sign=sign)}"
 
 
 def _positions(confidence: float) -> Listing[tuple[str, PositionScatter]]:
@@ -59,19 +59,19 @@ def _positions(confidence: float) -> Listing[tuple[str, PositionScatter]]:
     scatter = Listing[PositionScatter](
         "",
         Column("count", "visits", form="d"),
-        Column("rp", "RP", lambda each: each.rp.value, "m"),
+        Column("rp", "RP", lambda row: row.rp.value, "m"),
         Column(
             "rp_interval",
             "interval",
-            lambda each: each.rp.interval(confidence).ends,
+            lambda row: row.rp.interval(confidence).ends,
             "m",
-            cell=lambda each: _interval(each.rp.interval(confidence)),
+            cell=lambda row: _interval(row.rp.interval(confidence)),
         ),
         Column("mean", "mean", unit="m"),
         Column("std", "std", unit="m"),
-        Column("rms", "RMS", lambda each: each.rms.value, "m"),
-        Column("rms_interval", None, lambda each: each.rms.interval(confidence).ends, "m"),
-        Column("max", "max", lambda each: each.maximum, "m"),
+        Column("rms", "RMS", lambda row: row.rms.value, "m"),
+        Column("rms_interval", None, lambda row: row.rms.interval(confidence).ends, "m"),
+        Column("max", "max", lambda row: row.maximum, "m"),
         *written("axis_std", "barycentre", unit="m"),
     )
     return Listing(
@@ -96,10 +96,10 @@ def _joints(confidence: float) -> Listing[JointScatter]:
         "Repeatability of the joints",
         Column("joint", "joint"),
         Column("mean", unit=_unit),
-        Column("std", "std", lambda each: each.std.value, _unit),
-        Column("repeatability", "3 std", lambda each: 3 * each.std.value, _unit),
+        Column("std", "std", lambda row: row.std.value, _unit),
+        Column("repeatability", "3 std", lambda row: 3 * row.std.value, _unit),
         Column("peak_to_peak", "peak to peak", unit=_unit),
-        Column("std_interval", None, lambda each: each.std.interval(confidence).ends, _unit),
+        Column("std_interval", None, lambda row: row.std.interval(confidence).ends, _unit),
         Column("tip", "tip, mm", unit="m"),
         named=True,
     )
@@ -109,10 +109,10 @@ CHANGE: Final = Listing[ScatterChange](
     "",
     Column("first", unit="m"),
     Column("second", unit="m"),
-    Column("ratio", value=lambda each: each.factor),
-    Column("ratio_interval", value=lambda each: each.ratio.ends),
-    Column("difference", value=lambda each: each.second - each.first, unit="m"),
-    Column("difference_interval", value=lambda each: each.difference.ends, unit="m"),
+    Column("ratio", value=lambda row: row.factor),
+    Column("ratio_interval", value=lambda row: row.ratio.ends),
+    Column("difference", value=lambda row: row.second - row.first, unit="m"),
+    Column("difference_interval", value=lambda row: row.difference.ends, unit="m"),
     Column("proved"),
 )
 
@@ -120,8 +120,8 @@ CHANGE: Final = Listing[ScatterChange](
 COMPARED: Final = Listing[ProtocolComparison](
     "",
     *written("first", "second"),
-    Column("rp", value=lambda each: CHANGE.record(each.rp)),
-    Column("rms", value=lambda each: CHANGE.record(each.rms)),
+    Column("rp", value=lambda row: CHANGE.record(row.rp)),
+    Column("rms", value=lambda row: CHANGE.record(row.rms)),
 )
 # One figure of two protocols: which protocols, which figure, how it changes.
 COMPARISONS: Final = Listing[tuple[str, str, ScatterChange]](
@@ -159,17 +159,17 @@ PUSHES: Final = Listing[JointPush](
     "Directions of the push",
     Column("joint", "joint"),
     Column("peak_to_peak", "means", unit=_unit),
-    shown_as("between", lambda each: "–".join(each.extremes)),
-    Column("between", None, lambda each: each.extremes),
-    Column("play", "play", lambda each: each.backlash, _unit),
-    Column("play_by_chance", "by chance", lambda each: each.by_chance, _unit),
+    shown_as("between", lambda row: "–".join(row.extremes)),
+    Column("between", None, lambda row: row.extremes),
+    Column("play", "play", lambda row: row.backlash, _unit),
+    Column("play_by_chance", "by chance", lambda row: row.by_chance, _unit),
     Column("tip", "tip, mm", unit="m"),
     Column("p_value", "p", form=".2g"),
     Column(
         "gives",
         "",
-        lambda each: each.has_backlash,
-        cell=lambda each: each.has_backlash * f"gives{'?' * bool(each.as_well)}",
+        lambda row: row.has_backlash,
+        cell=lambda row: row.has_backlash * f"gives{'?' * bool(row.as_well)}",
     ),
     Column("as_well"),
     Column("means", unit=_unit),
@@ -177,25 +177,23 @@ PUSHES: Final = Listing[JointPush](
 )
 DIRECTIONS: Final = Listing[DirectionalForce](
     "",
-    Column("giving", value=lambda each: each.loosest and each.loosest.joint),
-    Column("giving_joints", value=lambda each: [j.joint for j in each.joints if j.has_backlash]),
+    Column("giving", value=lambda row: row.loosest and row.loosest.joint),
+    Column("giving_joints", value=lambda row: [j.joint for j in row.joints if j.has_backlash]),
     Column("tip_shift", unit="m"),
     Column("tip_p_value"),
 )
 REPEATABILITY: Final = Listing[Repeatability](
     "",
-    Column("visits", value=lambda found: found.position.count),
+    Column("visits", value=lambda row: row.position.count),
     Column("copies"),
-    Column("confidence_pct", value=lambda found: 100 * found.confidence),
-    Column("rp", value=lambda found: found.position.rp.value, unit="m"),
-    Column("rms", value=lambda found: found.position.rms.value, unit="m"),
-    Column("orientation", value=lambda found: ORIENTATION.record(found.orientation)),
-    Column("elsewhere", value=lambda found: [found.samples.origin[k] for k in found.elsewhere]),
-    Column("places", value=lambda found: [len(rows) for rows in found.places]),
-    Column(
-        "other_posture", value=lambda found: [found.samples.origin[k] for k in found.other_posture]
-    ),
-    Column("stuck", value=lambda found: [each.joint for each in found.stuck]),
+    Column("confidence_pct", value=lambda row: 100 * row.confidence),
+    Column("rp", value=lambda row: row.position.rp.value, unit="m"),
+    Column("rms", value=lambda row: row.position.rms.value, unit="m"),
+    Column("orientation", value=lambda row: ORIENTATION.record(row.orientation)),
+    Column("elsewhere", value=lambda row: [row.samples.origin[k] for k in row.elsewhere]),
+    Column("places", value=lambda row: [len(rows) for rows in row.places]),
+    Column("other_posture", value=lambda row: [row.samples.origin[k] for k in row.other_posture]),
+    Column("stuck", value=lambda row: [each.joint for each in row.stuck]),
     Column("correlation"),
 )
 
@@ -203,13 +201,13 @@ REPEATABILITY: Final = Listing[Repeatability](
 # ── encoders at rest ─────────────────────────────────────────────────────────────────────────
 ALLAN: Final = Listing[JointNoise](
     "",
-    Column("tau", value=lambda each: each.allan.tau, unit="s"),
-    Column("deviation", value=lambda each: each.allan.deviation, unit=_unit),
-    Column("low", value=lambda each: each.allan.low, unit=_unit),
-    Column("high", value=lambda each: each.allan.high, unit=_unit),
-    Column("best_tau", value=lambda each: each.allan.tau[each.allan.best], unit="s"),
-    Column("best", value=lambda each: each.allan.deviation[each.allan.best], unit=_unit),
-    Column("rises_again", value=lambda each: each.allan.bottomed),
+    Column("tau", value=lambda row: row.allan.tau, unit="s"),
+    Column("deviation", value=lambda row: row.allan.deviation, unit=_unit),
+    Column("low", value=lambda row: row.allan.low, unit=_unit),
+    Column("high", value=lambda row: row.allan.high, unit=_unit),
+    Column("best_tau", value=lambda row: row.allan.tau[row.allan.best], unit="s"),
+    Column("best", value=lambda row: row.allan.deviation[row.allan.best], unit=_unit),
+    Column("rises_again", value=lambda row: row.allan.bottomed),
 )
 
 
@@ -220,19 +218,19 @@ def _small(value: float | None, unit: Unit) -> str:
 def _with_half(value: float | None, half: float | None, unit: Unit) -> str:
     """Thousandths with the half-width of their interval: no digit that it makes meaningless."""
     if value is None or half is None or not 0 < half < math.inf:
-        return " ± ".join(_small(each, unit) for each in (value, half))
-    told = thousandths(half, unit)
-    places = max(0, 1 - math.floor(math.log10(told)))
-    return f"{thousandths(value, unit):.{places}f} ± {told:.{places}f}"
+        return " ± ".join(_small(number, unit) for number in (value, half))
+    half_shown = thousandths(half, unit)
+    places = max(0, 1 - math.floor(math.log10(half_shown)))
+    return f"{thousandths(value, unit):.{places}f} ± {half_shown:.{places}f}"
 
 
 def _fine(key: str, heading: str) -> Column[JointNoise]:
     """A column that shows thousandths."""
-    return Column(key, heading, unit=_unit, cell=lambda each: _small(getattr(each, key), each.unit))
+    return Column(key, heading, unit=_unit, cell=lambda row: _small(getattr(row, key), row.unit))
 
 
-def _rate(each: JointNoise) -> Unit:
-    return "rad/s" if each.unit == "rad" else "m/s"
+def _rate(joint: JointNoise) -> Unit:
+    return "rad/s" if joint.unit == "rad" else "m/s"
 
 
 NOISE: Final = Listing[JointNoise](
@@ -247,15 +245,15 @@ NOISE: Final = Listing[JointNoise](
         "drift",
         "drift per h",
         unit=_rate,
-        cell=lambda each: _with_half(each.drift, each.drift_half, _rate(each)),
+        cell=lambda row: _with_half(row.drift, row.drift_half, _rate(row)),
     ),
-    Column("drift_half_interval", value=lambda each: each.drift_half, unit=_rate),
+    Column("drift_half_interval", value=lambda row: row.drift_half, unit=_rate),
     *written("drifts", "moved", "stuck", "levels", "left_out"),
     Column(
         "allan",
         "best",
         ALLAN.record,
-        cell=lambda each: _small(each.allan.deviation[each.allan.best], each.unit),
+        cell=lambda row: _small(row.allan.deviation[row.allan.best], row.unit),
         numeric=True,
     ),
     shown_as(
@@ -265,20 +263,20 @@ NOISE: Final = Listing[JointNoise](
 )
 STATIONARY: Final = Listing[Stationary](
     "",
-    Column("readings", value=lambda found: len(found.stream.time)),
-    Column("rate_hz", value=lambda found: 1 / found.stream.period),
-    Column("gaps", value=lambda found: found.stream.gaps),
-    Column("dropped", value=lambda found: found.stream.dropped),
-    Column("input", value=lambda found: str(found.stream.path)),
+    Column("readings", value=lambda row: len(row.stream.time)),
+    Column("rate_hz", value=lambda row: 1 / row.stream.period),
+    Column("gaps", value=lambda row: row.stream.gaps),
+    Column("dropped", value=lambda row: row.stream.dropped),
+    Column("input", value=lambda row: str(row.stream.path)),
     Column("seconds"),
-    Column("tip_noise", value=lambda found: found.tip_std, unit="m"),
-    Column("joints", value=lambda found: NOISE.records(found.joints)),
-    Column("verdict", value=lambda found: found.assessment.as_dict()),
+    Column("tip_noise", value=lambda row: row.tip_std, unit="m"),
+    Column("joints", value=lambda row: NOISE.records(row.joints)),
+    Column("verdict", value=lambda row: row.assessment.as_dict()),
 )
 
 
 # ── both ─────────────────────────────────────────────────────────────────────────────────────
-def repeatability_document(found: RepeatabilityTest) -> Document:
+def repeatability_document(test: RepeatabilityTest) -> Document:
     """Scatter of the tip and of the joints, directions and protocols; encoders at rest.
 
     Samples are of visits to one point, or of touches of many. In JSON a stream without samples has
@@ -286,53 +284,55 @@ def repeatability_document(found: RepeatabilityTest) -> Document:
     """
     parts: list[Part] = []
     data: Json = {}
-    if found.visits is not None:
-        parts += _visits_parts(found.visits)
-        data |= _visits_data(found.visits)
-    if found.touches is not None:
-        parts += touches_parts(found.touches)
-        data |= touches_data(found.touches)
-    if found.rest is not None:
-        parts += _rest_parts(found.rest)
-        data["stationary"] = STATIONARY.record(found.rest)
-    return Document(NAME, "Repeatability", found.assessment, parts, data)
+    if test.visits is not None:
+        parts += _visits_parts(test.visits)
+        data |= _visits_data(test.visits)
+    if test.touches is not None:
+        parts += touches_parts(test.touches)
+        data |= touches_data(test.touches)
+    if test.rest is not None:
+        parts += _rest_parts(test.rest)
+        data["stationary"] = STATIONARY.record(test.rest)
+    return Document(NAME, "Repeatability", test.assessment, parts, data)
 
 
-def _visits_parts(found: Repeatability) -> list[Part]:
-    named = {"all visits": found.position, **found.protocols}
-    if found.directions is not None:
-        named |= {f"→ {name}": each for name, each in found.directions.scatter.items()}
-    o = found.orientation
+def _visits_parts(repeatability: Repeatability) -> list[Part]:
+    named = {"all visits": repeatability.position, **repeatability.protocols}
+    if repeatability.directions is not None:
+        named |= {
+            f"→ {name}": scattering for name, scattering in repeatability.directions.scatter.items()
+        }
+    o = repeatability.orientation
     turn = ", ".join(text(value, "rad") for value in (o.rpa, o.rpb, o.rpc))
-    unit = " or ".join(sorted({unit_name(each.unit) for each in found.joints}))
-    joints = _joints(found.confidence)
+    unit = " or ".join(sorted({unit_name(joint.unit) for joint in repeatability.joints}))
+    joints = _joints(repeatability.confidence)
     parts: list[Part] = [
         Text(_HOW, place="page"),
-        Figure(partial(visits_plot, found)),
-        _positions(found.confidence).of(named.items()),
+        Figure(partial(visits_plot, repeatability)),
+        _positions(repeatability.confidence).of(named.items()),
         joints.of(
-            found.joints,
-            f"{joints.title}, {unit}{_overall(found.joints)}; of the tip's orientation ±({turn}) "
-            "deg about x, y, z",
+            repeatability.joints,
+            f"{joints.title}, {unit}{_overall(repeatability.joints)}; of the tip's orientation "
+            f"±({turn}) deg about x, y, z",
         ),
         COMPARISONS.of(
             (
-                (f"{each.first} → {each.second}", name, change)
-                for each in found.comparisons
-                for name, change in (("RP", each.rp), ("RMS", each.rms))
+                (f"{comparison.first} → {comparison.second}", name, change)
+                for comparison in repeatability.comparisons
+                for name, change in (("RP", comparison.rp), ("RMS", comparison.rms))
             ),
-            f"{COMPARISONS.title}, {100 * found.confidence:g} % intervals",
+            f"{COMPARISONS.title}, {100 * repeatability.confidence:g} % intervals",
         ),
         JOINT_COMPARISONS.of(
             [
-                (f"{each.first} → {each.second}", joint, joint_unit, change)
-                for each in found.comparisons
-                for joint, joint_unit, change in _by_joint(found, each)
+                (f"{comparison.first} → {comparison.second}", joint, joint_unit, change)
+                for comparison in repeatability.comparisons
+                for joint, joint_unit, change in _by_joint(repeatability, comparison)
             ],
-            f"{JOINT_COMPARISONS.title}, {unit}; {_overall_by_protocol(found)}",
+            f"{JOINT_COMPARISONS.title}, {unit}; {_overall_by_protocol(repeatability)}",
         ),
     ]
-    if (pushed := found.directions) is not None:
+    if (pushed := repeatability.directions) is not None:
         shift = f"the tip shifts by {text(pushed.tip_shift, 'm', with_unit=True)}"
         title = f"{PUSHES.title}, {unit}: {shift} (p = {pushed.tip_p_value:.2g})"
         parts += [PUSHES.of(pushed.joints, title), Text(_PUSH, place="page")]
@@ -345,26 +345,28 @@ def _overall(joints: Sequence[JointScatter]) -> str:
     return "" if overall is None else f", RMS over joints {text(overall, 'rad')} deg"
 
 
-def _overall_by_protocol(found: Repeatability) -> str:
+def _overall_by_protocol(repeatability: Repeatability) -> str:
     return ", ".join(
         f"{name}{_overall(joints).replace(',', ':', 1)}"
-        for name, joints in found.protocol_joints.items()
+        for name, joints in repeatability.protocol_joints.items()
     )
 
 
 def _by_joint(
-    found: Repeatability, comparison: ProtocolComparison
+    repeatability: Repeatability, comparison: ProtocolComparison
 ) -> list[tuple[str, Unit, ScatterChange]]:
     """Each joint of the chain with its unit and how its scatter changes."""
-    return [(each.joint, each.unit, comparison.joints[each.joint]) for each in found.joints]
-
-
-def _rest_parts(found: Stationary) -> list[Part]:
-    unit = " or ".join(sorted({"mdeg" if e.unit == "rad" else "µm" for e in found.joints}))
-    tip = "" if found.tip_std is None else f"; at the tip {text(found.tip_std, 'm')} mm"
     return [
-        Figure(partial(stationary_plot, found)),
-        NOISE.of(found.joints, f"{NOISE.title}, {unit}{tip}"),
+        (joint.joint, joint.unit, comparison.joints[joint.joint]) for joint in repeatability.joints
+    ]
+
+
+def _rest_parts(rest: Stationary) -> list[Part]:
+    unit = " or ".join(sorted({"mdeg" if e.unit == "rad" else "µm" for e in rest.joints}))
+    tip = "" if rest.tip_std is None else f"; at the tip {text(rest.tip_std, 'm')} mm"
+    return [
+        Figure(partial(stationary_plot, rest)),
+        NOISE.of(rest.joints, f"{NOISE.title}, {unit}{tip}"),
         Text(_REST, place="page"),
     ]
 
@@ -374,33 +376,33 @@ def _rms_deg(joints: Sequence[JointScatter]) -> float | None:
     return None if overall is None else float(shown(overall, "rad"))
 
 
-def _visits_data(found: Repeatability) -> Json:
-    joints, positions = _joints(found.confidence), _positions(found.confidence)
+def _visits_data(repeatability: Repeatability) -> Json:
+    joints, positions = _joints(repeatability.confidence), _positions(repeatability.confidence)
     directions: Json | None = None
-    if (pushed := found.directions) is not None:
+    if (pushed := repeatability.directions) is not None:
         directions = {
             **DIRECTIONS.record(pushed),
             "joints": PUSHES.records(pushed.joints),
             "scatter": positions.records(pushed.scatter.items()),
         }
     return {
-        **REPEATABILITY.record(found),
-        "position": positions.record(("", found.position)),
-        "joints": joints.records(found.joints),
-        "protocols": positions.records(found.protocols.items()),
-        "joints_rms_deg": _rms_deg(found.joints),
+        **REPEATABILITY.record(repeatability),
+        "position": positions.record(("", repeatability.position)),
+        "joints": joints.records(repeatability.joints),
+        "protocols": positions.records(repeatability.protocols.items()),
+        "joints_rms_deg": _rms_deg(repeatability.joints),
         "protocol_joints": {
-            name: joints.records(each) for name, each in found.protocol_joints.items()
+            name: joints.records(joint) for name, joint in repeatability.protocol_joints.items()
         },
         "protocol_joints_rms_deg": {
-            name: _rms_deg(each) for name, each in found.protocol_joints.items()
+            name: _rms_deg(joint) for name, joint in repeatability.protocol_joints.items()
         },
         "comparisons": [
             {
-                **COMPARED.record(each),
-                "joints": JOINT_CHANGE.records(_by_joint(found, each)),
+                **COMPARED.record(comparison),
+                "joints": JOINT_CHANGE.records(_by_joint(repeatability, comparison)),
             }
-            for each in found.comparisons
+            for comparison in repeatability.comparisons
         ],
         "directions": directions,
     }

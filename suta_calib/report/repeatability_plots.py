@@ -28,16 +28,16 @@ _COLOURS: Final = (BLUE, ORANGE, "black", GREY)
 _HATCHES: Final = ("", "////", "", "....")
 
 
-def visits_plot(found: Repeatability) -> str:
+def visits_plot(repeatability: Repeatability) -> str:
     """An SVG: the visits from two sides, and what the joints do."""
     name = "repeatability_visits"
-    pushed = found.directions is not None
+    pushed = repeatability.directions is not None
     with picture(name, (LARGE, 8.8 if pushed else 6.0)) as figure:
         top = ["xy", "xz", "order"]
         layout: Any = [top, *[[row] * 3 for row in (["joints"] if pushed else []) + ["bars"]]]
         panels = figure.subplot_mosaic(layout)
-        _cloud(panels["xy"], found, 0, 1)
-        _cloud(panels["xz"], found, 0, 2)
+        _cloud(panels["xy"], repeatability, 0, 1)
+        _cloud(panels["xz"], repeatability, 0, 2)
         figure.legend(
             *panels["xy"].get_legend_handles_labels(),
             loc="outside upper left",
@@ -45,25 +45,27 @@ def visits_plot(found: Repeatability) -> str:
             fontsize=8,
             handletextpad=0.2,
         )
-        _in_order(panels["order"], found)
-        if found.directions is not None:
-            _pushes(panels["joints"], found.directions)
-        _joints(panels["bars"], found.protocol_joints or {"all visits": found.joints})
+        _in_order(panels["order"], repeatability)
+        if repeatability.directions is not None:
+            _pushes(panels["joints"], repeatability.directions)
+        _joints(
+            panels["bars"], repeatability.protocol_joints or {"all visits": repeatability.joints}
+        )
         return svg_text(figure, name, "Visits about their barycentre, in mm, and in their order")
 
 
-def _cloud(axes: Axes, found: Repeatability, across: int, up: int) -> None:
-    away = mm(found.position_of - found.position_of.mean(axis=0))
+def _cloud(axes: Axes, repeatability: Repeatability, across: int, up: int) -> None:
+    away = mm(repeatability.position_of - repeatability.position_of.mean(axis=0))
     names, index = ["visits"], np.zeros(len(away), dtype=np.intp)
     for key in (PROTOCOL, DIRECTION):
-        if len(set(found.samples.labels.get(key, ()))) > 1:
-            names, index = grouped(found.samples.labels[key])
+        if len(set(repeatability.samples.labels.get(key, ()))) > 1:
+            names, index = grouped(repeatability.samples.labels[key])
     for k, label in enumerate(names):
         colour, marker = _LOOKS[k % len(_LOOKS)]
         rows = away[index == k]
         axes.plot(rows[:, across], rows[:, up], marker, color=colour, ms=4, mfc="none", label=label)
     angle = np.linspace(0, 2 * np.pi, 121)
-    radius = mm(found.position.rp.value)
+    radius = mm(repeatability.position.rp.value)
     axes.plot(radius * np.cos(angle), radius * np.sin(angle), "--", color=GREY, lw=1.2, label="RP")
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_title(f"{'xyz'[across]} and {'xyz'[up]} of the base")
@@ -72,12 +74,12 @@ def _cloud(axes: Axes, found: Repeatability, across: int, up: int) -> None:
     axes.grid()
 
 
-def _in_order(axes: Axes, found: Repeatability) -> None:
-    size = mm(distances(found.position_of))
+def _in_order(axes: Axes, repeatability: Repeatability) -> None:
+    size = mm(distances(repeatability.position_of))
     axes.plot(np.arange(1, len(size) + 1), size, ".-", color=BLUE, lw=0.6, ms=4)
     for value, line, label in (
-        (found.position.rp.value, "--", "RP"),
-        (found.position.mean, ":", "mean"),
+        (repeatability.position.rp.value, "--", "RP"),
+        (repeatability.position.mean, ":", "mean"),
     ):
         axes.axhline(mm(value), color=GREY, ls=line, lw=1.2)
         axes.annotate(
@@ -96,11 +98,11 @@ def _in_order(axes: Axes, found: Repeatability) -> None:
     axes.grid(axis="y")
 
 
-def touches_plot(found: RepeatedTouches) -> str:
+def touches_plot(touches: RepeatedTouches) -> str:
     """An SVG: what the joints do among repeats of a touch."""
     name = "repeatability_touches"
     with picture(name, (LARGE, 3.2)) as figure:
-        _joints(figure.subplots(), {"repeats of a touch": found.joints})
+        _joints(figure.subplots(), {"repeats of a touch": touches.joints})
         return svg_text(figure, name, "Scatter of each joint among repeats of a touch")
 
 
@@ -110,15 +112,15 @@ def _joints(axes: Axes, named: Mapping[str, Sequence[Scattering]]) -> None:
     places, width = np.arange(len(chain)), 0.8 / len(named)
     for k, (name, joints) in enumerate(named.items()):
         at = places + (k - (len(named) - 1) / 2) * width
-        tips = mm(np.array([each.tip for each in joints]))
+        tips = mm(np.array([joint.tip for joint in joints]))
         axes.bar(at, tips, 0.95 * width, color=_COLOURS[k % 4], hatch=_HATCHES[k % 4], label=name)
-        for x, tip, each in zip(at, tips, joints, strict=True):
+        for x, tip, joint in zip(at, tips, joints, strict=True):
             axes.annotate(
-                text(each.std.value, each.unit), (x, tip), ha="center", va="bottom", fontsize=6
+                text(joint.std.value, joint.unit), (x, tip), ha="center", va="bottom", fontsize=6
             )
-    units = " or ".join(sorted({unit_name(each.unit) for each in chain}))
+    units = " or ".join(sorted({unit_name(joint.unit) for joint in chain}))
     axes.margins(y=0.15)
-    axes.set_xticks(places, [each.joint for each in chain])
+    axes.set_xticks(places, [joint.joint for joint in chain])
     axes.set_title(
         f"Scatter of each joint: bars what it alone moves the tip by, numbers in {units}"
     )
@@ -127,82 +129,85 @@ def _joints(axes: Axes, named: Mapping[str, Sequence[Scattering]]) -> None:
     axes.legend(fontsize=8)
 
 
-def _pushes(axes: Axes, found: DirectionalForce) -> None:
+def _pushes(axes: Axes, force: DirectionalForce) -> None:
     """Each joint's play beside what chance gives, at the tip."""
-    places = np.arange(len(found.joints))
-    seen = np.array([each.tip for each in found.joints])
-    chance = [each.tip * each.by_chance / max(each.backlash, 1e-300) for each in found.joints]
-    axes.bar(places - 0.2, mm(seen), 0.38, color=BLUE, label="play between directions")
+    places = np.arange(len(force.joints))
+    play = np.array([joint.tip for joint in force.joints])
+    chance = [joint.tip * joint.by_chance / max(joint.backlash, 1e-300) for joint in force.joints]
+    axes.bar(places - 0.2, mm(play), 0.38, color=BLUE, label="play between directions")
     axes.bar(
         places + 0.2, mm(np.array(chance)), 0.38,
         color="white", edgecolor="black", hatch="////", label="by chance, once in twenty",
     )  # fmt: skip
-    for place, each in zip(places, found.joints, strict=True):
-        if each.has_backlash:
+    for place, joint in zip(places, force.joints, strict=True):
+        if joint.has_backlash:
             axes.annotate(
-                "gives", (place - 0.2, mm(each.tip)), ha="center", va="bottom", fontsize=8
+                "gives", (place - 0.2, mm(joint.tip)), ha="center", va="bottom", fontsize=8
             )
     axes.margins(y=0.15)
-    axes.set_xticks(places, [each.joint for each in found.joints])
+    axes.set_xticks(places, [joint.joint for joint in force.joints])
     axes.set_title("What each joint does out of step with the others when pushed another way")
     axes.set_ylabel("at the tip, mm")
     axes.grid(axis="y")
     axes.legend(fontsize=8)
 
 
-def stationary_plot(found: Stationary) -> str:
+def stationary_plot(rest: Stationary) -> str:
     """An SVG: readings over time, and Allan deviation of every joint."""
     name = "repeatability_stationary"
     with picture(name, (LARGE, 3.9)) as figure:
         over_time, allan = figure.subplots(1, 2)
-        _over_time(over_time, found)
-        _allan(allan, found)
+        _over_time(over_time, rest)
+        _allan(allan, rest)
         return svg_text(figure, name, "Joints at rest: readings over time, and Allan deviation")
 
 
-def _over_time(axes: Axes, found: Stationary) -> None:
+def _over_time(axes: Axes, rest: Stationary) -> None:
     """Means of short stretches, one joint above the other."""
-    parts = np.array_split(np.arange(len(found.stream.time)), min(200, len(found.stream.time)))
-    time = [found.stream.time[rows].mean() - found.stream.time[0] for rows in parts]
+    parts = np.array_split(np.arange(len(rest.stream.time)), min(200, len(rest.stream.time)))
+    time = [rest.stream.time[rows].mean() - rest.stream.time[0] for rows in parts]
     columns = []
-    for each, readings in zip(found.joints, found.stream.readings.T, strict=True):
-        away = readings - each.mean
-        away = np.angle(np.exp(1j * away)) if each.unit == "rad" else away
+    for joint, readings in zip(rest.joints, rest.stream.readings.T, strict=True):
+        away = readings - joint.mean
+        away = np.angle(np.exp(1j * away)) if joint.unit == "rad" else away
         means = np.array([np.median(away[rows]) for rows in parts])
-        columns.append(thousandths(means, each.unit))
-    apart = 1.5 * max(float(np.ptp(column)) for column in columns) or 1.0
-    for k, (each, column) in enumerate(zip(found.joints, columns, strict=True)):
-        axes.plot(time, column - column.mean() - k * apart, color=BLUE, lw=0.8)
-        axes.annotate(each.joint, (time[0], (0.2 - k) * apart), fontsize=7, va="bottom")
-    axes.set_ylim(top=0.8 * apart)
+        columns.append(thousandths(means, joint.unit))
+    distance = 1.5 * max(float(np.ptp(column)) for column in columns) or 1.0
+    for k, (joint, column) in enumerate(zip(rest.joints, columns, strict=True)):
+        axes.plot(time, column - column.mean() - k * distance, color=BLUE, lw=0.8)
+        axes.annotate(joint.joint, (time[0], (0.2 - k) * distance), fontsize=7, va="bottom")
+    axes.set_ylim(top=0.8 * distance)
     axes.set_title("Readings, averaged over short stretches")
     axes.set_xlabel("time, s")
-    axes.set_ylabel(f"{_unit(found)}, one joint below the other")
+    axes.set_ylabel(f"{_unit(rest)}, one joint below the other")
     axes.grid(axis="y")
 
 
-def _allan(axes: Axes, found: Stationary) -> None:
-    for k, each in enumerate(found.joints):
-        seen = each.allan.deviation > 0
-        if not seen.any():
+def _allan(axes: Axes, rest: Stationary) -> None:
+    for k, joint in enumerate(rest.joints):
+        positive = joint.allan.deviation > 0
+        if not positive.any():
             continue
         colour, line = _COLOURS[k % 4], _LINES[(k + k // 4) % 4]
-        tau, deviation = each.allan.tau[seen], thousandths(each.allan.deviation[seen], each.unit)
-        axes.plot(tau, deviation, color=colour, ls=line, lw=1.3, label=each.joint)
+        tau, deviation = (
+            joint.allan.tau[positive],
+            thousandths(joint.allan.deviation[positive], joint.unit),
+        )
+        axes.plot(tau, deviation, color=colour, ls=line, lw=1.3, label=joint.joint)
         low, high = (
-            thousandths(ends[seen], each.unit) for ends in (each.allan.low, each.allan.high)
+            thousandths(ends[positive], joint.unit) for ends in (joint.allan.low, joint.allan.high)
         )
         axes.fill_between(tau, low, high, color=colour, alpha=0.1, lw=0)
     plain_log(axes.xaxis, axes.set_xscale)
     plain_log(axes.yaxis, axes.set_yscale)
     axes.set_title("Allan deviation (bands: 95 %)")
     axes.set_xlabel("averaging time, s")
-    axes.set_ylabel(_unit(found))
+    axes.set_ylabel(_unit(rest))
     axes.grid()
     if axes.lines:
         axes.legend(fontsize=7, ncols=2)
 
 
-def _unit(found: Stationary) -> str:
-    units = {f"0.001 {unit_name(each.unit)}" for each in found.joints}
+def _unit(rest: Stationary) -> str:
+    units = {f"0.001 {unit_name(joint.unit)}" for joint in rest.joints}
     return " or ".join(sorted(units))

@@ -44,7 +44,7 @@ def scene_html(scene: Scene, name: str, templates: Environment) -> str:
     parts = [*_ground(low, high, step), *scene.parts]
     middle = (low + high) / 2
     scale = _fitting(np.concatenate([mm(part.points) for part in parts]) - middle)
-    told = {
+    record = {
         "middle": _rounded(middle),
         "scale": scale,
         "view": [math.radians(AZIMUTH), math.radians(ELEVATION)],
@@ -65,7 +65,7 @@ def scene_html(scene: Scene, name: str, templates: Environment) -> str:
             }
         )
     # Inside a script element only "</" ends it.
-    data = json.dumps(told, separators=(",", ":")).replace("</", "<\\/")
+    data = json.dumps(record, separators=(",", ":")).replace("</", "<\\/")
     return templates.get_template("scene.html.j2").render(
         name=name, paths=paths, data=data, width=WIDTH, height=HEIGHT, step=f"{step:g}"
     )
@@ -126,10 +126,10 @@ def _record(part: Part) -> dict[str, Any]:
 
 def _rounded(places: FloatArray) -> list[Any]:
     """Tenths of a millimetre, which no screen resolves; null for what is not a number."""
-    whole: list[Any] = np.round(places, 1).tolist()
+    values: list[Any] = np.round(places, 1).tolist()
     return [
-        None if isinstance(each, list) and not all(map(math.isfinite, each)) else each
-        for each in whole
+        None if isinstance(value, list) and not all(map(math.isfinite, value)) else value
+        for value in values
     ]
 
 

@@ -34,7 +34,6 @@ from suta_calib.stereotactic.solve import StereotacticErrors, StereotacticResult
 from suta_calib.units import mm, text
 
 NAME: Final = "stereotactic"
-CELLS: Final = 8  # of the map, in each direction
 
 
 # The two pivots by name.
@@ -76,11 +75,11 @@ NAVIGATION: Final = Listing[tuple[int, tuple[FloatArray, float]]](
 )
 REGISTRATION: Final = Listing[Navigation](
     "",
-    Column("nav", value=lambda found: found.ct, unit="m"),
-    Column("nav_expected_error", value=lambda found: found.target_error, unit="m"),
-    Column("T_ct_em", value=lambda found: found.registration.matrix),
-    Column("fiducial_rms", value=lambda found: found.registration.rms, unit="m"),
-    Column("fiducial_outliers", value=lambda found: found.registration.outliers),
+    Column("nav", value=lambda row: row.ct, unit="m"),
+    Column("nav_expected_error", value=lambda row: row.target_error, unit="m"),
+    Column("T_ct_em", value=lambda row: row.registration.matrix),
+    Column("fiducial_rms", value=lambda row: row.registration.rms, unit="m"),
+    Column("fiducial_outliers", value=lambda row: row.registration.outliers),
 )
 
 
@@ -103,12 +102,12 @@ class ComparedOutput:
 
 COMPARISON: Final = Listing[ComparedOutput](
     "Against the output files given, mm",
-    Column("", "distance of", lambda each: each.name),
-    Column("", "mean", lambda each: each.sizes.mean(), "m", form=".4f"),
+    Column("", "distance of", lambda row: row.name),
+    Column("", "mean", lambda row: row.sizes.mean(), "m", form=".4f"),
     Column(
         "",
         "max",
-        lambda each: None if each.key.endswith("post") else each.sizes.max(),
+        lambda row: None if row.key.endswith("post") else row.sizes.max(),
         "m",
         form=".4f",
     ),
@@ -149,7 +148,9 @@ def stereotactic_document(result: StereotacticResult, errors: StereotacticErrors
         in_ct = navigation.ct
         parts.append(File(second, lambda: points_text((len(in_ct),), second, in_ct)))
     data = _data(result) | {
-        "comparison": {key: value for each in compared for key, value in each.record().items()}
+        "comparison": {
+            key: value for comparison in compared for key, value in comparison.record().items()
+        }
     }
     title = f"Stereotactic navigation: {name}"
     return Document(f"{name}-{NAME}", title, result.assessment, parts, data, "files")
@@ -175,24 +176,24 @@ def check_given(answer: Document, folder: Path, inputs: Path) -> None:
 
 
 def _data(result: StereotacticResult) -> Json:
-    found: Json = {"name": result.data.name}
+    content: Json = {"name": result.data.name}
     for name, pivot in _pivots_of(result):
         record = PIVOTS.record((name, pivot))
-        found |= {f"{name.lower()}_{key}": value for key, value in record.items()}
-    found["em_readings"] = {"before": Listing("", *SIZES).record(_sizes(result.em_error))}
+        content |= {f"{name.lower()}_{key}": value for key, value in record.items()}
+    content["em_readings"] = {"before": Listing("", *SIZES).record(_sizes(result.em_error))}
     if result.outliers:
-        found["marker_outliers"] = dict(result.outliers)
+        content["marker_outliers"] = dict(result.outliers)
     if (correction := result.correction) is not None:
-        found["em_readings"]["after"] = Listing("", *SIZES).record(_sizes(correction.residuals))
-        found["degree"] = correction.degree
-        found["cross_validation_mm"] = plain(correction.cross_validation, "m")
-        found["continuation"] = correction.continuation
-        found["extrapolated"] = dict(result.extrapolated)
+        content["em_readings"]["after"] = Listing("", *SIZES).record(_sizes(correction.residuals))
+        content["degree"] = correction.degree
+        content["cross_validation_mm"] = plain(correction.cross_validation, "m")
+        content["continuation"] = correction.continuation
+        content["extrapolated"] = dict(result.extrapolated)
         errors = {use: correction.extrapolation_error(p) for use, p in result.data.em_uses.items()}
-        found["extrapolation_error_mm"] = plain(errors, "m")
+        content["extrapolation_error_mm"] = plain(errors, "m")
         navigation = result.navigation
-        found |= {"nav_mm": None} if navigation is None else REGISTRATION.record(navigation)
-    return found
+        content |= {"nav_mm": None} if navigation is None else REGISTRATION.record(navigation)
+    return content
 
 
 def _pivots_of(result: StereotacticResult) -> list[tuple[str, PivotCalibration]]:
@@ -241,7 +242,8 @@ def _map(figure: Picture, axes: Axes, result: StereotacticResult) -> None:
     slab = (points[:, 2] >= low) & (points[:, 2] <= high)
     plane, vectors = points[slab, :2].T, errors[slab].T
     across, up = plane
-    number, *edges = np.histogram2d(across, up, bins=CELLS)
+    # of the map, in each direction
+    number, *edges = np.histogram2d(across, up, bins=8)
     sums = [np.histogram2d(across, up, bins=edges, weights=v)[0] for v in (*plane, *vectors)]
     x, y, *error = np.array(sums) / np.where(number, number, np.nan)
     sizes = np.linalg.norm(error, axis=0)

@@ -32,10 +32,6 @@ TITLES: Final[dict[Kind, str]] = {
     "bootstrap": "Bootstrap: how the estimates scatter",
     "monte-carlo": "Monte-Carlo: do estimates scatter as predicted",
 }
-# A calibration's own standard deviations over those from noise alone that deserve a word.
-NOTEWORTHY: Final = 1.25
-# Half-width of a normal distribution's central 95 %, in standard deviations.
-TWO_SIDED: Final = 1.96
 
 
 def _unit(p: ParameterSpread) -> Unit:
@@ -185,8 +181,8 @@ def _parameter(p: ParameterSpread) -> Json:
 
 def _drawn(study: Study) -> str:
     plan = study.plan
-    kept = [plan.data.terms[k].kind for k in plan.data.sets.kept_whole]
-    whole = f" {' and '.join(kept)} is kept whole in every trial." if kept else ""
+    complete = [plan.data.terms[k].kind for k in plan.data.sets.kept_whole]
+    complete_note = f" {' and '.join(complete)} is kept whole in every trial." if complete else ""
     seed = f"seed {plan.data.seed}"
     if plan.data.kind == "monte-carlo":
         return (
@@ -197,21 +193,21 @@ def _drawn(study: Study) -> str:
     what = described(plan.data.sets.unit)
     return (
         f"{plan.trials} draws each, {how}, from {len(plan.data.sets)} sets, {seed}; a set is "
-        f"{what}.{whole}"
+        f"{what}.{complete_note}"
     )
 
 
 def _errors(study: SizeStudy) -> str:
     unit = _unit_of(study)
     nominal = text(study.uncalibrated, unit, with_unit=True)
-    found = f"Errors are RMS on {_held_out(study.plan)}"
-    found += f"; uncalibrated {nominal}." if nominal != NOTHING else "."
+    sentence = f"Errors are RMS on {_held_out(study.plan)}"
+    sentence += f"; uncalibrated {nominal}." if nominal != NOTHING else "."
     for chosen in study.sizes:
         if chosen.size == study.recommended and len(chosen.rms) > 1:
             low, high = text(chosen.range[0], unit), text(chosen.range[1], unit, with_unit=True)
-            found += f" With {chosen.size}, single calibrations reach {low} to {high}."
+            sentence += f" With {chosen.size}, single calibrations reach {low} to {high}."
     return (
-        f"{found} The scatter is between subsets of the same sets, which overlap the more the "
+        f"{sentence} The scatter is between subsets of the same sets, which overlap the more the "
         "larger they are."
     )
 
@@ -219,23 +215,24 @@ def _errors(study: SizeStudy) -> str:
 def _scatter(study: SpreadStudy) -> list[str]:
     bootstrap = study.plan.data.kind == "bootstrap"
     predicted = "of the calibration with all data" if bootstrap else "root mean square over trials"
-    found = [
+    sentences = [
         f"Predicted: standard deviation {predicted}. Spread: standard deviation between trials "
         "that told the parameter, relative to the same held ones."
     ]
     silent = [n for n, p in study.parameters.items() if p.estimate.state not in ESTIMATED]
     if silent:
-        found.append(f"Not estimated with all data either: {listed(silent)}.")
+        sentences.append(f"Not estimated with all data either: {listed(silent)}.")
     if any(p.priors and p.ratio < 1 for p in study.parameters.values()):
-        found.append(
+        sentences.append(
             "The job has priors, which are not drawn anew: what rests on them scatters less than "
             "its standard deviation says."
         )
     # A calibration whose model lacks something is less sure than its noise alone makes it.
     told = [p for p in study.parameters.values() if p.predicted > 0]
     larger = max(((p.estimate.std or 0.0) / p.predicted for p in told), default=0.0)
-    if not bootstrap and larger >= NOTEWORTHY:
-        found.append(
+    # A calibration's own standard deviations over those from noise alone that deserve a word.
+    if not bootstrap and larger >= 1.25:
+        sentences.append(
             f"The calibration's own standard deviations are up to {larger:.1f} times as large: "
             "they count what the model lacks as well, which simulated noise does not contain."
         )
@@ -246,11 +243,11 @@ def _scatter(study: SpreadStudy) -> list[str]:
         with_all = "" if full == NOTHING else f"{full} with all data, "
         mean = text(study.validation.mean, unit)
         std = text(study.validation.std, unit, with_unit=True)
-        found.append(
+        sentences.append(
             f"RMS error on {_held_out(study.plan)}: {with_all}{mean} ± {std} over the trials, "
             f"95 % of them {text(low, unit)} … {text(high, unit, with_unit=True)}."
         )
-    return found
+    return sentences
 
 
 def size_plot(study: SizeStudy) -> str:
@@ -281,9 +278,11 @@ def spread_plot(study: SpreadStudy) -> str:
     size = (1.3 * WIDTH if with_errors else WIDTH, 1.8 + 0.28 * len(estimated))
     with picture(name, size) as figure:
         ratios = (3, 2) if with_errors else (1,)
-        first, *others = figure.subplots(1, len(ratios), width_ratios=ratios, squeeze=False)[0]
+        first, *parameter_panels = figure.subplots(
+            1, len(ratios), width_ratios=ratios, squeeze=False
+        )[0]
         _intervals(first, estimated)
-        for axes in others:
+        for axes in parameter_panels:
             _error_histogram(axes, study)
         return svg_text(figure, name, "Scatter of the estimates between trials")
 
@@ -314,8 +313,10 @@ def _bands(axes: Axes, study: SizeStudy) -> None:
 
 def _intervals(axes: Axes, estimated: dict[str, ParameterSpread]) -> None:
     """95 % of each parameter's trials, in units of the standard deviation predicted."""
+    # Half-width of a normal distribution's central 95 %, in standard deviations.
+    two_sided = 1.96
     axes.axvspan(
-        -TWO_SIDED, TWO_SIDED, facecolor="#e8e8e8", edgecolor=GREY, lw=0.6, label="predicted 95 %"
+        -two_sided, two_sided, facecolor="#e8e8e8", edgecolor=GREY, lw=0.6, label="predicted 95 %"
     )
     places = np.arange(len(estimated))
     rows = [

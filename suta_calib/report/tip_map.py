@@ -56,7 +56,7 @@ BOTH: Final = Listing[tuple[str, Figures]](
     Column("", "", lambda row: row[0]),
     *(c.over(lambda row: row[1]) for c in FIGURES.columns),
 )
-OTHERS: Final = Listing[tuple[str, float, str]](
+OTHER_ARMS: Final = Listing[tuple[str, float, str]](
     "Beside others: figures of different kinds",
     Column("what", "", lambda row: row[0]),
     Column("value_mm", "mm", lambda row: row[1], form=".3g"),
@@ -64,9 +64,9 @@ OTHERS: Final = Listing[tuple[str, float, str]](
 )
 HELD: Final = Listing[OpenDirection](
     "",
-    Column("parameter", value=lambda each: each.fixed),
-    Column("plausible", unit=lambda each: each.unit),
-    Column("tip", value=lambda each: each.effect, unit="m"),
+    Column("parameter", value=lambda row: row.fixed),
+    Column("plausible", unit=lambda row: row.unit),
+    Column("tip", value=lambda row: row.effect, unit="m"),
 )
 SECTION: Final = Listing[Slice](
     "",
@@ -75,42 +75,42 @@ SECTION: Final = Listing[Slice](
 )
 
 
-def tip_map_document(found: TipMap) -> Document:
+def tip_map_document(tip_map: TipMap) -> Document:
     """Figures over the region, the map over the arm, and the field's figures beside them."""
-    place = "({:.0f}, {:.0f}, {:.0f})".format(*mm(found.place))
+    place = "({:.0f}, {:.0f}, {:.0f})".format(*mm(tip_map.place))
     where = (
-        f"Region: {region_text(found.region)}. "
-        f"Registered at {found.registration} points about {place} mm."
+        f"Region: {region_text(tip_map.region)}. "
+        f"Registered at {tip_map.registration} points about {place} mm."
     )
     parts: list[Part] = [
-        Figure(partial(tip_map_plot, found), "Uncertainty of the tip after registration, mm"),
-        BOTH.of((("registered", found.registered), ("absolute", found.absolute))),
-        OTHERS.of((("this arm", mm(found.registered.rms), OURS), *FIELD)),
+        Figure(partial(tip_map_plot, tip_map), "Uncertainty of the tip after registration, mm"),
+        BOTH.of((("registered", tip_map.registered), ("absolute", tip_map.absolute))),
+        OTHER_ARMS.of((("this arm", mm(tip_map.registered.rms), OURS), *FIELD)),
         Text(where, bullet=True),
         Text(_WHAT, bullet=True),
     ]
     data = {
-        "registered": FIGURES.record(found.registered),
-        "absolute": FIGURES.record(found.absolute),
-        "region": region_record(found.region),
-        "registration": {"place_mm": plain(found.place, "m"), "points": found.registration},
-        "held": HELD.records(found.open_directions),
-        "sections": {each.name: SECTION.record(each) for each in found.sections},
-        "field": OTHERS.records(FIELD),
-        "tolerance_mm": plain(found.tolerance, "m"),
+        "registered": FIGURES.record(tip_map.registered),
+        "absolute": FIGURES.record(tip_map.absolute),
+        "region": region_record(tip_map.region),
+        "registration": {"place_mm": plain(tip_map.place, "m"), "points": tip_map.registration},
+        "held": HELD.records(tip_map.open_directions),
+        "sections": {section.name: SECTION.record(section) for section in tip_map.sections},
+        "field": OTHER_ARMS.records(FIELD),
+        "tolerance_mm": plain(tip_map.tolerance, "m"),
     }
-    return Document(NAME, TITLE, found.assessment, parts, data)
+    return Document(NAME, TITLE, tip_map.assessment, parts, data)
 
 
-def tip_map_plot(found: TipMap, name: str = NAME, *, absolute: bool = False) -> str:
+def tip_map_plot(tip_map: TipMap, name: str = NAME, *, absolute: bool = False) -> str:
     """An SVG element: a vertical and a horizontal section, levels labelled in mm.
 
     Args:
-        found: the maps.
+        tip_map: the maps.
         name: id of the plot on its page.
         absolute: the uncertainty in the base frame instead of that after registration.
     """
     with picture(name, (1.35 * WIDTH, 5.4)) as figure:
-        draw_tip_map(figure, found, absolute=absolute)
+        draw_tip_map(figure, tip_map, absolute=absolute)
         description = "Map of the tip's uncertainty, from the side and from above"
         return svg_text(figure, name, description)

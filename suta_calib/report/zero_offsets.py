@@ -24,56 +24,57 @@ CONTRADICTED: Final = Listing[ContradictedZero](
 )
 
 
-def zero_offsets_document(found: ZeroOffsets, written: Path | None = None) -> Document:
+def zero_offsets_document(offsets: ZeroOffsets, written: Path | None = None) -> Document:
     """The branches that fit, each with its residuals, and the one that was chosen.
 
     Args:
-        found: the answer.
+        offsets: the answer.
         written: the URDF that holds the chosen offsets.
     """
-    parts: list[Part] = [_branches(found).of(found.branches)]
+    parts: list[Part] = [_branches(offsets).of(offsets.branches)]
     if written is not None:
         parts.append(Text(f"Written to {written}: raw readings are its joint positions."))
-    parameters = found.arm.parameters
-    std = dict(zip(found.names, plain(found.chosen.std), strict=True))
+    parameters = offsets.arm.parameters
+    std = dict(zip(offsets.names, plain(offsets.chosen.std), strict=True))
     data: Json = {
-        "status": found.status,
+        "status": offsets.status,
         "offsets": {
             name: {"unit": parameters[name].unit, "value": value, "std": std[name]}
-            for name, value in found.values().items()
+            for name, value in offsets.values().items()
         },
-        "redundancy": found.redundancy,
-        "contradicted": found.contradicted and CONTRADICTED.record(found.contradicted),
-        "undetermined": [combination.fixed for combination in found.undetermined],
-        "combinations": [combination.direction for combination in found.undetermined],
-        "residual": RESIDUAL.record(found.chosen),
-        "branch": found.options.branch,
+        "redundancy": offsets.redundancy,
+        "contradicted": offsets.contradicted and CONTRADICTED.record(offsets.contradicted),
+        "undetermined": [combination.fixed for combination in offsets.undetermined],
+        "combinations": [combination.direction for combination in offsets.undetermined],
+        "residual": RESIDUAL.record(offsets.chosen),
+        "branch": offsets.options.branch,
         "branches": [
-            {"offsets": found.values(each), **RESIDUAL.record(each)} for each in found.branches
+            {"offsets": offsets.values(branche), **RESIDUAL.record(branche)}
+            for branche in offsets.branches
         ],
         "urdf": None if written is None else str(written),
     }
-    return Document(NAME, "Zero offsets", found.assessment, parts, data)
+    return Document(NAME, "Zero offsets", offsets.assessment, parts, data)
 
 
-def _branches(found: ZeroOffsets) -> Listing[Branch]:
+def _branches(offsets: ZeroOffsets) -> Listing[Branch]:
     """A column for every joint, in degrees, or mm where it slides."""
-    unknown = {combination.fixed for combination in found.undetermined}
+    unknown = {combination.fixed for combination in offsets.undetermined}
 
     def number(branch: Branch) -> str:
-        k = found.branches.index(branch) + 1
-        return f"{k} *" if k == found.options.branch else f"{k}"
+        k = offsets.branches.index(branch) + 1
+        return f"{k} *" if k == offsets.options.branch else f"{k}"
 
     def cell(k: int) -> Callable[[Branch], str]:
-        name = found.names[k]
-        shown = mm if found.arm.parameters[name].unit == "m" else deg
+        name = offsets.names[k]
+        shown = mm if offsets.arm.parameters[name].unit == "m" else deg
         if name in unknown:
             return lambda _: "?"
         return lambda branch: (
             f"{shown(float(branch.offsets[k])):.3f} ± {shown(float(branch.std[k])):.3f}"
         )
 
-    joints = (shown_as(joint, cell(k)) for k, joint in enumerate(found.arm.joints))
+    joints = (shown_as(joint, cell(k)) for k, joint in enumerate(offsets.arm.joints))
     return Listing(
         "Offsets, deg (mm)",
         Column("", "branch", cell=number),

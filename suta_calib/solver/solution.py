@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from suta_calib import plotting
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
+from suta_calib.plotting.change import Change
 from suta_calib.showing import Shown
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
@@ -25,7 +27,6 @@ from suta_calib.terms.term import Term
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
-    from suta_calib.plotting.change import Change
     from suta_calib.solver.weights import Weights
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
@@ -229,8 +230,6 @@ class Solution(Shown):
     @property
     def changes(self) -> list[Change]:
         """How far every estimated parameter of the arm moved from nominal."""
-        from suta_calib.plotting.change import Change
-
         return [
             Change(e.name, e.unit, e.value - e.nominal, e.std, e.state == "prior")
             for e in self.arm_estimates.values()
@@ -250,12 +249,11 @@ class Solution(Shown):
         Raises:
             ParameterError: no parameter of the arm was estimated.
         """
-        from suta_calib.plotting import ROW_HEIGHT, draw_changes, figure_or_new
-
         if not self.changes:
             raise ParameterError("no estimated parameter of the arm", "at least one to draw")
-        figure = figure_or_new(figure, (7.2, 1.0 + ROW_HEIGHT * len(self.changes)))
-        draw_changes(figure, self.changes)
+        height = 1.0 + plotting.ROW_HEIGHT * len(self.changes)
+        figure = plotting.figure_or_new(figure, (plotting.WIDTH, height))
+        plotting.draw_changes(figure, self.changes)
         return figure
 
     def plot_residuals(self, ax: Any = None) -> Any:
@@ -270,8 +268,6 @@ class Solution(Shown):
         Returns:
             The `Axes`: mm, or degrees.
         """
-        from suta_calib.plotting import axes_or_new, draw_histogram
-
         problem, first = self.problem, self.problem.terms[0].blocks[0]
         pairs = [(term.kind, block) for term in problem.terms for block in term.blocks]
         same_kind = [
@@ -284,8 +280,8 @@ class Solution(Shown):
             lines = problem.linearise(x, problem.assumed_sigmas())
             sizes = [np.linalg.norm(lines[k].residual, axis=1) for k in same_kind]
             norms.append(np.concatenate(sizes))
-        axes = axes_or_new(ax, (6.5, 3.2))
-        draw_histogram(axes, norms[0], norms[1], first.unit, first.name)
+        axes = plotting.axes_or_new(ax, (6.5, 3.2))
+        plotting.draw_histogram(axes, norms[0], norms[1], first.unit, first.name)
         return axes
 
     def correlation(self, *, arm: bool = False) -> tuple[tuple[str, ...], FloatArray]:

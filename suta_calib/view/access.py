@@ -34,7 +34,6 @@ _LOGGER: Final = logging.getLogger(__name__)
 _LOGGER.addHandler(logging.NullHandler())
 _THIS_COMPUTER: Final = frozenset({"localhost", "127.0.0.1", "::1"})
 _EVERY_ADDRESS: Final = frozenset({"", "0.0.0.0", "::"})
-_TOKEN_BYTES: Final = 16
 # `serve` of the library is exchanged for a moment: by one at a time.
 _EXCHANGING: Final = threading.Lock()
 
@@ -51,7 +50,8 @@ class Access:
     """
 
     def __init__(self, host: str) -> None:
-        self.token = secrets.token_hex(_TOKEN_BYTES)
+        token_bytes = 16
+        self.token = secrets.token_hex(token_bytes)
         self._host = host.lower()
         self.guards = False
 

@@ -68,7 +68,7 @@ class Calibrated:
             for name, terms in sets.items()
             if terms
         }
-        fitted, held_out = (tuple(each.term for each in terms) for terms in sets.values())
+        fitted, held_out = (tuple(term.term for term in terms) for terms in sets.values())
         return cls(
             title or arm.chain.path.name,
             arm,
@@ -82,7 +82,7 @@ class Calibrated:
     @property
     def summary(self) -> str:
         """One line on the errors before and after."""
-        shown = ((name, *(mm(each) for each in rms)) for name, rms in self.rms.items())
+        shown = ((name, *(mm(rm) for rm in rms)) for name, rms in self.rms.items())
         return ", ".join(f"{name} {a:.3g} → {b:.3g} mm RMS" for name, a, b in shown)
 
     def tip(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:

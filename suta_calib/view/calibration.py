@@ -41,15 +41,6 @@ _BLUE: Final[Colour] = (0, 68, 130)
 _GREEN: Final[Colour] = (0, 100, 72)
 UNSURE: Final[Colour] = (204, 121, 167)
 COLOURS: Final = {"calibration": _BLUE, "validation": _GREEN}
-# Of the scene's size: how large frames are drawn, and at first how long large errors and how wide
-# usual uncertainties.
-_AXES: Final = 0.05
-_LONG: Final = 0.08
-_WIDE: Final = 0.03
-# Ellipsoids that are drawn: more hide what they are about.
-_ELLIPSOIDS: Final = 30
-# Chance that the error of a sample with nothing wrong is called outlying.
-_CHANCE: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +70,9 @@ class TipErrors:
     def outlying(self) -> BoolArray:
         """(n,) which errors are larger than chance makes them, by the median of all."""
         size = self.term.blocks[0].size
-        limit = math.sqrt(chdtri(size, _CHANCE) / chdtri(size, 0.5))
+        # Chance that the error of a sample with nothing wrong is called outlying.
+        chance = 1e-4
+        limit = math.sqrt(chdtri(size, chance) / chdtri(size, 0.5))
         return np.asarray(self.norm > limit * np.median(self.norm))
 
     @property
@@ -90,8 +83,8 @@ class TipErrors:
             labels = " ".join(str(column[k]) for column in samples.labels.values())
             # Angles alone do not tell where the tip was.
             size = f"{mm(self.norm[k]):.3f} mm" if self.norm.any() else ""
-            said = (self.group, labels, origin, size)
-            yield ", ".join(filter(None, said))
+            parts = (self.group, labels, origin, size)
+            yield ", ".join(filter(None, parts))
 
     @property
     def arrows(self) -> Arrows:
@@ -113,7 +106,7 @@ def show(examined: CalibrationExamination, port: int = 0) -> Viewer:
 
 
 def calibration_page(calibrated: Calibrated) -> bytes:
-    """A calibration as one HTML file, which needs no network and has the whole panel.
+    """A calibration as one HTML file, which needs no network and plays the samples.
 
     Raises:
         MissingExtraError: the extra ``view`` is not installed.
@@ -142,6 +135,11 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
         calibrated: the calibration.
         meshes: shapes of the arm's links; none where no file of them was found.
     """
+    # Of the scene's size: how large frames are drawn, and at first how long large errors and how
+    # wide usual uncertainties.
+    axes = 0.05
+    long = 0.08
+    wide = 0.03
     arm = calibrated.arm
     arms = (
         DrawnArm("calibrated", arm, calibrated.values, meshes),
@@ -154,17 +152,18 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
     ]
     rows = _rows(errors)
     _, links = arms[0].poses(rows.q[0])
-    reach = max(float(np.linalg.norm(np.ptp(each, axis=0))) for each in (links, rows.at))
-    size = _AXES * reach
+    reach = max(float(np.linalg.norm(np.ptp(places, axis=0))) for places in (links, rows.at))
+    size = axes * reach
     things = list[Thing]()
-    for found in errors:
-        things += surroundings(found.term, found.values, size, labelled=not things)
-        things.append(found.arrows)
-    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _ELLIPSOIDS)).astype(int))
+    for error in errors:
+        things += surroundings(error.term, error.values, size, labelled=not things)
+        things.append(error.arrows)
+    # Ellipsoids that are drawn: more hide what they are about.
+    chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), 30)).astype(int))
     ellipsoids = Ellipsoids.of("uncertainty", *calibrated.tip(rows.q[chosen]), UNSURE)
     if ellipsoids.std.max() > 0:
         things.append(ellipsoids)
-    large = float(np.quantile(np.concatenate([found.norm for found in errors]), 0.9))
+    large = float(np.quantile(np.concatenate([error.norm for error in errors]), 0.9))
     usual = float(np.median(ellipsoids.std.max(axis=1)))
     return Scene(
         calibrated.title,
@@ -172,29 +171,29 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
         rows.q[0],
         _once(things),
         rows,
-        _factor(_LONG * reach, large),
-        _factor(_WIDE * reach, usual),
+        _factor(long * reach, large),
+        _factor(wide * reach, usual),
         calibrated.assessment,
         calibrated.summary,
     )
 
 
-def _factor(wanted: float, length: float) -> float:
-    return round_down(wanted / length) if length > 0 else 1.0
+def _factor(longest: float, length: float) -> float:
+    return round_down(longest / length) if length > 0 else 1.0
 
 
 def _once(things: list[Thing]) -> tuple[Thing, ...]:
     """The first of each name: what two terms look at stands there once."""
-    found: dict[str, Thing] = {}
+    by_name: dict[str, Thing] = {}
     for thing in things:
-        found.setdefault(thing.name, thing)
-    return tuple(found.values())
+        by_name.setdefault(thing.name, thing)
+    return tuple(by_name.values())
 
 
 def _rows(errors: list[TipErrors]) -> Rows:
     return Rows(
-        tuple(name for found in errors for name in found.names),
-        np.vstack([found.term.poses.samples.q for found in errors]),
-        np.vstack([found.at for found in errors]),
-        np.concatenate([found.outlying for found in errors]),
+        tuple(name for error in errors for name in error.names),
+        np.vstack([error.term.poses.samples.q for error in errors]),
+        np.vstack([error.at for error in errors]),
+        np.concatenate([error.outlying for error in errors]),
     )

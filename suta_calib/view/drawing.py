@@ -27,8 +27,6 @@ from suta_calib.view.scene import (
 if TYPE_CHECKING:
     import viser
 
-# Of the scene's size.
-_SHAFT: Final = 0.0012
 # Of lines between links, px: of the arm that is looked at, and of the other, which lies within.
 _BONES: Final = (4.0, 2.0)
 _NOMINAL: Final[Colour] = (150, 150, 150)
@@ -148,7 +146,8 @@ def _(thing: Points, api: Any, path: str, scene: Scene) -> Any:
 
 @draw.register
 def _(thing: Arrows, api: Any, path: str, scene: Scene) -> Any:
-    shaft = _SHAFT * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
+    # Of the scene's size.
+    shaft = 0.0012 * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
     return api.add_arrows(
         path,
         thing.ends(scene.magnification).astype(np.float32),

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 import pinocchio as pin
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
@@ -30,35 +30,6 @@ class LinkMesh:
     vertices: FloatArray
     faces: IntArray
     colour: tuple[int, int, int, int]
-
-
-@dataclass(frozen=True, eq=False)
-class Linkage:
-    """What it takes to place an arm's links: a joint's angle or slide is ``gearing @ q + shift``.
-
-    Attributes:
-        parent: (joints,) which joint carries each, from 0 and below it; -1 for the root.
-        rotation, position: (joints, 3, 3) and (joints, 3), each joint's frame in its parent's, m.
-        axis: (joints, 3) unit vector in the joint's own frame.
-        slides: (joints,) whether it slides along its axis; it turns about it otherwise.
-        gearing, shift: (joints, readings) and (joints,), rad or m.
-        carrier: (links,) which joint carries each link; -1 for the root.
-        link_rotation, link_position: (links, 3, 3) and (links, 3), each link in its carrier's
-            frame, m.
-        base: which link all others are told in.
-    """
-
-    parent: IntArray
-    rotation: FloatArray
-    position: FloatArray
-    axis: FloatArray
-    slides: BoolArray
-    gearing: FloatArray
-    shift: FloatArray
-    carrier: IntArray
-    link_rotation: FloatArray
-    link_position: FloatArray
-    base: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,35 +83,6 @@ class DrawnArm:
         placed = [base.actInv(link) for link in links]
         return np.array([p.rotation for p in placed]), np.array([p.translation for p in placed])
 
-    @property
-    def linkage(self) -> Linkage:
-        """What `poses` says, as numbers for whoever has no Pinocchio: a page that is looked at."""
-        model, arm = self._model, self.arm
-        moving = [joint for joint in arm.chain.joints if joint.moving]
-        number = [model.getJointId(joint.name) for joint in moving]
-        order = np.argsort(number)  # Pinocchio's, in which a parent comes before its children.
-        joints = [moving[k] for k in order]
-        placed = [model.jointPlacements[number[k]] for k in order]
-        frames = [model.frames[model.getFrameId(link, pin.FrameType.BODY)] for link in self.links]
-        return Linkage(
-            np.array([model.parents[number[k]] for k in order], dtype=np.intp) - 1,
-            np.array([each.rotation for each in placed]),
-            np.array([each.translation for each in placed]),
-            np.array([joint.axis for joint in joints]),
-            np.array([joint.type == "prismatic" for joint in joints]),
-            arm.gearing[order],
-            np.array([segment.shift for segment in arm.movers])[order],
-            np.array([_joint_of(frame) for frame in frames], dtype=np.intp) - 1,
-            np.array([frame.placement.rotation for frame in frames]),
-            np.array([frame.placement.translation for frame in frames]),
-            self.links.index(arm.chain.base),
-        )
-
     @cached_property
     def _data(self) -> pin.Data:
         return self._model.createData()
-
-
-def _joint_of(frame: pin.Frame) -> int:
-    """Number of the joint that carries a frame, which Pinocchio 2 calls otherwise."""
-    return int(frame.parentJoint if hasattr(frame, "parentJoint") else frame.parent)

@@ -22,7 +22,6 @@ from suta_calib.extras import load
 from suta_calib.view.drawn_arm import LinkMesh
 
 _PACKAGE: Final = "package://"
-_GREY: Final = (160, 165, 172, 255)
 
 
 def link_meshes(urdf: Path, data: bytes) -> tuple[LinkMesh, ...]:
@@ -103,7 +102,7 @@ def _meshes_of(scene: Any, links: set[str]) -> Iterator[LinkMesh]:
 def _colour(mesh: Any) -> tuple[int, int, int, int]:
     visual = mesh.visual
     if not visual.defined:
-        return _GREY
+        return (160, 165, 172, 255)
     colour = visual.material.main_color if hasattr(visual, "material") else visual.main_color
     r, g, b, a = (int(c) for c in colour)
     return r, g, b, a

@@ -40,8 +40,6 @@ EACH_S: Final = 0.25
 # How near a click must pass a sample, in radii of its mark.
 NEAR: Final = 3.0
 _WELL: Final = (150, 150, 150)
-# A joint without limits turns once; a slide without them goes a metre each way.
-_UNLIMITED: Final = {"rad": np.pi, "m": 1.0}
 # How far sliders of factors go beyond, and how far below, what they begin with.
 _WIDER: Final = 10.0
 _LEVELS: Final = {"good": "#009E73", "care": "#B8860B", "bad": "#D55E00"}
@@ -60,8 +58,6 @@ class Viewer:
         shown: number of the sample that the arms are at.
         arms: as they are drawn.
         joints: sliders of the panel, one for each joint that has a reading, degrees or mm.
-        controls: what the panel has, by label: what each slider and box changes, for whoever
-            answers them in this object's place.
         inflation: how many times as wide as they are uncertainties are drawn.
 
     Raises:
@@ -89,7 +85,7 @@ class Viewer:
         # Sliders, clicks and the play button each come from a thread of their own.
         self._moving = threading.RLock()
         self.joints: list[Any] = []
-        self.controls: dict[str, Any] = {}
+        self._per_shown: list[float] = []
         self._following = False
         if len(scene.rows):
             self._draw_rows()
@@ -150,16 +146,16 @@ class Viewer:
         for thing in (t for t in self.scene.things if isinstance(t, Ellipsoids)):
             self._handles[thing.name].batched_scales = ellipsoid_scales(thing, factor)
 
-    def show_tip(self, tip: Ellipsoids, said: str) -> None:
+    def show_tip(self, tip: Ellipsoids, label: str) -> None:
         """Show how sure the tip is: one ellipsoid, drawn at its factor, and a line of text."""
         if self._tip is None:
             self._tip = draw(tip, self.server.scene, "/tip", self.scene)
-            self._said = self.server.scene.add_label("/tip_is", said)
+            self._said = self.server.scene.add_label("/tip_is", label)
         with self.server.atomic():
             self._tip.batched_positions = tip.at.astype(np.float32)
             self._tip.batched_wxyzs = wxyz(tip.turn).astype(np.float32)
             self._tip.batched_scales = ellipsoid_scales(tip, self.inflation)
-            self._said.position, self._said.text = tip.at[0], said
+            self._said.position, self._said.text = tip.at[0], label
 
     def _draw_rows(self) -> None:
         api, rows = self.server.scene, self.scene.rows
@@ -187,7 +183,7 @@ class Viewer:
         gui.add_html(headline(scene))
         if scene.assessment is not None and scene.assessment.notes:
             with gui.add_folder("Notes", expand_by_default=False):
-                gui.add_html(_paragraphs(map(escape, scene.assessment.notes)))
+                gui.add_html(paragraphs(map(escape, scene.assessment.notes)))
         if len(scene.rows):
             with gui.add_folder("Samples"):
                 self._add_samples()
@@ -196,10 +192,8 @@ class Viewer:
                 "errors": self.magnify,
                 "uncertainty": self.inflate,
             }
-            self.controls["factors"] = {}
-            for what, factor in _factors(scene):
+            for what, factor in factors(scene):
                 self._add_factor(f"{what} ×", factor, change[what])
-                self.controls["factors"][f"{what} ×"] = what
         with gui.add_folder("Joints", expand_by_default=not len(scene.rows)):
             self._add_joints()
         with gui.add_folder("Shown"):
@@ -209,15 +203,14 @@ class Viewer:
     def _groups(self) -> list[str]:
         """Nodes that are shown or hidden as one."""
         things = (f"/{t.name.partition('/')[0]}" for t in self.scene.things)
-        own = [arm.root for arm in self.arms]
+        arms = [arm.root for arm in self.arms]
         return [
-            *own,
+            *arms,
             *things,
             *(["/samples", "/name of the sample"] if len(self.scene.rows) else []),
         ]
 
     def _add_switch(self, path: str) -> None:
-        self.controls.setdefault("switches", {})[path.removeprefix("/")] = path
         node = self.server.scene.get_handle_by_name(path) or self.server.scene.add_frame(
             path, show_axes=False
         )
@@ -238,11 +231,8 @@ class Viewer:
             _joint_slider(self.server.gui, joint, column)
             for joint, column in zip(arm.chain.moving, readings.T, strict=True)
         ]
-        factors = [_per_shown(unit) for unit in arm.units.values()]
-        self.controls["joints"] = {
-            slider.label: factor for slider, factor in zip(self.joints, factors, strict=True)
-        }
-        for k, (slider, factor) in enumerate(zip(self.joints, factors, strict=True)):
+        self._per_shown = [_per_shown(unit) for unit in arm.units.values()]
+        for k, (slider, factor) in enumerate(zip(self.joints, self._per_shown, strict=True)):
             slider.on_update(lambda event, k=k, f=factor: self._turn(k, f * event.target.value))
 
     def _turn(self, joint: int, reading: float) -> None:
@@ -255,15 +245,13 @@ class Viewer:
         """Have the sliders say where the arm is, from where they go on."""
         self._following = True
         try:
-            factors = self.controls.get("joints", {}).values()
-            for slider, reading, factor in zip(self.joints, self._q, factors, strict=False):
+            for slider, reading, factor in zip(self.joints, self._q, self._per_shown, strict=False):
                 slider.value = round(float(reading) / factor, 2)
         finally:
             self._following = False
 
     def _add_samples(self) -> None:
         gui, rows = self.server.gui, self.scene.rows
-        self.controls |= {"sample": "sample", "play": "play", "each_s": EACH_S}
         self._row: Any = gui.add_slider("sample", 0, max(len(rows) - 1, 1), 1, 0)
         self._play: Any = gui.add_checkbox("play", initial_value=False)
         self._row.on_update(lambda _: self.show_row(min(self._row.value, len(rows) - 1)))
@@ -289,16 +277,17 @@ def headline(scene: Scene) -> str:
     if (verdict := scene.assessment) is not None:
         word = f'<b style="color:{_LEVELS[verdict.level]}">{escape(verdict.word)}</b>'
         lines.append(f"{word}: {escape(verdict.sentence)}")
-    return _paragraphs([*lines, escape(scene.summary)])
+    return paragraphs([*lines, escape(scene.summary)])
 
 
-def _paragraphs(lines: Iterable[str]) -> str:
+def paragraphs(lines: Iterable[str]) -> str:
+    """Lines of HTML below each other, in small letters; those that are empty are left out."""
     style = "padding:0 1em;font-size:85%;overflow-wrap:anywhere"  # a path has no blanks
-    said = "".join(f'<p style="margin:0.3em 0">{line}</p>' for line in lines if line)
-    return f'<div style="{style}">{said}</div>'
+    shown_lines = "".join(f'<p style="margin:0.3em 0">{line}</p>' for line in lines if line)
+    return f'<div style="{style}">{shown_lines}</div>'
 
 
-def _factors(scene: Scene) -> Iterator[tuple[str, float]]:
+def factors(scene: Scene) -> Iterator[tuple[str, float]]:
     """What is drawn larger than it is, and how many times at first."""
     for kind, what, factor in (
         (Arrows, "errors", scene.magnification),
@@ -311,7 +300,9 @@ def _factors(scene: Scene) -> Iterator[tuple[str, float]]:
 def _joint_slider(gui: viser.GuiApi, joint: ChainJoint, readings: FloatArray) -> Any:
     """A slider in degrees or mm, within the limits and wherever the samples are; at the first."""
     unit = "m" if joint.type == "prismatic" else "rad"
-    beyond = _UNLIMITED[unit]
+    # A joint without limits turns once; a slide without them goes a metre each way.
+    unlimited = {"rad": np.pi, "m": 1.0}
+    beyond = unlimited[unit]
     low = joint.lower if np.isfinite(joint.lower) else -beyond
     high = joint.upper if np.isfinite(joint.upper) else beyond
     low, high = min(low, readings.min()), max(high, readings.max())
@@ -343,9 +334,9 @@ def _server(port: int, host: str, access: Access) -> viser.ViserServer:
         socket.create_server((host, port)).close()
     except OSError as error:
         taken = error.errno == errno.EADDRINUSE
-        found = "another program that listens there" if taken else error.strerror or str(error)
+        problem = "another program that listens there" if taken else error.strerror or str(error)
         raise OutputError(
-            f"{host}:{port}: found {found}; expected a free port of this computer; "
+            f"{host}:{port}: found {problem}; expected a free port of this computer; "
             "choose another with --port, or --host"
         ) from None
     with _silent(), access.guarding():

@@ -18,8 +18,6 @@ from suta_calib.view.scene import Colour, Frame, Frustum, Patch, Points, Stroke,
 STANDING: Final[Colour] = (230, 159, 0)
 # Where nothing is known of a camera's lens, rad, and width over height of its picture.
 _LENS: Final = (0.8, 4.0 / 3.0)
-# A group of touches that extends less than this in a direction does not extend in it, m.
-_FLAT: Final = 1e-6
 
 
 def surroundings(
@@ -117,7 +115,8 @@ def _span(name: str, touched: FloatArray) -> Iterator[Thing]:
     axes = right_singular(touched - middle)[1]
     inside = (touched - middle) @ axes.T
     low, high = inside.min(axis=0), inside.max(axis=0)
-    dimensions = int(np.sum(high - low > _FLAT))
+    # A group of touches that extends less than this in a direction does not extend in it, m.
+    dimensions = int(np.sum(high - low > 1e-6))
     if dimensions == 1:
         ends = np.array([[low[0], 0.0, 0.0], [high[0], 0.0, 0.0]])
         yield Stroke(f"{name} touched", ends @ axes + middle, STANDING)

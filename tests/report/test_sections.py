@@ -21,7 +21,7 @@ from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.files import write_document
 from suta_calib.report.listing import Column, Listing
 from suta_calib.report.page import page_with, themed
-from suta_calib.report.panels import apart
+from suta_calib.report.panels import separated
 from suta_calib.report.svg import picture as picture_of
 from suta_calib.report.svg import svg_text
 
@@ -165,7 +165,7 @@ def test_a_wide_figure_is_cut_between_its_panels_and_loses_nothing() -> None:
             axes.set_title(f"panel {key}")
         figure.legend(*panels["a"].get_legend_handles_labels(), loc="outside upper left")
         drawn = svg_text(figure, "plot", "Three of <them>")
-    (shown,) = html.fragments_fromstring(apart(drawn))
+    (shown,) = html.fragments_fromstring(separated(drawn))
     assert (shown.get("id"), shown.get("aria-label")) == ("plot", "Three of <them>")
     rows = [row.findall("svg") for row in shown.findall("div")]
     assert [len(row) for row in rows] == [1, 2, 1]
@@ -181,12 +181,12 @@ def test_a_wide_figure_is_cut_between_its_panels_and_loses_nothing() -> None:
     # What is referred to is there, once.
     ids = shown.xpath(".//@id")
     assert len(ids) == len(set(ids))
-    assert set(re.findall(r"url\(#([^)]*)\)", apart(drawn))) <= set(ids)
+    assert set(re.findall(r"url\(#([^)]*)\)", separated(drawn))) <= set(ids)
     # One panel, or several below each other, are as they were.
     with picture_of("plot", (1.3 * WIDTH, 4.0)) as figure:
         figure.subplots(2, 1)
         single = svg_text(figure, "plot", "A plot")
-    assert apart(single) == single
+    assert separated(single) == single
 
 
 def test_a_table_says_how_wide_a_page_it_needs_and_names_its_cells_where_it_has_less() -> None:

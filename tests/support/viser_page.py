@@ -1,45 +1,44 @@
-"""What a page of the arm in 3-D holds: what viser is told, and what the script in it moves."""
+"""What a page of the arm in 3-D holds: the messages that viser's client plays."""
 
 from __future__ import annotations
 
 import base64
-import gzip
-import json
 import re
 from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
+import zstandard
 
 
 @dataclass(frozen=True)
 class Held:
-    """Messages for viser's client, and what its own server is told in a page."""
+    """Messages for viser's client, each with its time, s."""
 
-    messages: list[dict[str, Any]]
-    scene: dict[str, Any]
+    messages: list[tuple[float, dict[str, Any]]]
 
     def made(self, kind: str) -> dict[str, dict[str, Any]]:
         """Properties of the things of one kind of message, by name."""
-        return {m["name"]: m["props"] for m in self.messages if m["type"] == kind}
+        return {m["name"]: m["props"] for _, m in self.messages if m["type"] == kind}
 
-    def last(self, kind: str, name: str) -> dict[str, Any]:
-        """The last message of a kind about a thing."""
-        return [m for m in self.messages if m["type"] == kind and m["name"] == name][-1]
-
-    def labelled(self, kind: str) -> dict[str, dict[str, Any]]:
-        """What the panel has of a kind of message, by label."""
-        return {m["props"]["label"]: m for m in self.messages if m["type"] == kind}
+    def told(self, kind: str, name: str) -> list[tuple[float, dict[str, Any]]]:
+        """The messages of a kind about a thing, in order."""
+        return [(t, m) for t, m in self.messages if (m["type"], m.get("name")) == (kind, name)]
 
 
 def held_by(page: bytes) -> Held:
-    """What is embedded in a page."""
-    (data,) = re.findall(rb'id="suta-calib-scene">([^<]*)<', page)
-    raw = gzip.decompress(base64.b64decode(data))
+    """What is embedded in a page.
+
+    After its length, 8 bytes, stands in Zstandard: the length of MessagePack, 8 bytes; that; the
+    arrays it refers to by number, each at a multiple of 8 bytes.
+    """
+    (data,) = re.findall(rb'__VISER_EMBED_DATA__="([^"]*)"', page)
+    raw = zstandard.ZstdDecompressor().decompress(base64.b64decode(data)[8:], 1 << 28)
     at = 8 + int.from_bytes(raw[:8], "little")
-    told = json.loads(raw[8:at])
+    plain = msgspec.msgpack.decode(raw[8:at])
     arrays = []
-    for size in told["lengths"]:
+    for size in plain["binaryBufferLengths"]:
         at += -at % 8
         arrays.append(raw[at : at + size])
         at += size
@@ -51,4 +50,4 @@ def held_by(page: bytes) -> Held:
             return {key: filled(each) for key, each in value.items()}
         return value
 
-    return Held([filled(m) for m in told["messages"]], told["scene"])
+    return Held([(time, filled(message)) for time, message in plain["messages"]])

@@ -8,6 +8,8 @@ from typing import Any, Final, Literal
 
 import numpy as np
 
+from suta_calib import plotting
+from suta_calib.analysis import outliers
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.showing import Shown
@@ -18,6 +20,23 @@ from suta_calib.units import Unit, mm, shown, unit_name
 
 Metric = Literal["contribution", "cooks_distance", "leave_one_out", "bias"]
 METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_one_out", "bias")
+# Unit of each metric, the head of its column, and the title of its plot.
+METRIC_LABELS: Final[dict[Metric, tuple[Unit, str, str]]] = {
+    "contribution": ("%", "share %", "Error contribution, %"),
+    "cooks_distance": ("1", "Cook", "Cook's distance"),
+    "leave_one_out": ("%", "l.o.o. %", "RMS falls when left out by, %"),
+    "bias": ("m", "bias mm", "Bias after registration, mm"),
+}
+
+
+def metric_labels(metric: Metric, unit: Unit) -> tuple[Unit, str, str]:
+    """`METRIC_LABELS`, where touches are off by angles or other numbers than lengths."""
+    if metric != "bias":
+        return METRIC_LABELS[metric]
+    name = unit_name(unit)
+    return unit, f"bias {name}".rstrip(), f"Bias after registration, {name}".rstrip(", ")
+
+
 # Metrics that must agree before something is called an outlier. Each has a blind spot: a wrong
 # landmark without leverage moves no parameter (Cook), one displaced across its distances hardly
 # changes them (contribution, leave-one-out), and one whose shift a short series of touches can
@@ -257,11 +276,8 @@ class Outliers(Shown):
         Returns:
             The figure.
         """
-        from suta_calib.analysis.outliers import draw_metrics
-        from suta_calib.plotting import figure_or_new
-
-        figure = figure_or_new(figure, (9.0, 7.0))
-        draw_metrics(figure, [each for each in self.terms if each.levels][term])
+        figure = plotting.figure_or_new(figure, (9.0, 7.0))
+        outliers.draw_metrics(figure, [each for each in self.terms if each.levels][term])
         return figure
 
     @property

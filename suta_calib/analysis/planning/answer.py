@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any, Final
 
+from suta_calib import plotting
+from suta_calib.analysis import planning
 from suta_calib.analysis.planning.candidates import Candidate, Unreachable
 from suta_calib.analysis.planning.region import Pool, Region
 from suta_calib.analysis.planning.situation import Situation
@@ -200,11 +202,8 @@ class Plan(Shown):
         Returns:
             The figure.
         """
-        from suta_calib.analysis.planning import draw_bench
-        from suta_calib.plotting import figure_or_new
-
-        figure = figure_or_new(figure, (9.0, 5.0))
-        draw_bench(figure, self)
+        figure = plotting.figure_or_new(figure, (9.0, 5.0))
+        planning.draw_bench(figure, self)
         return figure
 
     def plot_gain(self, ax: Any = None) -> Any:
@@ -216,11 +215,8 @@ class Plan(Shown):
         Returns:
             The `Axes`.
         """
-        from suta_calib.analysis.planning import draw_gain
-        from suta_calib.plotting import axes_or_new
-
-        axes = axes_or_new(ax, (6.5, 3.2))
-        draw_gain(axes, self)
+        axes = plotting.axes_or_new(ax, (6.5, 3.2))
+        planning.draw_gain(axes, self)
         return axes
 
     @property

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
+from suta_calib.plotting.look import BEHIND
 from suta_calib.plotting.planar import draw_arm, outline
 from suta_calib.plotting.style import BLUE, GREY, ORANGE, TINT, plain_log
 from suta_calib.units import mm, shown
@@ -114,9 +115,8 @@ def _candidate(
         at = mm(where[list(plane)])
         axes.plot(*at, "D", color=BLUE, ms=5, zorder=7, label="" if number else "planned pose")
     beside: dict[str, Any] = {"xytext": (6, 6), "textcoords": "offset points", "zorder": 9}
-    box = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
     x, y = mm(where[list(plane)])
-    axes.annotate(candidate.name, (x, y), fontsize=9, fontweight="bold", bbox=box, **beside)
+    axes.annotate(candidate.name, (x, y), fontsize=9, fontweight="bold", bbox=BEHIND, **beside)
 
 
 def _artefact(
