@@ -9,14 +9,14 @@ from __future__ import annotations
 import tempfile
 
 import numpy as np
-from limits import IMPORTS, processor_time, record, times
+from limits import IMPORTS, processor_time, record, times, until_printed
 
 JOB = "data/suta/calibration.yaml"
 POSES = "data/poses"
 ROUNDS = 3
 PAIRS = 9
 BESIDE_IMPORTS = {
-    "calibrate": ("calibrate", JOB, "--out", "{out}"),
+    "calibrate": ("calibrate", JOB, "--out", "{out}", "--no-report"),
     "observe": ("observe", JOB),
     "validate": ("validate", "urdf/suta.urdf", JOB),
     "pivot": ("pivot", f"{POSES}/pivot.csv"),
@@ -35,24 +35,26 @@ IN_SECONDS = {
 def beside_imports(folder: str) -> None:
     """Time each short command right after the imports, and record the ratios.
 
-    What a report takes is what `calibrate` takes more than without one just afterwards.
+    What a report takes is what `calibrate` takes more than without one just before.
     """
     ratios: dict[str, list[tuple[float, ...]]] = {name: [] for name in BESIDE_IMPORTS}
     report: list[float] = []
+    waited: list[float] = []
     for _ in range(PAIRS):
         for name, arguments in BESIDE_IMPORTS.items():
             bare, bare_waited = times(["-c", IMPORTS])
             command = ["-m", "suta_calib", *(word.format(out=folder) for word in arguments)]
-            taken, waited = times(command)
-            ratios[name].append((taken / bare, waited / bare_waited, taken, waited))
+            taken = processor_time(command)
+            ratios[name].append((taken / bare, taken))
             if name == "calibrate":
-                report.append(taken - processor_time([*command, "--no-report"]))
+                with_report = command[:-1]
+                waited.append(until_printed(with_report) / bare_waited)
+                report.append(processor_time(with_report) - taken)
     record("report", report)
+    record("waited", waited)
     for name, rows in ratios.items():
-        ratio, ratio_waited, taken, waited = np.transpose(rows)
+        ratio, taken = np.transpose(rows)
         record(name, ratio, f"{np.median(taken):.2f} s")
-        if name == "calibrate":
-            record("waited", ratio_waited, f"{np.median(waited):.2f} s")
 
 
 def in_seconds(folder: str) -> None:
