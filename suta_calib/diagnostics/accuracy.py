@@ -29,8 +29,6 @@ if TYPE_CHECKING:
 
 # Chance that an arm which is as good as the other is called better, and the same for worse.
 CHANCE: Final = 0.01
-# Times the error before from which on nothing excuses the error after.
-MUCH_WORSE: Final = 1.5
 # Lengths, m, that differ by less are the same: no arm resolves a tenth of a micrometre.
 ROUNDING: Final = 1e-7
 
@@ -159,7 +157,8 @@ class Gain:
         if -self.mean < self._limit * self.std and not self._far(self.after, self.before):
             return False
         explained = self.unsure + math.hypot(self._limit * self.std, self._unsure_at_most)
-        return -self.mean > explained or self.after > MUCH_WORSE * self.before
+        # Times the error before from which on nothing excuses the error after.
+        return -self.mean > explained or self.after > 1.5 * self.before
 
     def _far(self, larger: float, smaller: float) -> bool:
         """Whether one error is so many times the other as chance does not make it.

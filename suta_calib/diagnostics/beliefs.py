@@ -46,8 +46,6 @@ from suta_calib.units import text
 
 # Chance that right beliefs are contradicted.
 LEVEL: Final = 0.01
-# Part of its prior up to which a standard deviation is the data's doing.
-LOOSE: Final = 0.5
 
 
 @dataclass(frozen=True)
@@ -114,7 +112,8 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
         covariance = again.covariance[np.ix_(at, at)]
         prior = np.array([p.prior or np.inf for p in parameters])
         # A prior that leaves nothing to tell is what the kind holds even so.
-        loose = np.sqrt(np.diag(covariance)) < LOOSE * prior
+        # Part of its prior up to which a standard deviation is the data's doing.
+        loose = np.sqrt(np.diag(covariance)) < 0.5 * prior
         parameters = [p for p, is_loose in zip(parameters, loose, strict=True) if is_loose]
         if not parameters:
             continue

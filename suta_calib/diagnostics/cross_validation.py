@@ -22,9 +22,6 @@ from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.terms import Term
 
-MOST_FOLDS: Final = 10
-FEWEST_PLACEMENTS: Final = 3
-FOLDS_OF_TOUCHES: Final = 5
 # Of the held-out variance: less is not worth an unknown.
 WORTH: Final = 0.02
 MOST_FOLDS_MAY_DIFFER: Final = 0.2
@@ -138,8 +135,11 @@ def folds_of(terms: Sequence[Term], seed: int = 0) -> tuple[Fold, ...]:
     """
     columns = [t.poses.samples.labels.get("placement", ()) for t in terms]
     placements = list(dict.fromkeys(str(name) for column in columns for name in column))
-    by_placement = len(placements) >= FEWEST_PLACEMENTS
-    count = min(len(placements), MOST_FOLDS) if by_placement else FOLDS_OF_TOUCHES
+    fewest_placements = 3
+    by_placement = len(placements) >= fewest_placements
+    most_folds = 10
+    folds_of_touches = 5
+    count = min(len(placements), most_folds) if by_placement else folds_of_touches
     rng = np.random.default_rng(seed)
     number = [_fold_numbers(t, placements if by_placement else [], count, rng) for t in terms]
     folds = []

@@ -7,7 +7,6 @@ tip: it is displaced by that much from where it should be.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
 
 import numpy as np
 
@@ -16,11 +15,6 @@ from suta_calib.diagnostics.accuracy import block_residuals
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import Term
-
-# For differences of residuals, m: far above rounding, far below anything that is not linear.
-_STEP: Final = 1e-5
-# Relative curvature below which a direction of the tip is not seen at all.
-_OPEN: Final = 1e-9
 
 
 def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
@@ -38,6 +32,8 @@ def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArr
         Positions (n, 3) where the tip should have been and displacements (n, 3) from there, m, in
         the base.
     """
+    # For differences of residuals, m: far above rounding, far below anything that is not linear.
+    step = 1e-5
     rotation, position = term.poses.at(values)
     if term.medium == "touch":
         target = term.observed(values, term.poses).place
@@ -48,13 +44,14 @@ def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArr
         moved = MeasuredPoses(rotation, position + shift, term.poses.samples)
         return block_residuals([term.over_poses(moved)], ParameterSet(), values)[0]
 
-    slopes = [(residual(d) - residual(-d)) / (2 * _STEP) for d in _STEP * np.eye(3)]
+    slopes = [(residual(d) - residual(-d)) / (2 * step) for d in step * np.eye(3)]
     by_place = np.stack(slopes, axis=-1)
     # Normal equations of all rows of a sample: of a board, every corner that was seen.
     curvature, gradient = np.zeros((len(position), 3, 3)), np.zeros((len(position), 3))
     rows = block.samples[:, 0]
     np.add.at(curvature, rows, np.einsum("nki,nkj->nij", by_place, by_place))
     np.add.at(gradient, rows, np.einsum("nki,nk->ni", by_place, residual(np.zeros(3))))
-    weak = np.linalg.pinv(curvature, rcond=_OPEN, hermitian=True)
+    # Relative curvature below which a direction of the tip is not seen at all.
+    weak = np.linalg.pinv(curvature, rcond=1e-9, hermitian=True)
     displacement = np.einsum("nij,nj->ni", weak, gradient)
     return position - displacement, displacement

@@ -24,8 +24,6 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms.outside import OutsideFrame
 
 _STEP: Final = 1e-6
-# A number that changes by less, m or rad per unit, does not depend on what is held.
-_DEPENDS: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,7 +122,8 @@ def _external_pose(solution: Solution, frame: OutsideFrame) -> ExternalPose:
         spread = np.sqrt(
             np.maximum(np.einsum("ij,jk,ik->i", by_unknown, covariance, by_unknown), 0)
         )
-        lost = (np.abs(by_unknown @ open_ways.T) > _DEPENDS).any(axis=1)
+        # A number that changes by less, m or rad per unit, does not depend on what is held.
+        lost = (np.abs(by_unknown @ open_ways.T) > 1e-6).any(axis=1)
         return np.where(lost, np.nan, spread)
 
     relative = (name for e in estimates for name in e.given if name not in values)

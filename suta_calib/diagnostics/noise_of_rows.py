@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -24,9 +24,6 @@ from suta_calib.terms import Term
 from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.units import Unit
-
-# Rows below which neighbours say too little of the noise: a median of twenty is known to a fifth.
-FEWEST: Final = 20
 
 Source = Literal["repeats", "neighbours"]
 
@@ -90,7 +87,9 @@ def _noise_by_neighbours(term: Term, block: Block, residual: FloatArray) -> floa
         return math.nan
     # Readings of one rest share its posture's noise: one of each.
     once = np.unique(term.poses.rests[block.samples[:, 0]], return_index=True)[1]
-    if len(once) < FEWEST:
+    # Rows below which neighbours say too little of the noise: a median of twenty is known to a
+    # fifth.
+    if len(once) < 20:
         return math.nan
 
     postures = term.poses.samples.q[block.samples[once, 0]]

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -19,12 +18,6 @@ from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.weights import Learned, learn_weights
-
-# Factor on held priors from which on the answer is wrong: simulated arms were then off by more than
-# five of their standard deviations.
-HELD_TOO_NARROW: Final = 4.0
-# Factor on priors that the fit has widened from which on it is no guess but another unit.
-OTHER_UNIT: Final = 30.0
 
 
 @dataclass(frozen=True)
@@ -51,7 +44,8 @@ def judge_priors(solution: Solution) -> PriorNotes:
         f"The errors of the arm are larger than the job's priors say: {_listed(narrow)} times. "
         "The fit has widened the priors by these factors, and every ± includes it."
     )
-    if max(factor.value for factor in narrow.values()) > OTHER_UNIT:
+    # Factor on priors that the fit has widened from which on it is no guess but another unit.
+    if max(factor.value for factor in narrow.values()) > 30.0:
         return PriorNotes(bad, (*care, f"{sentence} Check the units of these priors."))
     return PriorNotes(bad, care, (sentence,))
 
@@ -75,7 +69,9 @@ def _held(solution: Solution) -> tuple[tuple[str, ...], tuple[str, ...]]:
         f"say: {_listed(narrow)} times. The part that the priors do not allow stays in the "
         "residuals, and no ± includes it. State wider priors, or leave out fixed: true."
     )
-    if max(factor.value for factor in narrow.values()) > HELD_TOO_NARROW:
+    # Factor on held priors from which on the answer is wrong: simulated arms were then off by more
+    # than five of their standard deviations.
+    if max(factor.value for factor in narrow.values()) > 4.0:
         return (sentence,), ()
     return (), (sentence,)
 

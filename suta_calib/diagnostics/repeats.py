@@ -27,10 +27,6 @@ LACKING: Final = 1.5
 NORMAL_MEDIAN: Final = 0.6745
 # Groups of repeats below which their scatter says too little.
 ENOUGH_GROUPS: Final = 10
-# Of a touch's rows beyond the threshold: a displaced touch has half, any other hardly one in ten.
-DISPLACED_SHARE: Final = 0.25
-# Of all rows: where more are beyond the threshold, it is the model that is wrong, or the threshold.
-LARGEST_OUTLIER_SHARE: Final = 0.5
 
 
 def repeat_groups(block: Block, touch: IntArray) -> tuple[IntArray, IntArray]:
@@ -101,9 +97,13 @@ def gross_rows(block: Block, residual: FloatArray, touch: IntArray) -> BoolArray
     for k in range(samples.shape[1]):
         np.add.at(rows, samples[:, k], 1.0)
         np.add.at(bad, samples[:, k], beyond)
-    suspect = bad > DISPLACED_SHARE * rows
+    # Of a touch's rows beyond the threshold: a displaced touch has half, any other hardly one in
+    # ten.
+    suspect = bad > 0.25 * rows
     wrong = np.asarray(beyond | suspect[samples].any(axis=1))
-    return wrong if wrong.mean() <= LARGEST_OUTLIER_SHARE else np.zeros_like(wrong)
+    # Of all rows: where more are beyond the threshold, it is the model that is wrong, or the
+    # threshold.
+    return wrong if wrong.mean() <= 0.5 else np.zeros_like(wrong)
 
 
 def _from_median(residual: FloatArray, group: IntArray, count: IntArray) -> FloatArray:

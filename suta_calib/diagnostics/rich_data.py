@@ -37,8 +37,6 @@ EXTENT: Final = 0.1
 LEVER: Final = 0.25
 # Information, relative to the largest, that so much data leaves only to what is null to rounding.
 NULL: Final = 1e-10
-# From a target that a touch may be, m.
-REACHED: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,8 @@ class _Exact:
         del sigma
         targets = Targets(target, np.tile(np.eye(3), (len(target), 1, 1)), "position")
         solved = self.kinematics.solve(targets, poses.samples.q, self.random, starts=2)
-        self.reached = solved.distance < REACHED
+        # From a target that a touch may be, m.
+        self.reached = solved.distance < 1e-9
         return poses.with_samples(replace(poses.samples, q=solved.q))
 
     def seen(

@@ -24,8 +24,6 @@ from suta_calib.words import listed
 
 # What it is called where a length that a job holds is all that has a unit.
 HELD: Final = "held length"
-# Shift of the tip, m, below which a scale means nothing at the tip.
-NOTHING: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -84,6 +82,8 @@ def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
     problem, by_scale = solution.problem, solution.spread.by_scale
     arm = problem.names[: problem.arm_count]
     carried, effects = relied_on(solution), []
+    # Shift of the tip, m, below which a scale means nothing at the tip.
+    nothing = 1e-9
     for carrier in scale_carriers(problem.terms):
         key = carrier.what, carrier.name
         shift = carrier.scale.std * by_scale[key]
@@ -98,7 +98,7 @@ def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
                 carrier.name,
                 carrier.scale,
                 key in carried or bends,
-                tip if tip > NOTHING else 0.0,
+                tip if tip > nothing else 0.0,
                 bends,
             )
         )

@@ -32,15 +32,6 @@ from suta_calib.threads import single_threaded
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.extended import offered_names
 
-# Chance that one of all tests calls clean residuals suspicious.
-LEVEL: Final = 0.01
-# Numbers that a pose is.
-POSE: Final = 6
-# Of a number of unknowns, that is none.
-ROUNDING: Final = 1e-6
-# What geometry that is held explains beyond Schwarz's penalty that is very strong evidence for it
-# (Kass, Raftery 1995, doi:10.1080/01621459.1995.10476572).
-VERY_STRONG: Final = 10.0
 # Chance by touches that what the variance alone says must have.
 SUPPORTED: Final = 0.05
 
@@ -80,9 +71,11 @@ class ScoreTest:
     @property
     def suspicious(self) -> bool:
         """Whether so much is neither chance nor geometry."""
-        by_variance = self.p_variance < LEVEL and self.p_single < SUPPORTED
-        by_chance = self.p < LEVEL or by_variance
-        return self.p_beside_geometry < LEVEL or (by_chance and self.beats_geometry)
+        # Chance that one of all tests calls clean residuals suspicious.
+        level = 0.01
+        by_variance = self.p_variance < level and self.p_single < SUPPORTED
+        by_chance = self.p < level or by_variance
+        return self.p_beside_geometry < level or (by_chance and self.beats_geometry)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +99,10 @@ class Residuals:
     @classmethod
     def of(cls, answer: Examination, effective: float) -> Residuals:
         """Those of an answer over an arm, of which the data have told ``effective`` unknowns."""
+        # Of a number of unknowns, that is none.
         fitted, free = (
             frozenset(answer.solution.problem.parameters),
-            math.ceil(effective - ROUNDING),
+            math.ceil(effective - 1e-6),
         )
         return cls(answer.problem, answer.rows, fitted, free, noise_ratio(answer.solution))
 
@@ -204,7 +198,9 @@ class Residuals:
 
         What is estimated makes up for it, and no ± knows.
         """
-        return self.enough and self.told_by_geometry(by_touch=True) > VERY_STRONG
+        # What geometry that is held explains beyond Schwarz's penalty that is very strong evidence
+        # for it (Kass, Raftery 1995, doi:10.1080/01621459.1995.10476572).
+        return self.enough and self.told_by_geometry(by_touch=True) > 10.0
 
     @property
     def enough(self) -> bool:
@@ -247,7 +243,9 @@ class Residuals:
         estimated = int(np.sum(values > WEAK**-2))
         gain = self._gain(scores, np.arange(len(more)))
         if by_touch:
-            gain *= min(1.0, POSE * scores.touches / max(self._equations, 1))
+            # Numbers that a pose is.
+            pose = 6
+            gain *= min(1.0, pose * scores.touches / max(self._equations, 1))
         return max(0.0, gain - estimated * float(np.log(scores.touches)))
 
 

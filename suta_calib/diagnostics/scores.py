@@ -20,8 +20,6 @@ from suta_calib.trust.extended import known_beforehand
 
 # Predicted standard deviation over what is plausible up to which a parameter is worth a test.
 TELLING: Final = 0.25
-# Information, relative to the largest, that is rounding.
-ROUNDING: Final = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,7 +153,9 @@ def _solved(matrix: FloatArray, right: FloatArray) -> FloatArray:
     A diagonal entry that is rounding stands for a column of nothing: scaled up, it would drown all.
     """
     diagonal = np.diag(matrix)
-    informed = diagonal > ROUNDING * max(float(diagonal.max(initial=0.0)), 1e-300)
+    # Information, relative to the largest, that is rounding.
+    rounding = 1e-12
+    informed = diagonal > rounding * max(float(diagonal.max(initial=0.0)), 1e-300)
     scale = np.where(informed, 1.0 / np.sqrt(np.where(informed, diagonal, 1.0)), 0.0)
     inverse = np.linalg.pinv(matrix * np.outer(scale, scale), 1e-10, True)
     return np.asarray(scale[:, None] * (inverse @ (scale[:, None] * right)))

@@ -15,8 +15,6 @@ from suta_calib.solver.problem import Problem
 
 # A part or a misfit this small beside the whole is put there by noise.
 NOISE: Final = 0.05
-# Parts that cancel to this share of the largest one cancel.
-CANCELS: Final = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +51,9 @@ class TipMotion:
     @property
     def vanishes(self) -> bool:
         """Whether the parts cancel, so that nothing moves at all."""
-        return self.size <= CANCELS * max(self.parts.values(), default=0.0)
+        # Parts that cancel to this share of the largest one cancel.
+        cancels = 0.02
+        return self.size <= cancels * max(self.parts.values(), default=0.0)
 
     @property
     def turns_in_place(self) -> bool:

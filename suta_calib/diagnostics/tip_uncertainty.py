@@ -21,8 +21,6 @@ from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.model.arm import ArmModel
 
-# Relative singular value below which registration points leave a rotation open.
-_OPEN: Final = 1e-6
 # Of the motion of a direction's parts, what their sum may leave to be no motion.
 STILL: Final = 0.05
 
@@ -59,7 +57,8 @@ class Sensitivity:
         design = _rigid(at.position - centre).reshape(-1, 6)
         # Lengths and turns are made alike before it is judged what is open.
         scale = np.array([1.0] * 3 + [max(float(np.ptp(at.position, axis=0).max()), 1e-9)] * 3)
-        fit = np.linalg.pinv(design / scale, _OPEN) @ at.jacobian.reshape(-1, at.jacobian.shape[2])
+        # Relative singular value below which registration points leave a rotation open.
+        fit = np.linalg.pinv(design / scale, 1e-6) @ at.jacobian.reshape(-1, at.jacobian.shape[2])
         return np.asarray(self.jacobian - _rigid(self.position - centre) / scale @ fit)
 
     def moved(self, step: FloatArray) -> float:

@@ -17,10 +17,6 @@ import numpy as np
 
 from suta_calib.diagnostics.held_out import HeldOutErrors, normal_squared
 
-# Standard errors that held-out errors must be above what is predicted: as for a contradiction.
-SIGNIFICANT: Final = 4.0
-# Times what is predicted from which on a model that lacks something is no explanation.
-UNEXPLAINED: Final = 3.0
 # Widest factor: where it would be larger, the errors are of the held-out rows and not of the
 # estimates.
 MOST: Final = 5.0
@@ -42,11 +38,14 @@ def widening(held_out: Sequence[HeldOutErrors]) -> float:
 
 def _factor(errors: HeldOutErrors) -> float:
     """By which the parameters' standard deviations must be wider; 1 where they need not be."""
+    # Times what is predicted from which on a model that lacks something is no explanation.
+    unexplained = 3.0
     excess = math.log(max(errors.ratio, 1e-9))
-    if excess < SIGNIFICANT * errors.ratio_std or errors.ratio > UNEXPLAINED:
+    # Standard errors that held-out errors must be above what is predicted: as for a contradiction.
+    if excess < 4.0 * errors.ratio_std or errors.ratio > unexplained:
         return 1.0
     # What fitting the instrument or artefact to the held-out rows removes is no error of the arm.
-    if errors.placed_anew < errors.level / UNEXPLAINED:
+    if errors.placed_anew < errors.level / unexplained:
         return 1.0
     squared = np.einsum("nd,nd->n", errors.residual, errors.residual)
     by_parameters = errors.by_parameters**2
