@@ -80,7 +80,7 @@ LONG = (
     "test_tip_uncertainty",
     "test_covariance",
     "test_motion",
-    "test_other_steps",
+    "test_missed_count",
     "test_stereotactic",
     "test_kinematics",
 )

@@ -7,15 +7,9 @@ from typing import Final
 
 from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.diagnostics.accuracy import Accuracy
-from suta_calib.diagnostics.contradictions import gross_rows, seen_again
+from suta_calib.diagnostics.contradictions import gross_rows
 from suta_calib.diagnostics.explanation import Explanation, HeldReason
 from suta_calib.diagnostics.extension_gain import ExtensionGain, best_extension
-from suta_calib.diagnostics.odd_readings import (
-    odd_columns,
-    odd_where_nothing_fits,
-    read_again,
-    rounded,
-)
 from suta_calib.diagnostics.prior_size import PriorNotes
 from suta_calib.diagnostics.repeats import LACKING
 from suta_calib.diagnostics.scale_effects import held_unseen
@@ -23,6 +17,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.extended import LOOKS_LIKE
+from suta_calib.trust.patterns import matches
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
 
@@ -114,25 +109,21 @@ def _not_converged(
     notes = notes or judge(
         "single rows", lambda: [each.sentence for each in gross_rows(solution)], failed
     )
-    again = judge(
-        "repeats", lambda: [each.sentence for each in seen_again(solution.problem.terms)], failed
-    )
-    digits = judge("rounding", lambda: rounded(solution), failed)
-    return Assessment("bad", solution.sentence, (*again, *digits, *notes, *failed))
+    patterns = judge("patterns", lambda: _patterns(solution, "note"), failed)
+    return Assessment("bad", solution.sentence, (*patterns, *notes, *failed))
+
+
+def _patterns(solution: Solution, *roles: str) -> list[str]:
+    return [match.sentence for match in matches(solution, *roles)]
 
 
 def _cause(examined: CalibrationExamination) -> list[str]:
     """The data read in another way, where that explains them far better."""
     solution = examined.solution
-    terms = solution.problem.terms
-    if odd := [*odd_columns(terms), *read_again(terms)]:
-        return [] if solution.converged else odd
+    if obvious := _patterns(solution, "cause"):
+        return [] if solution.converged else obvious
     cause = examined.other_reading
-    if cause is None:
-        return [*odd_where_nothing_fits(terms)]
-    unit = solution.problem.blocks[0].unit
-    before, after = (text(v, unit, with_unit=True) for v in (cause.before, cause.after))
-    return [f"The data agree far better ({after} in place of {before}) if {cause.sentence}."]
+    return _patterns(solution, "suspicion") if cause is None else [cause.sentence]
 
 
 def _on_gain(accuracy: Accuracy) -> list[str]:

@@ -8,7 +8,6 @@ known of them; robustly, so that a few gross rows accuse nobody.
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -18,20 +17,12 @@ from suta_calib.diagnostics.accuracy import fitted_too
 from suta_calib.diagnostics.common_scale import CommonScale, beyond_drawing, common_scales
 from suta_calib.diagnostics.held_out import HeldOutErrors, robust_level
 from suta_calib.diagnostics.noise_of_rows import noise_of_rows
-from suta_calib.diagnostics.odd_readings import (
-    may_read_alike,
-    odd_columns,
-    read_again,
-    rounded,
-)
-from suta_calib.measurements import Samples
-from suta_calib.measurements.samples import hashed
 from suta_calib.solver.evaluation import Linearised
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
-from suta_calib.terms import ArmPoses, Term
+from suta_calib.terms import Term
+from suta_calib.trust.patterns import matches
 from suta_calib.units import text
-from suta_calib.words import listed
 
 
 @dataclass(frozen=True)
@@ -66,8 +57,6 @@ class ContradictionOptions:
             in twenty, of arms whose lengths are off by ``scale``.
         scale_gain: share of the priors' pulls or the residuals that it must explain.
         starts: share of the starts that must end in the same minimum.
-        stride: of the tip, m, after which no instrument shows the same to the last digit: none is
-            so coarse.
     """
 
     residual: float = 10.0
@@ -91,7 +80,6 @@ class ContradictionOptions:
     scale_of_arm: float = 2.0
     scale_gain: float = 0.5
     starts: float = 0.5
-    stride: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -126,12 +114,8 @@ def contradictions(
         # What does not fit at all has no scale.
         *([] if any(each.bad for each in residuals) else _scales(solution, options)),
         *_priors(solution, options),
-        *(Contradiction(False, sentence) for sentence in odd_columns(solution.problem.terms)),
-        *(Contradiction(False, sentence) for sentence in read_again(solution.problem.terms)),
-        *(Contradiction(False, sentence) for sentence in rounded(solution)),
+        *(Contradiction(False, m.sentence) for m in matches(solution, "cause", "note")),
         *_repeated(solution, list(dict.fromkeys(each.term for each in held_out))),
-        *_twice(solution.problem.terms),
-        *seen_again(solution.problem.terms, options),
     ]
     same, tried = solution.agreeing, len(solution.attempts)
     if tried > 1 and same < options.starts * tried:
@@ -396,78 +380,3 @@ def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contra
             f"{again} of {len(same)} validation rows were fitted too: "
             + ("nothing was held out." if again == len(same) else "they were not held out."),
         )
-
-
-def _twice(terms: Sequence[Term]) -> Iterator[Contradiction]:
-    """Rows that stand in two files, or again in one after the arm has moved, to the last digit."""
-    terms = [term for term in terms if not may_read_alike(term.poses.samples)]
-    hashes = np.concatenate([np.zeros(0, np.uint64), *(t.poses.samples.hashes() for t in terms)])
-    if len(np.unique(hashes)) == len(hashes):
-        return
-    first: dict[tuple[str, bytes], _Place] = {}
-    again: Counter[str] = Counter()
-    copies: Counter[tuple[str, str, bool]] = Counter()
-    for number, term in enumerate(terms):
-        samples = term.poses.samples
-        visits = np.cumsum(np.diff(term.poses.rests, prepend=-1) != 0).tolist()
-        rows = zip(samples.as_keys(), _labels(samples), samples.files(), visits, strict=True)
-        for key, label, (file, name), visit in rows:
-            place = _Place(number, file, name, visit, set())
-            original = first.setdefault((term.kind, key), place)
-            if (original.term, original.file) != (number, file):
-                copies[name, original.name, original.term == number] += 1
-            # The same readings may be of another repeat: a socket is met again.
-            elif original.visit != visit and label in original.labels:
-                again[name] += 1
-            original.labels.add(label)
-    if again:
-        count = sum(again.values())
-        sentence = f"{count} rows of {listed([*again])} stand there twice or more: they count once."
-        yield Contradiction(False, sentence)
-    for (copy, source, once), count in copies.items():
-        counted = "they count once" if once else "they count twice; name every file once"
-        yield Contradiction(False, f"{count} rows of {copy} stand in {source} too: {counted}.")
-
-
-def seen_again(
-    terms: Sequence[Term], options: ContradictionOptions = ContradictionOptions()
-) -> Iterator[Contradiction]:
-    """Rows that show to the last digit what others show from elsewhere.
-
-    Args:
-        terms: fitted or not.
-        options: from where on it counts.
-    """
-    for term in terms:
-        samples = term.poses.samples
-        if samples.position is None or not isinstance(term.poses, ArmPoses):
-            continue
-        tip, seen = term.poses.at({})[1], samples.position
-        _, first, which = np.unique(hashed(seen), return_index=True, return_inverse=True)
-        before = first[which.reshape(-1)]
-        moved = np.linalg.norm(tip - tip[before], axis=1) > options.stride
-        again = np.flatnonzero(moved & np.all(seen == seen[before], axis=1))
-        if len(again):
-            yield Contradiction(
-                False,
-                f"{len(again)} rows of {term.kind.replace('_', ' ')}, {samples.origin[again[0]]} "
-                "the first, show to the last digit where something stood in a row before, though "
-                "the arm had moved: did the instrument repeat its last value, or were rows copied? "
-                "Leave them out.",
-            )
-
-
-@dataclass(frozen=True)
-class _Place:
-    """Where a row stood first: term, file, visit of its rest; and the labels it had since."""
-
-    term: int
-    file: int
-    name: str
-    visit: int
-    labels: set[tuple[str, ...]]
-
-
-def _labels(samples: Samples) -> list[tuple[str, ...]]:
-    columns = [values.tolist() for values in samples.labels.values()]
-    return [tuple(values[row] for values in columns) for row in range(len(samples))]

@@ -21,8 +21,10 @@ from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 from suta_calib.solver.losses import huber, huber_threshold, huber_weight
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import LinearFit
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.extended import known_beforehand, offered_names
+from suta_calib.trust.in_time import columns_of
 
 # Of the cost, below which a round of re-weighing changes nothing, and rounds at most.
 SETTLED: Final = 1e-6
@@ -64,20 +66,22 @@ class Following:
         return np.setdiff1d(np.arange(len(self.problem.names)), self.known)
 
     @cached_property
-    def reduction(self) -> tuple[FloatArray, FloatArray]:
-        """Inverse (p, p) of the curvature of all that follows, and its score (p,), as weighed.
+    def linear(self) -> LinearFit:
+        """Of all that follows, as weighed.
 
         Rows count by their weights alone: that bounds what a step of a robust fit gains from
         below, and rows that are far off still tell what would bring them back.
         """
-        free = self.free
-        curvature, score = np.diag(self.prior[free]), -self.prior[free] * self.away[free]
-        for r in self.rows:
-            root = np.repeat(np.sqrt(r.line.weight), r.line.residual.shape[1])
-            jacobian = r.jacobian[:, free] * root[:, None]
-            curvature += jacobian.T @ jacobian
-            score -= (root * whitened(r).reshape(-1)) @ jacobian
-        return scaled_inverse(curvature), score
+        sizes = [r.line.residual.shape[1] for r in self.rows]
+        weight = [np.repeat(r.line.weight, n) for r, n in zip(self.rows, sizes, strict=True)]
+        return LinearFit(
+            np.vstack([r.jacobian[:, self.free] for r in self.rows]),
+            np.concatenate([whitened(r).reshape(-1) for r in self.rows]),
+            self.prior[self.free],
+            self.away[self.free],
+            np.concatenate(weight),
+            independent_rows=self.equations,
+        )
 
     def beside(self, lacking: IntArray, share: float) -> Following:
         """The same where more of what a model may lack follows, by a share of what is plausible."""
@@ -161,12 +165,6 @@ def _single_touches(term: Term) -> Term:
         return single
     _, place = single.places
     return single.take(place % -(-len(place) // MOST_TOUCHES) == 0)
-
-
-def columns_of(rows: Rows, velocity: FloatArray) -> FloatArray:
-    """(n·d, k) how whitened rows change with velocities (6·samples, k) of the tips."""
-    by_pose = rows.line.by_pose / rows.line.sigma[:, None, None]
-    return np.asarray(rows.line.pattern.by_parameters(by_pose, velocity))
 
 
 def widened(rows: Sequence[Rows], velocity: FloatArray) -> list[Rows]:

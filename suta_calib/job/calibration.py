@@ -16,7 +16,6 @@ from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unu
 from suta_calib.atomic import inputs_listed
 from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, fitted_too, read_where_fitted
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.odd_readings import may_read_alike
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
 from suta_calib.job.scene import calibration_scene
 from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
@@ -30,6 +29,7 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.terms.poses import joint_ranges
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.patterns import may_read_alike
 from suta_calib.units import shown, unit_name
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import view_calibration

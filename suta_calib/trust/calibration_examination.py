@@ -11,8 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import Accuracy, assess
 from suta_calib.diagnostics.beliefs import ContradictedBelief, contradicted_beliefs
-from suta_calib.diagnostics.causes import Cause, find_cause
-from suta_calib.diagnostics.changes import Disturbance, changes
+from suta_calib.diagnostics.changes import ChangeOptions, changes
 from suta_calib.diagnostics.contradictions import Contradiction, contradictions
 from suta_calib.diagnostics.cross_validation import folds_of
 from suta_calib.diagnostics.explanation import Explanation, explain
@@ -35,6 +34,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
+from suta_calib.trust.evidence import Rule
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.extended import (
     effective_unknowns,
@@ -43,6 +43,8 @@ from suta_calib.trust.extended import (
     offered_names,
 )
 from suta_calib.trust.hypothesis import Finding, strongest_cause
+from suta_calib.trust.in_time import ChangeInTime
+from suta_calib.trust.rereading import Rereading, explaining_reading
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,14 +55,18 @@ class CalibrationExamination(Examination):
 
     Attributes:
         validation: terms that were not fitted.
+        rule: when evidence of wrong data is reported.
     """
 
     validation: tuple[Term, ...] = ()
+    rule: Rule = Rule()
 
     @classmethod
-    def of(cls, solution: Solution, validation: Sequence[Term] = ()) -> CalibrationExamination:
+    def of(
+        cls, solution: Solution, validation: Sequence[Term] = (), rule: Rule = Rule()
+    ) -> CalibrationExamination:
         """Examine a solution; nothing is computed before somebody asks for it."""
-        return cls(solution, solution.sigmas, validation=tuple(validation))
+        return cls(solution, solution.sigmas, validation=tuple(validation), rule=rule)
 
     # ── the problem in which effects are tested ─────────────────────────────────────────────
     @property
@@ -101,7 +107,9 @@ class CalibrationExamination(Examination):
     def fewer(self) -> CalibrationExamination:
         """The same over part of many rows, by which causes are looked for."""
         solution = thinned(self.solution)
-        return self if solution is self.solution else CalibrationExamination.of(solution)
+        if solution is self.solution:
+            return self
+        return CalibrationExamination.of(solution, rule=self.rule)
 
     # ── how good the answer is ──────────────────────────────────────────────────────────────
     @cached_property
@@ -120,7 +128,8 @@ class CalibrationExamination(Examination):
         factor = widening(self.held_out)
         if factor == 1.0:
             return self
-        return CalibrationExamination.of(replace(self.solution, widening=factor), self.validation)
+        wider = replace(self.solution, widening=factor)
+        return CalibrationExamination.of(wider, self.validation, self.rule)
 
     @cached_property
     def lack_of_fit(self) -> tuple[LackOfFit, ...]:
@@ -180,19 +189,19 @@ class CalibrationExamination(Examination):
         return judge_priors(self.solution)
 
     @cached_property
-    def other_reading(self) -> Cause | None:
+    def other_reading(self) -> Rereading | None:
         """The data read differently, where that explains them far better."""
-        return find_cause(self.solution)
+        return explaining_reading(self.solution, self.rule)
 
     @cached_property
     def strongest_cause(self) -> Finding | None:
         """The hypothesis that explains the residuals best."""
-        return strongest_cause(self)
+        return strongest_cause(self, self.rule)
 
     @cached_property
-    def changes(self) -> tuple[Disturbance, ...]:
+    def changes(self) -> tuple[ChangeInTime, ...]:
         """What changed while the rows were measured."""
-        return changes(self)
+        return changes(self, ChangeOptions(self.rule))
 
     @cached_property
     def _residuals(self) -> Residuals:

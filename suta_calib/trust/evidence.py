@@ -28,7 +28,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Any, Final, overload
 
 import numpy as np
 from scipy.special import fdtrc
@@ -118,7 +118,7 @@ class LinearFit:
         return np.asarray(self._weighted.T @ self.jacobian)
 
     @cached_property
-    def _inverse(self) -> FloatArray:
+    def inverse(self) -> FloatArray:
         """(p, p) of the information with the priors."""
         return scaled_inverse(self._information + np.diag(self._prior))
 
@@ -139,7 +139,7 @@ class LinearFit:
     def step(self) -> FloatArray:
         """(p,) to the minimum of the linear fit."""
         slope = self._weighted.T @ self.residual + self._prior * self._from_prior
-        return -self._inverse @ slope
+        return -self.inverse @ slope
 
     @cached_property
     def squares(self) -> float:
@@ -150,7 +150,7 @@ class LinearFit:
     @cached_property
     def spent(self) -> float:
         """How many unknowns the rows determine: the trace of the hat matrix."""
-        return float(np.sum(self._inverse * self._information))
+        return float(np.sum(self.inverse * self._information))
 
     @cached_property
     def rows(self) -> float:
@@ -160,7 +160,7 @@ class LinearFit:
 
     def moves(self, columns: FloatArray) -> FloatArray:
         """(p, k) how far all parameters move per unit when they follow columns (m, k)."""
-        return np.asarray(-self._inverse @ (self._weighted.T @ columns))
+        return np.asarray(-self.inverse @ (self._weighted.T @ columns))
 
     def explained(self, evidence: Evidence) -> FloatArray:
         """(m,) by which the residuals change when an effect is taken into account."""
@@ -205,6 +205,49 @@ class LinearFit:
 
 
 @dataclass(frozen=True, eq=False)
+class Stretches(Sequence[FloatArray]):
+    """Windows that are runs of samples: 1 from one sample up to another, 0 elsewhere.
+
+    Sums over the rows between any two edges serve all of them, so that every time at which
+    something may have changed costs as much as one (Andrews 1993, doi:10.2307/2951764).
+
+    Attributes:
+        sample: (m,) number of the sample that each row looks at.
+        places: (w, 2) number of the first sample, and of the one after the last.
+    """
+
+    sample: IntArray
+    places: IntArray
+
+    def __len__(self) -> int:
+        return len(self.places)
+
+    @overload
+    def __getitem__(self, index: int) -> FloatArray: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[FloatArray]: ...
+    def __getitem__(self, index: int | slice) -> FloatArray | list[FloatArray]:
+        """(m,) one of them."""
+        if isinstance(index, slice):
+            return [self[k] for k in range(*index.indices(len(self)))]
+        first, end = self.places[index]
+        return np.asarray((self.sample >= first) & (self.sample < end), dtype=float)
+
+    def sums(self, left: FloatArray, right: FloatArray) -> FloatArray:
+        """(w, k, c) products of rows (m, k) and (m, c), summed within each window."""
+        edges = np.unique(self.places)
+        bins = np.searchsorted(edges, self.sample, side="right")
+        order = np.argsort(bins, kind="stable")
+        binned = np.zeros((len(edges) + 1, left.shape[1], right.shape[1]))
+        for rows in np.split(order, np.flatnonzero(np.diff(bins[order])) + 1):
+            if len(rows):
+                binned[bins[rows[0]]] = left[rows].T @ right[rows]
+        before = np.cumsum(binned, axis=0)
+        ends = np.searchsorted(edges, self.places)
+        return np.asarray(before[ends[:, 1]] - before[ends[:, 0]])
+
+
+@dataclass(frozen=True, eq=False)
 class Effect:
     """Something that no parameter of the fit describes, such as a base that moved.
 
@@ -214,7 +257,8 @@ class Effect:
         plausible: (k,) how large a size may be. A component that the data determine no better than
             a quarter of that is left at zero. None: no limit.
         windows: (m,) factors of the rows, one array for each variant that is tried: 0 before and 1
-            after a row, a drift from 0 to 1, a single row. None: the effect is in all rows alike.
+            after a row (`Stretches` serve many at once), a drift from 0 to 1, a single row. None:
+            the effect is in all rows alike.
         parameters: names of the parameters of the arm that describe it, where there are any.
         about: what the hypothesis that made it wants to remember.
         log_choices: logarithm of how many such effects it was chosen from, beside its windows:
@@ -253,6 +297,7 @@ class Evidence:
         p_single: p-value of this effect alone.
         p_value: the same for all effects and windows that were tried (Bonferroni).
         moves: (p,) how far the parameters of the fit move with it.
+        tried: how many effects and windows were tried.
     """
 
     effect: Effect
@@ -267,6 +312,7 @@ class Evidence:
     p_single: float
     p_value: float
     moves: FloatArray
+    tried: int = 1
 
     @property
     def std(self) -> FloatArray:
@@ -340,10 +386,10 @@ def weigh_effects(fit: LinearFit, effects: Iterable[Effect]) -> list[Evidence]:
         return []
     trials = _trials(fit, effects)
     tests = [test for test in trials if test.rank]
-    design = _design_effect(fit, tests)
+    design, tried = _design_effect(fit, tests), sum(test.tried for test in tests)
     best: dict[int, Evidence] = {}
     for test in tests:
-        evidence = test.evidence(fit, design, len(tests))
+        evidence = test.evidence(fit, design, tried)
         before = best.get(id(test.effect))
         # Where all p-values are zero by underflow the gain decides.
         if evidence is not None and (before is None or evidence.strength > before.strength):
@@ -367,6 +413,7 @@ class _Trial:
         moves: (p, k) how all parameters follow.
         axes: (k, rank) directions of the size that the data determine, N = 1 along each.
         score: (rank,) along them.
+        tried: of so many windows it is the best.
     """
 
     effect: Effect
@@ -374,6 +421,7 @@ class _Trial:
     moves: FloatArray
     axes: FloatArray
     score: FloatArray
+    tried: int = 1
 
     def columns(self, fit: LinearFit) -> FloatArray:
         """(m, k) that all parameters have followed."""
@@ -411,6 +459,7 @@ class _Trial:
             p,
             min(1.0, p * tried),
             self.moves @ size,
+            tried,
         )
 
     def _p_by_cluster(self, fit: LinearFit) -> float:
@@ -430,14 +479,21 @@ class _Trial:
 
 def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
     """All effects in all windows, with what the parameters cannot imitate."""
-    noise, trials = fit.squares / max(fit.rows - fit.spent, 1.0), list[_Trial]()
     whole = [effect for effect in effects if effect.windows is None]
+    trials = list[_Trial]()
     # One product for all that are in all rows; of the windows of one effect the columns of all
     # together would need much memory.
     moves = fit.moves(np.hstack([effect.columns for effect in whole])) if whole else None
     first = 0
     for effect in effects:
-        for window in (None,) if effect.windows is None else range(len(effect.windows)):
+        windows: Iterable[int | None] = (
+            (None,) if effect.windows is None else range(len(effect.windows))
+        )
+        tried = 1
+        if isinstance(effect.windows, Stretches):
+            likeliest, tried = _likeliest(fit, effect, effect.windows)
+            windows = () if likeliest is None else (likeliest,)
+        for window in windows:
             columns = effect.columns_in(window)
             if window is None and moves is not None:
                 follows, first = (
@@ -448,17 +504,68 @@ def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
                 follows = fit.moves(columns)
             weighted = columns if fit.weight is None else columns * fit.weight[:, None]
             curvature = weighted.T @ columns + (weighted.T @ fit.jacobian) @ follows
-            if effect.plausible is None:
-                power = np.einsum("mk,mk->k", weighted, columns)
-                scale, least = 1.0 / np.sqrt(np.maximum(power, 1e-300)), INDEPENDENT
-            else:
-                scale, least = effect.plausible, noise / WELL_DETERMINED**2
-            eigenvalues, axes = np.linalg.eigh(curvature * np.outer(scale, scale))
-            determined = eigenvalues > max(least, 1e-300)
+            alone = np.einsum("mk,mk->k", weighted, columns)
+            scale, eigenvalues, axes = _determined(fit, effect, curvature, alone)
+            determined = eigenvalues > 0
             axes = scale[:, None] * axes[:, determined] / np.sqrt(eigenvalues[determined])
             score = axes.T @ (weighted.T @ fit.settled)
-            trials.append(_Trial(effect, window, follows, axes, score))
+            trials.append(_Trial(effect, window, follows, axes, score, tried))
     return trials
+
+
+def _determined(
+    fit: LinearFit, effect: Effect, curvature: FloatArray, alone: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Scale of the components of an effect, and the directions of it that the data determine.
+
+    Args:
+        fit: beside which.
+        effect: whose curvature it is.
+        curvature: (..., k, k) when the parameters follow.
+        alone: (..., k) its diagonal when they do not.
+
+    Returns:
+        (..., k) scale, (..., k) eigenvalues of the scaled curvature, 0 where the data do not
+        determine the direction, and (..., k, k) the directions.
+    """
+    if effect.plausible is None:
+        scale, least = 1.0 / np.sqrt(np.maximum(alone, 1e-300)), INDEPENDENT
+    else:
+        noise = fit.squares / max(fit.rows - fit.spent, 1.0)
+        scale = np.broadcast_to(effect.plausible, alone.shape)
+        least = noise / WELL_DETERMINED**2
+    scaled = curvature * scale[..., :, None] * scale[..., None, :]
+    eigenvalues, axes = np.linalg.eigh(scaled)
+    return scale, np.where(eigenvalues > max(least, 1e-300), eigenvalues, 0.0), axes
+
+
+def _likeliest(fit: LinearFit, effect: Effect, windows: Stretches) -> tuple[int | None, int]:
+    """The window whose effect is least likely by chance, and how many could be tested."""
+    width = effect.columns.shape[1]
+    weighted = effect.columns if fit.weight is None else effect.columns * fit.weight[:, None]
+    beside = np.hstack([effect.columns, fit.settled[:, None], fit.jacobian])
+    sums = windows.sums(weighted, beside)
+    own, score, cross = np.split(sums, [width, width + 1], axis=2)
+    curvature = own - cross @ fit.inverse @ np.swapaxes(cross, 1, 2)
+    alone = np.einsum("wkk->wk", own)
+    scale, eigenvalues, axes = _determined(fit, effect, curvature, alone)
+    determined = eigenvalues > 0
+    along = np.einsum("wkr,wk->wr", axes, scale * score[:, :, 0])
+    root = np.sqrt(np.where(determined, eigenvalues, 1.0))
+    gain = np.sum(np.where(determined, along / root, 0.0) ** 2, axis=1)
+    rank = np.sum(determined, axis=1)
+    best: tuple[float, float, int] | None = None
+    for k in np.unique(rank[rank > 0]).tolist():
+        # Of equal ranks the largest gain is the least likely.
+        at = int(np.argmax(np.where(rank == k, gain, -np.inf)))
+        freedom = fit.rows - fit.spent - k
+        if freedom < 1.0:
+            continue
+        left = max(fit.squares - float(gain[at]), 1e-12 * fit.squares, 1e-300)
+        p = float(fdtrc(k, freedom, float(gain[at]) / k / (left / freedom)))
+        if best is None or (p, -gain[at]) < best[:2]:
+            best = p, -float(gain[at]), at
+    return None if best is None else best[2], int(np.sum(rank > 0))
 
 
 def _design_effect(fit: LinearFit, tests: Sequence[_Trial]) -> float:

@@ -4,19 +4,22 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import Any, ClassVar, Final, TypeVar
+from typing import Any, ClassVar, Final, Literal, TypeVar
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level, attempt
 from suta_calib.registry import all_classes
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Rule, weigh_effects
 from suta_calib.trust.examination import Examination
+from suta_calib.units import text
 
 T = TypeVar("T")
 
@@ -54,6 +57,7 @@ class Hypothesis(ABC):
         by_itself: whether it is tested by a fit of its own, and not beside the other hypotheses.
         worth, times_std, false_alarm: thresholds that replace those of the `Rule` where they are
             less; the module says why.
+        confirmed_later: whether other tests must confirm it, so that it is no `strongest_cause`.
     """
 
     name: ClassVar[str]
@@ -62,14 +66,15 @@ class Hypothesis(ABC):
     needs_arm: ClassVar[bool] = True
     before_others: ClassVar[bool] = False
     by_itself: ClassVar[bool] = False
+    confirmed_later: ClassVar[bool] = False
     worth: ClassVar[float] = 1.0
     times_std: ClassVar[float] = math.inf
     false_alarm: ClassVar[float] = 1.0
 
-    def applies(self, answer: Examination) -> bool:
-        """Whether the answer can have it."""
-        right = any(isinstance(term, self.applies_to) for term in answer.problem.terms)
-        return right and self.needs_arm == (answer.arm is not None)
+    def applies(self, problem: Problem) -> bool:
+        """Whether an answer of this problem can have it."""
+        right = any(isinstance(term, self.applies_to) for term in problem.terms)
+        return right and self.needs_arm == (problem.arm is not None)
 
     def weigh(self, answer: Examination) -> list[Evidence]:
         """What the data say of it by themselves, strongest first."""
@@ -93,7 +98,7 @@ class Hypothesis(ABC):
         return "care"
 
     @abstractmethod
-    def sentence(self, evidence: Evidence) -> str:
+    def sentence(self, evidence: Any) -> str:
         """What was found, its size with ±, and what to do."""
 
     @abstractmethod
@@ -120,11 +125,59 @@ class AddedVariable(Hypothesis):
 
 
 class Reinterpretation(Hypothesis):
-    """Data that are read differently and fitted again: units, order, sign, late by whole rows."""
+    """Data that are read differently and fitted again: units, order, sign, late by whole rows.
+
+    `trust.rereading` ranks the readings, fits the best, and compares them.
+
+    Attributes:
+        precedence: of hypotheses that explain data equally, the lowest is named.
+        tried: ``ranked`` by the nominal arm, the best few are fitted; ``fitted`` in any case,
+            where the nominal arm is too coarse to rank it; ``last``, only where nothing else is
+            the cause.
+    """
+
+    precedence: ClassVar[int] = 100
+    tried: ClassVar[Literal["ranked", "fitted", "last"]] = "ranked"
 
     @abstractmethod
-    def readings(self, data: Any) -> Iterator[tuple[str, Any]]:
-        """What the data are then called, and the data."""
+    def readings(self, data: Problem) -> Iterator[tuple[str, Sequence[Term]]]:
+        """What would have to be so, as the end of "the data agree if …", and the terms then."""
+
+    def sentence(self, evidence: Any) -> str:
+        """What explains the data, and how much better they agree then (`Rereading`)."""
+        before, after = (
+            text(value, evidence.unit, with_unit=True)
+            for value in (evidence.before, evidence.after)
+        )
+        return (
+            f"The data agree far better ({after} in place of {before}) if {evidence.description}."
+        )
+
+
+class Pattern(Hypothesis):
+    """Rows or columns that honest data do not have: copied, stuck, rounded, sorted. No fit.
+
+    Attributes:
+        precedence: the lowest is said first.
+        role: ``cause`` explains alone why nothing fits, and no other reading is looked for;
+            ``note`` is said of every answer; ``suspicion``, which honest data may arouse as well,
+            only where nothing fits and nothing else is the cause.
+    """
+
+    precedence: ClassVar[int] = 100
+    role: ClassVar[Literal["cause", "note", "suspicion"]] = "note"
+
+    def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
+        """Sentences on the samples of terms: where the pattern is, and what to do."""
+        raise NotImplementedError
+
+    def matches(self, answer: Solution) -> Iterator[str]:
+        """The same on those of an answer, where its residuals matter."""
+        return self.of_terms(answer.problem.terms)
+
+    def sentence(self, evidence: Any) -> str:
+        """What was found is a sentence already."""
+        return str(evidence)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,11 +214,12 @@ LEFT_TO_SCORE_TESTS: Final = "joint error"
 NEARLY: Final = 0.7
 
 
-def strongest_cause(answer: Examination) -> Finding | None:
+def strongest_cause(answer: Examination, rule: Rule = Rule()) -> Finding | None:
     """What explains the residuals of a calibration best beside all of the geometry.
 
     Args:
         answer: a calibration over an arm, converged or not.
+        rule: when it is worth a report.
 
     Returns:
         None without an arm, where nothing is supported, or where errors of one joint explain the
@@ -173,14 +227,15 @@ def strongest_cause(answer: Examination) -> Finding | None:
     """
     if answer.arm is None:
         return None
-    findings = weigh(answer)
+    tested = [h for h in known_hypotheses().values() if not h.confirmed_later]
+    findings = weigh(answer, hypotheses=tested)
     first = next(iter(findings), None)
     for finding in findings:
         # What looks like the others need not explain quite as much as the best of them.
         rival = first is not None and finding.evidence.share > NEARLY * first.evidence.share
-        if finding.hypothesis.before_others and rival and finding.supported():
+        if finding.hypothesis.before_others and rival and finding.supported(rule):
             return finding
-    if first is None or first.hypothesis.name == LEFT_TO_SCORE_TESTS or not first.supported():
+    if first is None or first.hypothesis.name == LEFT_TO_SCORE_TESTS or not first.supported(rule):
         return None
     return first
 
@@ -202,13 +257,18 @@ def examine(answer: Examination, rule: Rule = Rule()) -> list[Finding]:
     return [each for each in weigh(answer) if each.supported(rule)]
 
 
-def weigh(answer: Examination, failed: list[str] | None = None) -> list[Finding]:
+def weigh(
+    answer: Examination,
+    failed: list[str] | None = None,
+    hypotheses: Iterable[Hypothesis] | None = None,
+) -> list[Finding]:
     """Every hypothesis that was tested with its evidence, supported or not, strongest first.
 
     Args:
         answer: a converged one.
         failed: where a sentence about each hypothesis that could not be tested is added. Without
             it the failure is raised.
+        hypotheses: those that are tested; all by default.
     """
     owner: dict[int, Hypothesis] = {}
     effects, findings = list[Effect](), list[Finding]()
@@ -222,8 +282,8 @@ def weigh(answer: Examination, failed: list[str] | None = None) -> list[Finding]
             return what()
         return attempt(f"judged: {hypothesis.name}", what, nothing, failed)
 
-    for hypothesis in known_hypotheses().values():
-        if not hypothesis.applies(answer):
+    for hypothesis in known_hypotheses().values() if hypotheses is None else hypotheses:
+        if not hypothesis.applies(answer.problem):
             continue
         if hypothesis.by_itself:
             evidence = tried(hypothesis, partial(hypothesis.weigh, answer))

@@ -36,13 +36,15 @@ from suta_calib import (
     solve,
 )
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.changes import ChangeOptions, Disturbance
+from suta_calib.diagnostics.changes import suspects, waves
 from suta_calib.diagnostics.following import everything_follows, followed, whitened
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
-from suta_calib.diagnostics.suspects import suspects, waves
 from suta_calib.solver.losses import huber
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.hypotheses.encoder_slip import EncoderSlip
+from suta_calib.trust.hypotheses.tip_moved import TipMoved
+from suta_calib.trust.in_time import ChangeInTime
 
 NOISE = Spread(position=1e-4, rotation=1e-3)
 ARM = arm_named("suta")
@@ -59,7 +61,7 @@ def solved(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) ->
 
 def found(
     scene: Scene, change: Callable[[Samples], Samples], seed: int = 0
-) -> tuple[Disturbance, ...]:
+) -> tuple[ChangeInTime, ...]:
     return CalibrationExamination.of(solved(scene, change, seed)).changes
 
 
@@ -298,8 +300,12 @@ def test_chances_beside_shared_errors_are_even() -> None:
     for seed in range(24):
         solution = solved(TRACKED, lambda s: wavy(s.take(ordered)), seed)
         fit = everything_follows(CalibrationExamination.of(solution))
-        slip = next(s for s in suspects(fit) if (s.kind, s.joint) == ("slip", ARM.joints[2]))
-        velocity = slip.within(20 + seed % 20, 60)
+        slip = next(
+            s
+            for s in suspects(fit)[0]
+            if isinstance(s.hypothesis, EncoderSlip) and s.motion.joint == ARM.joints[2]
+        )
+        velocity = slip.motion.within(20 + seed % 20, 60)
         beside = [*fit.lacking.values()], waves(fit, slip)
         chances.append(chance_beside_shared_errors(fit, velocity, *beside))
     # Binomial with 24 trials: more than six below a tenth has a chance of 1 %.
@@ -369,25 +375,11 @@ def test_what_follows_is_the_minimum_of_the_robust_cost() -> None:
     assert 0 < done.spent < len(free)
 
 
-def test_what_suspects_are_reduced_by_is_the_curvature_of_all_rows() -> None:
-    fit = everything_follows(CalibrationExamination.of(solved(TRACKED, unchanged)))
-    free = fit.free
-    inverse, score = fit.reduction
-    rows = np.vstack([r.jacobian[:, free] for r in fit.rows])
-    weight = np.concatenate([np.repeat(r.line.weight, r.line.residual.shape[1]) for r in fit.rows])
-    left = np.concatenate([whitened(r).reshape(-1) for r in fit.rows])
-    prior, away = fit.prior[free], fit.away[free]
-    matrix = rows.T @ (weight[:, None] * rows) + np.diag(prior)
-    unit = np.sqrt(np.diag(matrix))
-    assert (unit[:, None] * (inverse @ matrix) / unit) == pytest.approx(np.eye(len(free)), abs=1e-6)
-    assert score == pytest.approx(-rows.T @ (weight * left) - prior * away, rel=1e-9, abs=1e-6)
-
-
 def test_a_size_that_is_hardly_more_than_its_std_is_no_finding() -> None:
-    unsure = Disturbance("tip", "", "row 9", 3.9e-3, 7.1e-3, 1e-6)
-    assert not unsure.sized(ChangeOptions())
+    unsure = ChangeInTime(TipMoved(), "", "row 9", 3.9e-3, 7.1e-3, 1e-6)
+    assert not unsure.sized
     turned = replace(unsure, turn=math.radians(2.0), turn_std=math.radians(0.1))
-    assert turned.sized(ChangeOptions())
+    assert turned.sized
     assert "moved by 2.0000 ± 0.1000 deg at row 9" in turned.sentence
     both = replace(turned, std=1e-4)
     assert "moved by 3.900 ± 0.100 mm and 2.0000 ± 0.1000 deg at row 9" in both.sentence

@@ -23,12 +23,13 @@ from suta_calib import (
     solve,
 )
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.causes import find_cause
-from suta_calib.diagnostics.contradictions import seen_again
-from suta_calib.diagnostics.odd_readings import odd_where_nothing_fits, rounded
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.hypotheses.rounded import Rounded
+from suta_calib.trust.hypotheses.sorted_column import SortedColumn
+from suta_calib.trust.hypotheses.stuck_instrument import StuckInstrument
+from suta_calib.trust.rereading import explaining_reading
 
 Change = Callable[[Samples], Samples]
 LEARNT = Noise()
@@ -165,7 +166,7 @@ def test_an_instrument_that_repeats_itself_is_said(scenes: tuple[Scene, Scene], 
 def test_an_arm_that_rests_may_show_the_same_again(scenes: tuple[Scene, Scene]) -> None:
     samples = scenes[0].samples(NOISE, seed=0)[0]
     twice = samples.take(np.repeat(np.arange(len(samples)), 2))
-    assert not [*seen_again([scenes[0].term(twice)])]
+    assert not [*StuckInstrument().of_terms([scenes[0].term(twice)])]
 
 
 @pytest.mark.parametrize("factor", [1e3, 1e-3])
@@ -197,7 +198,7 @@ def test_a_column_that_was_sorted_by_itself_is_named(scenes: tuple[Scene, Scene]
     assert not found.usable
     assert "readings of joint_3 stand in order, those of no other" in " ".join(found.notes)
     few = scenes[0].samples(NOISE, seed=0)[0].take(np.arange(5))
-    assert not [*odd_where_nothing_fits([scenes[0].term(joint(2, np.sort)(few))])]
+    assert not [*SortedColumn().of_terms([scenes[0].term(joint(2, np.sort)(few))])]
 
 
 def to_the_degree(q: np.ndarray) -> np.ndarray:
@@ -216,7 +217,7 @@ def test_readings_that_were_rounded_are_told_from_an_arm_sent_there(
     R, p = arm.forward(there.q, truth)
     there = replace(there, rotation=R, position=p)
     sent = Problem([there.term(there.samples(NOISE)[0])], unknowns(arm, priors=True))
-    assert not [*rounded(solve(sent, ONCE))]
+    assert not [*Rounded().matches(solve(sent, ONCE))]
 
 
 @pytest.fixture(scope="module")
@@ -335,7 +336,7 @@ def test_noise_that_is_ten_times_the_stated_is_refused(scenes: tuple[Scene, Scen
 def test_a_clean_problem_has_no_cause(scenes: tuple[Scene, Scene]) -> None:
     term = scenes[0].term(scenes[0].samples(NOISE)[0])
     parameters = unknowns(scenes[0].arm, priors=True)
-    assert find_cause(solve(Problem([term], parameters), ONCE)) is None
+    assert explaining_reading(solve(Problem([term], parameters), ONCE)) is None
 
 
 @pytest.mark.parametrize(("far", "said"), [(0.05, True), (4e-4, False)])

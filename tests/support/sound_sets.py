@@ -15,12 +15,14 @@ from simulated import (
     artefact,
     artefact_scene,
     camera_scene,
+    dh_parameters,
     perturbed,
     placements,
     tracked_scene,
 )
+from terms_cases import given_as_it_is, scene
 
-from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
+from suta_calib import ParameterSet, Problem, Selection, Solution, SolverOptions, solve
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
@@ -31,6 +33,7 @@ from suta_calib.terms import ArmPoses, FixedPoint, HandEye, MeasuredPoses, Term,
 from suta_calib.terms.synthetic import PoseNoise
 from suta_calib.trust import Examination
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.rereading import shifted_parameters
 
 ARM = arm_named("ur5")
 UNKNOWN: ParameterSet = ARM.select("geometric", Selection("*.offset", bound_rad=0.2))
@@ -61,6 +64,12 @@ class Sound:
         assert solution.converged
         return CalibrationExamination.of(solution)
 
+    def fitted(self, term: Term) -> Solution:
+        """An answer, converged or not: what is wrong with the data is asked in any case."""
+        few = SolverOptions(starts=1, confirm=False, max_iterations=30)
+        unknown = shifted_parameters([term], Problem([self.make(1)], self.unknown))
+        return solve(Problem([term], unknown), few)
+
 
 def answer_on_poses(term: Term) -> RobustAnswer:
     """What the command for this kind of poses answers."""
@@ -74,11 +83,11 @@ def answer_on_poses(term: Term) -> RobustAnswer:
     return calibrate_hand_eye((rotation, position), (samples.rotation, samples.position))
 
 
-def of_scene(scene: Scene, unknown: ParameterSet = UNKNOWN) -> Sound:
+def of_scene(source: Scene, unknown: ParameterSet = UNKNOWN) -> Sound:
     def make(seed: int) -> Term:
-        return scene.term(scene.samples(NOISE, seed)[0], PLAIN, PLAIN)
+        return source.term(source.samples(NOISE, seed)[0], PLAIN, PLAIN)
 
-    return Sound(make, scene.truth, unknown)
+    return Sound(make, source.truth, unknown)
 
 
 def moving_scene(n: int = 150) -> Scene:
@@ -112,6 +121,20 @@ MARKED = of_scene(
     tracked_scene(ARM, TRUTH, 40, targets=[(0.05, 0, 0.02, 0, 0, 0), (-0.03, 0.04, 0.03, 0, 0, 0)])
 )
 SHEET = of_scene(sheet_scene(), SUTA_UNKNOWN)
+BOUNDED = of_scene(tracked_scene(SUTA, SUTA_TRUTH, 40, oriented=True), SUTA_UNKNOWN)
+TOUCHED = of_scene(
+    artefact_scene("landmark", SUTA, SUTA_TRUTH, artefact(8), placements(5), tilt=0.4),
+    SUTA_UNKNOWN,
+)
+
+
+def surveyed(seed: int) -> Term:
+    """Draw-wire lengths from anchors whose positions are given."""
+    rest = scene("range")
+    return given_as_it_is(rest.term(rest.samples(NOISE, seed)[0], PLAIN, PLAIN), rest.truth)
+
+
+SURVEYED = Sound(surveyed, scene("range").truth, dh_parameters(scene("range").arm))
 PIVOT = Sound(
     lambda seed: FixedPoint.simulate(60, spread=PoseNoise(1e-4, 2e-4), seed=seed).term,
     FixedPoint.simulate(60).truth,
@@ -138,3 +161,46 @@ PAIRS = Sound(
     HandEye.simulate(40).truth,
 )
 BOARD = of_scene(camera_scene(ARM, TRUTH, 20), UNKNOWN)
+
+SORTS: dict[str, Sound] = {
+    "tracked": TRACKED,
+    "board": BOARD,
+    "pivot": PIVOT,
+    "points": POINTS,
+    "pairs": PAIRS,
+    "marked": MARKED,
+    "moving": MOVING,
+    "sheet": SHEET,
+    "touched": TOUCHED,
+    "surveyed": SURVEYED,
+    "bounded": BOUNDED,
+}
+# Sorts of data that can have the fault, by the hypothesis's name, where a tracked arm cannot.
+SCENES: dict[str, tuple[str, ...]] = {
+    "bent tip": ("pivot",),
+    "scale between two sets": ("points",),
+    "strain between two sets": ("points",),
+    "scale of depth": ("pairs",),
+    "moved": ("pivot", "points", "pairs"),
+    "outliers in a block": ("pivot", "points", "pairs"),
+    "exchanged targets": ("marked",),
+    "time offset": ("moving",),
+    "stretched body": ("sheet",),
+    "landmark names": ("touched",),
+    "mirrored artefact": ("touched",),
+    "mirrored survey": ("surveyed",),
+    "given pose": ("surveyed",),
+    "misread observations": ("board",),
+    "unit of a length": ("bounded",),
+    "unknown mount": ("bounded",),
+}
+
+
+def sorts_of(name: str) -> tuple[str, ...]:
+    """Sorts of data that can have the fault of a hypothesis."""
+    return SCENES.get(name, ("tracked",))
+
+
+def scene_of(name: str) -> Sound:
+    """The first of them."""
+    return SORTS[sorts_of(name)[0]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -26,10 +26,12 @@ from simulated import (
     tracked_scene,
 )
 
+from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import PLACEMENT
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
-from suta_calib.terms import KINDS, Noise
+from suta_calib.terms import KINDS, GivenPose, Noise, Term
 
 GAUGE = {"joint_1.offset", "joint_2.z"}
 SIGMA = Spread(position=1e-4, rotation=1e-3)
@@ -126,3 +128,17 @@ def problem_of(name: str, spread: Spread = SIGMA, seed: int = 0, robust: bool = 
 def truth_of(problem: Problem, name: str) -> np.ndarray:
     """The parameter vector at which the exact samples of a case were made."""
     return problem.start(scene(name).truth)
+
+
+def given_as_it_is(term: Term, truth: dict[str, float], std: float | None = None) -> Term:
+    """The term with every place or frame of its own given where it truly is."""
+    values, given = term.start_values(truth), {}
+    for owner in dict.fromkeys(p.owner for p in term.own if p.key):
+        six = np.array([values.get(f"{owner}.{key}", np.nan) for key in PLACEMENT])
+        label = owner.partition("[")[2].rstrip("]")
+        frames = [f.key for f in term.frames if f.own == owner]
+        if frames or (label in term.places[0] if term.place else label):
+            turn = rotation_from_vector(six[3:]) if np.isfinite(six).all() else None
+            unsure = None if std is None else np.full(3, std)
+            given[frames[0] if frames else label] = GivenPose(six[:3], turn, unsure)
+    return replace(term, given=given)

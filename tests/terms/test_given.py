@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from cli_job import cli, write_simulated_job
 from simulated import dh_parameters
-from terms_cases import CASES, SIGMA, each_case, noises, scene
+from terms_cases import CASES, SIGMA, each_case, given_as_it_is, noises, scene
 
-from suta_calib.diagnostics.causes import find_cause
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.numbers import (
     rotation_from_rpy,
@@ -21,26 +20,13 @@ from suta_calib.geometry.numbers import (
     vector_turning_z_to,
 )
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.model.parameters import PLACEMENT, POSITION
+from suta_calib.model.parameters import POSITION
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import GivenPose, Term
+from suta_calib.trust.rereading import explaining_reading
 
 SURE = GivenPose(np.array([0.1, -0.2, 0.3]), rotation_from_rpy([0.3, -2.0, 1.0]))
-
-
-def given_as_it_is(term: Term, truth: dict[str, float], std: float | None = None) -> Term:
-    """The term with every place or frame of its own given where it truly is."""
-    values, given = term.start_values(truth), {}
-    for owner in dict.fromkeys(p.owner for p in term.own if p.key):
-        six = np.array([values.get(f"{owner}.{key}", np.nan) for key in PLACEMENT])
-        label = owner.partition("[")[2].rstrip("]")
-        frames = [f.key for f in term.frames if f.own == owner]
-        if frames or (label in term.places[0] if term.place else label):
-            turn = rotation_from_vector(six[3:]) if np.isfinite(six).all() else None
-            unsure = None if std is None else np.full(3, std)
-            given[frames[0] if frames else label] = GivenPose(six[:3], turn, unsure)
-    return replace(term, given=given)
 
 
 @each_case
@@ -248,10 +234,10 @@ def test_positions_from_a_left_handed_survey_are_named(axis: int) -> None:
     assert len(mirrored) > 1
     parameters = dh_parameters(s.arm)
     solution = solve(Problem([replace(right, given=mirrored)], parameters))
-    cause = find_cause(solution)
+    cause = explaining_reading(solution)
     assert cause is not None
-    assert cause.sentence == (
+    assert cause.description == (
         f"the given positions are mirrored: their {'xyz'[axis]} has the wrong sign"
     )
     assert cause.after < 0.01 * cause.before
-    assert find_cause(solve(Problem([right], parameters))) is None
+    assert explaining_reading(solve(Problem([right], parameters))) is None

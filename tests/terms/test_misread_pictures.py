@@ -12,7 +12,6 @@ from camera_scenes import BOARD, CAMERA, pictures
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.causes import find_cause
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Board, Camera, Chessboard, Marker, Markers
 from suta_calib.solver.options import SolverOptions
@@ -22,6 +21,7 @@ from suta_calib.terms import CameraView
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.misread_pictures import check_files, other_size
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.rereading import explaining_reading
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -241,16 +241,16 @@ def test_two_rows_of_one_camera_say_the_same_of_it(change: dict[str, Any], said:
 )
 def test_pixels_that_are_counted_otherwise_are_named(change: Change, said: str) -> None:
     solution = solve(Problem([changed(change)], dh_parameters(ARM)), SolverOptions(starts=1))
-    cause = find_cause(solution)
+    cause = explaining_reading(solution)
     assert cause is not None
-    assert said in cause.sentence
+    assert said in cause.description
     assert cause.after < 1e-4 < cause.before
 
 
 def test_pixels_counted_well_have_no_such_cause() -> None:
     noisy = changed(lambda p: p + 0.3 * np.random.default_rng(0).standard_normal(p.shape))
     solution = solve(Problem([noisy], dh_parameters(ARM)), SolverOptions(starts=1))
-    assert find_cause(solution) is None
+    assert explaining_reading(solution) is None
 
 
 def test_corners_that_would_be_in_the_picture_the_other_way_round_say_so() -> None:

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from suta_calib.trust import Effect, LinearFit, Rule, supported_effects, weigh_effects
+from suta_calib.arrays import FloatArray
+from suta_calib.trust import Effect, LinearFit, Rule, Stretches, supported_effects, weigh_effects
 
 ROWS, PARAMETERS = 40, 5
 
@@ -156,3 +157,23 @@ def test_a_rule_asks_for_chance_share_and_size() -> None:
     assert weigh_effects(fit, more)[0].p_value == pytest.approx(
         min(1.0, 1000 * found.p_value), rel=1e-9
     )
+
+
+@pytest.mark.parametrize("plausible", [None, np.array([2.0, 1.5])])
+def test_sums_over_stretches_are_those_of_each_window(plausible: FloatArray | None) -> None:
+    rng = np.random.default_rng(4)
+    jacobian, columns = rng.standard_normal((90, 3)), rng.standard_normal((90, 2))
+    residual = rng.standard_normal(90) - np.where(np.arange(90) >= 54, columns @ [0.5, 1.0], 0.0)
+    weight = rng.uniform(0.5, 1.0, 90)
+    fit = LinearFit(jacobian, residual, np.full(3, 0.1), weight=weight)
+    places = np.array([(first, end) for first in range(0, 27, 3) for end in (first + 4, 30)])
+    stretches = Stretches(np.repeat(np.arange(30), 3), places)
+    arrays = [stretches[k] for k in range(len(stretches))]
+    (one,), (other,) = (
+        weigh_effects(fit, [Effect("change", columns, plausible, windows)])
+        for windows in (stretches, arrays)
+    )
+    assert one.window == other.window
+    assert places[one.window or 0].tolist() == [18, 30]
+    for name in ("size", "gain", "p_single", "p_value", "noise"):
+        np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9)

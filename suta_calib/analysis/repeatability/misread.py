@@ -18,10 +18,11 @@ import numpy as np
 
 from suta_calib.analysis.repeatability.scatter import deviations, tip_levers
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.other_readings import readings_of_joints
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
+from suta_calib.trust.hypothesis import known_hypotheses
+from suta_calib.trust.sample_readings import MisreadJoints
 from suta_calib.units import Unit, from_deg, from_mm, mm
 
 # Scatter of the tip, in units of that of unrelated joints, below which they undo each other.
@@ -78,9 +79,9 @@ def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None
 
 def _readings(arm: ArmModel) -> Iterator[tuple[str, Callable[[Samples], Samples]]]:
     """Other readings of the columns, each with what would have to be so."""
-    # Where all is well nobody asks for it.
-
-    yield from readings_of_joints(arm)
+    joints = [h for h in known_hypotheses().values() if isinstance(h, MisreadJoints)]
+    for hypothesis in sorted(joints, key=lambda h: h.precedence):
+        yield from hypothesis.of_arm(arm)
     for k, (name, unit) in enumerate(arm.units.items()):
         for other, factor in UNITS.get(unit, {}).items():
             yield f"the readings of {name} are in {other}, not {unit}", partial(_times, k, factor)

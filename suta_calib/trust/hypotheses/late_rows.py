@@ -21,7 +21,7 @@ SMOOTH: Final = 0.5
 # Rows that a motion needs.
 FEWEST: Final = 10
 # Rows by which they may be late, at most: more is looked for by reading them again
-# (`diagnostics.other_readings`).
+# (`trust.hypotheses.rows_late`).
 PLAUSIBLE: Final = 1.0
 # Share of the squared residuals that is worth a report: geometry with priors takes up most of an
 # arm's own motion (simulated, 20 to 50 ms at 0.1 s: 16 to 84 % were left).

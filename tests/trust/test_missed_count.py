@@ -11,9 +11,9 @@ from terms_cases import SIGMA, noises, scene
 
 from suta_calib import Problem, Samples, SolverOptions, solve
 from suta_calib.arrays import BoolArray
-from suta_calib.diagnostics.causes import find_cause
-from suta_calib.diagnostics.other_steps import other_steps
 from suta_calib.terms import Term
+from suta_calib.trust.hypotheses.missed_count import MissedCount
+from suta_calib.trust.rereading import explaining_reading
 
 JOINT = 4
 
@@ -46,7 +46,7 @@ def test_a_wrap_that_was_missed_is_undone(name: str, parts: int) -> None:
     s = scene(name)
     # Which of two parts of the rows is wrong, registration says: the smaller.
     rows = beyond(s, 0.6 if parts > 0 else 0.75)
-    ((sentence, (term,)),) = other_steps([stepped(s, rows, 2 * np.pi / parts)])
+    ((sentence, (term,)),) = MissedCount().readings(Problem([stepped(s, rows, 2 * np.pi / parts)]))
     way = "little" if parts > 0 else "much"
     assert sentence.startswith(
         f"joint_5 reads {360 / abs(parts):.4f} deg too {way} in {rows.sum()} of {len(rows)} rows, "
@@ -60,10 +60,12 @@ def test_a_count_that_stays_lost_is_told_by_its_rows_and_is_the_cause() -> None:
     count = len(samples_of(s))
     rows = (np.arange(count) >= 8) & (np.arange(count) < 17)
     term = stepped(s, rows, 2 * np.pi / 6)
-    cause = find_cause(solve(Problem([term], dh_parameters(s.arm)), SolverOptions(starts=1)))
+    cause = explaining_reading(
+        solve(Problem([term], dh_parameters(s.arm)), SolverOptions(starts=1))
+    )
     assert cause is not None
     origin = samples_of(s).origin
-    assert cause.sentence == (
+    assert cause.description == (
         f"joint_5 reads 60.0000 deg too little from {origin[8]} to {origin[16]}: "
         "a step that its count missed"
     )
@@ -73,19 +75,21 @@ def test_a_tool_of_no_length_does_not_hide_a_step_of_the_wrist() -> None:
     """Without a tool no turn of the wrist would change a distance: no unit makes it so short."""
     s = scene("pairwise_distance")
     term = stepped(s, beyond(s, 0.6), 2 * np.pi / 10)
-    cause = find_cause(solve(Problem([term], dh_parameters(s.arm)), SolverOptions(starts=1)))
+    cause = explaining_reading(
+        solve(Problem([term], dh_parameters(s.arm)), SolverOptions(starts=1))
+    )
     assert cause is not None
-    assert cause.sentence.startswith("joint_5 reads 36.0000 deg too little in ")
+    assert cause.description.startswith("joint_5 reads 36.0000 deg too little in ")
 
 
 def test_rows_without_an_order_have_no_count_that_missed_a_step() -> None:
     """A bad plug does that, and only says so now and then."""
     s = scene("tracked_point")
     rows = np.random.default_rng(1).random(len(samples_of(s))) < 0.4
-    assert not [*other_steps([stepped(s, rows, 2 * np.pi / 10)])]
+    assert not [*MissedCount().readings(Problem([stepped(s, rows, 2 * np.pi / 10)]))]
 
 
 @pytest.mark.parametrize("name", ["tracked_point", "hand_eye", "landmark", "pairwise_distance"])
 def test_sound_rows_have_no_step(name: str) -> None:
     s = scene(name)
-    assert not [*other_steps([stepped(s, beyond(s, 0.6), 0.0)])]
+    assert not [*MissedCount().readings(Problem([stepped(s, beyond(s, 0.6), 0.0)]))]

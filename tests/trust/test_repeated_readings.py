@@ -11,8 +11,8 @@ from simulated import Scene, arm_named, artefact, artefact_scene, placements
 
 from suta_calib import Problem, Samples, Term, solve
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.odd_readings import read_again
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.hypotheses.repeated_readings import RepeatedReadings
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +41,7 @@ def test_zeros_that_stand_for_readings_are_named(scenes: tuple[Scene, Scene]) ->
     fitted, held_out = scenes
     samples = seen(fitted)
     term = fitted.term(without_answer(samples, 5, 12, 30))
-    (said,) = read_again([term])
+    (said,) = RepeatedReadings().of_terms([term])
     assert said.startswith(f"3 rows of tracked point, {samples.origin[5]} the first, read the same")
     solution = solve(Problem([term], unknowns(fitted.arm, priors=False)), ONCE)
     validation = [held_out.term(held_out.samples(NOISE, seed=1)[0])]
@@ -58,7 +58,7 @@ def test_nobody_is_accused_of_a_posture_that_is_read_again(scenes: tuple[Scene, 
     once_wrong = again.position + 0.2 * (np.arange(len(again)) % 3 == 0)[:, None]
     twice = samples.take(np.repeat(np.arange(12), 2))
     for each in (samples, again, replace(again, position=once_wrong), twice):
-        assert not [*read_again([scenes[0].term(each)])]
+        assert not [*RepeatedReadings().of_terms([scenes[0].term(each)])]
 
 
 def test_a_target_elsewhere_is_no_other_posture(scenes: tuple[Scene, Scene]) -> None:
@@ -67,22 +67,22 @@ def test_a_target_elsewhere_is_no_other_posture(scenes: tuple[Scene, Scene]) -> 
     target = np.tile(["A", "B", "C"], 12)
     position = samples.position + 0.1 * (np.arange(36) % 3)[:, None]
     labelled = replace(samples, position=position, labels={"target": target})
-    assert not [*read_again([scenes[0].term(labelled)])]
+    assert not [*RepeatedReadings().of_terms([scenes[0].term(labelled)])]
 
 
 @pytest.mark.parametrize("kind", ["pairwise_distance", "landmark"])
 def test_one_posture_touches_no_two_places(kind: str) -> None:
     scene, samples = touched(kind)
-    assert not [*read_again([scene.term(samples)])]
+    assert not [*RepeatedReadings().of_terms([scene.term(samples)])]
     # A landmark of the first placement, and another of the second.
     other = int(np.flatnonzero(samples.labels["placement"] != samples.labels["placement"][0])[1])
-    (said,) = read_again([scene.term(without_answer(samples, 0, other))])
+    (said,) = RepeatedReadings().of_terms([scene.term(without_answer(samples, 0, other))])
     assert said.startswith(f"2 rows of {kind.replace('_', ' ')}, {samples.origin[0]} the first")
     # Read again at rest, it is one touch.
     rested = samples.take(np.repeat(np.arange(len(samples)), 2))
-    assert not [*read_again([scene.term(rested)])]
+    assert not [*RepeatedReadings().of_terms([scene.term(rested)])]
 
 
 def test_an_arm_that_never_moves_has_no_rows_to_compare(scenes: tuple[Scene, Scene]) -> None:
     term: Term = scenes[0].term(seen(scenes[0]).take(np.arange(1)))
-    assert not [*read_again([term])]
+    assert not [*RepeatedReadings().of_terms([term])]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -10,9 +10,11 @@ import pytest
 from simulated import Scene, Spread, arm_named, random_readings, tracked_scene
 
 from suta_calib import ArmPoses, Noise, Problem, Samples, Selection, SolverOptions, solve
-from suta_calib.diagnostics.odd_readings import odd_where_nothing_fits, rounded
-from suta_calib.diagnostics.other_readings import ReadingOptions, other_readings
 from suta_calib.robots import load
+from suta_calib.terms import Term
+from suta_calib.trust import Reinterpretation, known_hypotheses
+from suta_calib.trust.hypotheses.clipped_column import ClippedColumn
+from suta_calib.trust.hypotheses.rounded import Rounded
 
 Change = Callable[[Samples], Samples]
 
@@ -29,6 +31,12 @@ def samples(scene: Scene) -> Samples:
     found = scene.samples(Spread(position=1e-4), seed=3)[0]
     origin = [f"{'first' if row < 36 else 'second'}.csv:{row + 2}" for row in range(len(found))]
     return replace(found, origin=tuple(origin))
+
+
+def readings(terms: list[Term]) -> list[tuple[str, Sequence[Term]]]:
+    problem = Problem(terms)
+    hypotheses = (h for h in known_hypotheses().values() if isinstance(h, Reinterpretation))
+    return [reading for h in hypotheses if h.tried == "ranked" for reading in h.readings(problem)]
 
 
 def columns(*order: int) -> Change:
@@ -82,7 +90,7 @@ def test_a_reading_undoes_its_mistake(scene: Scene, samples: Samples, sentence: 
     assert samples.position is not None
     belongs = {tuple(q): tuple(p) for q, p in zip(samples.q, samples.position, strict=True)}
     wrong = scene.term(UNDONE[sentence](samples), Noise())
-    read = dict(other_readings([wrong], ReadingOptions()))
+    read = dict(readings([wrong]))
     (term,) = read[sentence]
     found = term.poses.samples
     assert found.position is not None
@@ -98,7 +106,7 @@ def test_a_file_of_one_term_is_not_looked_for_in_another(scene: Scene, samples: 
     ]
     found = [
         tuple(len(term.poses) for term in read)
-        for sentence, read in other_readings(terms, ReadingOptions())
+        for sentence, read in readings(terms)
         if "missing among" in sentence and "between first.csv" in sentence
     ]
     assert found
@@ -114,7 +122,7 @@ def test_names_and_readings_in_two_orders_are_told_apart() -> None:
     q = random_readings(arm, np.random.default_rng(0), 12)
     scene = tracked_scene(arm, {}, 12)
     samples = replace(scene.samples()[0], q=q)
-    read = dict(other_readings([scene.term(samples, Noise())], ReadingOptions()))
+    read = dict(readings([scene.term(samples, Noise())]))
     sentences = [s for s in read if "alphabetical" in s]
     assert sentences
     for sentence in sentences:
@@ -130,11 +138,11 @@ def test_a_reading_that_ends_somewhere_is_named(scene: Scene, samples: Samples) 
         q[:, 2] = np.minimum(q[:, 2], end)
         return replace(samples, q=q)
 
-    (said,) = odd_where_nothing_fits([scene.term(saturated(1.0), Noise())])
+    (said,) = ClippedColumn().of_terms([scene.term(saturated(1.0), Noise())])
     assert said.startswith(
         f"{np.sum(samples.q[:, 2] >= 1.0)} of 60 readings of joint_3 are 57.2958 deg"
     )
-    assert not [*odd_where_nothing_fits([scene.term(samples, Noise())])]
+    assert not [*ClippedColumn().of_terms([scene.term(samples, Noise())])]
 
 
 def test_positions_that_were_rounded_are_told(scene: Scene, samples: Samples) -> None:
@@ -145,7 +153,7 @@ def test_positions_that_were_rounded_are_told(scene: Scene, samples: Samples) ->
     offsets = scene.arm.select(Selection(("*.offset",), bound_rad=0.1))
     once = SolverOptions(starts=1, max_iterations=30)
     said, unsaid = (
-        [*rounded(solve(Problem([scene.term(each, Noise())], offsets), once))]
+        [*Rounded().matches(solve(Problem([scene.term(each, Noise())], offsets), once))]
         for each in (coarse, noisy)
     )
     assert len(said) == 1

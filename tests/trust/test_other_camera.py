@@ -10,8 +10,8 @@ from simulated import Scene, dh_parameters
 from terms_cases import SIGMA, noises, scene
 
 from suta_calib import Problem, Solution, SolverOptions, solve
-from suta_calib.diagnostics.causes import FEW, find_cause
-from suta_calib.diagnostics.other_depths import other_depths
+from suta_calib.trust.hypotheses.other_camera import OtherCamera
+from suta_calib.trust.rereading import explaining_reading
 
 ONCE = SolverOptions(starts=1)
 
@@ -28,15 +28,15 @@ def fitted(s: Scene, factor: float) -> Solution:
 def test_the_factor_of_all_depths_is_found(name: str, factor: float, said: str) -> None:
     s = scene(name)
     solution = fitted(s, factor)
-    ((sentence, (term,)),) = other_depths(solution, FEW)
+    ((sentence, (term,)),) = OtherCamera().readings(solution.problem)
     depth = s.samples(SIGMA)[0].position
     found = term.poses.samples.position
     assert depth is not None
     assert found is not None
     np.testing.assert_allclose(found, depth, rtol=1e-3, atol=1e-9)
-    cause = find_cause(solution)
+    cause = explaining_reading(solution)
     assert cause is not None
-    assert cause.sentence == sentence
+    assert cause.description == sentence
     by, _, rest = sentence.removeprefix("what was seen is ").partition(" % ")
     assert float(by) == pytest.approx(100 * abs(factor - 1), abs=0.05)
     assert rest.startswith(said)
@@ -44,5 +44,5 @@ def test_the_factor_of_all_depths_is_found(name: str, factor: float, said: str) 
 
 def test_right_depths_are_left_alone() -> None:
     solution = fitted(scene("hand_eye"), 1.0)
-    assert not [*other_depths(solution, FEW)]
-    assert not [*other_depths(fitted(scene("tracked_point"), 1.0), FEW)]
+    assert not [*OtherCamera().readings(solution.problem)]
+    assert not [*OtherCamera().readings(fitted(scene("tracked_point"), 1.0).problem)]

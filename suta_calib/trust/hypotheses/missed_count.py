@@ -1,4 +1,4 @@
-"""One joint that reads too much by one step in some of the rows, as if a count had wrapped unseen.
+"""One joint that reads too much by one step in some of the rows, as if a count had wrapped.
 
 An encoder behind a gear, or one of a few bits, begins anew within the joint's travel; who counts
 its turns may miss one, and a count that was lost stays lost. Nobody knows the step beforehand, nor
@@ -9,12 +9,12 @@ if its rows are what such a step makes: those beyond some reading, or all from o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
-from typing import Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -23,8 +23,10 @@ from suta_calib.errors import SutaCalibError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
-from suta_calib.terms import ArmPoses, Term
+from suta_calib.terms import Term
 from suta_calib.terms.poses import joint_ranges
+from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.spoiling import arm_of, with_readings
 from suta_calib.units import from_deg, text
 
 # Shifts of a joint that are tried first, and how finely their step is told, rad.
@@ -64,35 +66,46 @@ class _Step:
     left: float
 
 
-def other_steps(terms: Sequence[Term]) -> Iterator[tuple[str, tuple[Term, ...]]]:
-    """The terms with one joint's readings a step farther in some rows, where that mends them.
+class MissedCount(Reinterpretation):
+    """``q_j → q_j + step`` in some rows, with the step and the rows that mend them."""
 
-    Args:
-        terms: over one arm.
+    name: ClassVar[str] = "missed count"
+    about: ClassVar[str] = "A joint reads a step too much in some rows: its count missed a wrap."
+    precedence: ClassVar[int] = 82
+    tried: ClassVar = "fitted"
 
-    Yields:
-        What would have to be so, as the end of "the data agree if …", and the terms.
-    """
-    poses = terms[0].poses
-    assert isinstance(poses, ArmPoses)
-    with suppress(SutaCalibError):
-        touches = _Touches(tuple(term.single_touches() for term in terms))
-        before = float(np.mean(touches.squares(touches.none, touches.registered(touches.none))))
-        turning = [k for k, j in enumerate(poses.arm.chain.moving) if j.type != "prismatic"]
-        if len(turning) > MOST_JOINTS:
-            return
-        some = touches.some()
-        coarse = sorted((*_coarse(some, k), k) for k in turning)
-        found = [step for _, size, k in coarse[:JOINTS] for step in _steps(touches, some, k, size)]
-        found = [step for step in found if step.left < LEFT * before]
-        for step in sorted(found, key=lambda each: each.left)[:1]:
-            shifts = touches.shifted(step.joint, np.where(step.rows, step.size, 0.0))
-            if where := _where(touches, step):
-                name = poses.arm.joints[step.joint]
-                by = text(abs(step.size), "rad", with_unit=True)
-                sign = "little" if step.size > 0 else "much"
-                sentence = f"{name} reads {by} too {sign} {where}: a step that its count missed"
-                yield sentence, tuple(_read(terms, shifts))
+    def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
+        """One, where a step of one joint mends the rows."""
+        with suppress(SutaCalibError):
+            arm = arm_of(data.terms[0])
+            touches = _Touches(tuple(term.single_touches() for term in data.terms))
+            before = np.mean(touches.squares(touches.none, touches.registered(touches.none)))
+            turning = [k for k, j in enumerate(arm.chain.moving) if j.type != "prismatic"]
+            if len(turning) > MOST_JOINTS:
+                return
+            fewer = touches.fewer()
+            coarse = sorted((*_coarse(fewer, k), k) for k in turning)
+            steps = [s for _, size, k in coarse[:JOINTS] for s in _steps(touches, fewer, k, size)]
+            steps = [step for step in steps if step.left < LEFT * before]
+            for step in sorted(steps, key=lambda step: step.left)[:1]:
+                shifts = touches.shifted(step.joint, np.where(step.rows, step.size, 0.0))
+                if where := _where(touches, step):
+                    by = text(abs(step.size), "rad", with_unit=True)
+                    sign = "little" if step.size > 0 else "much"
+                    yield (
+                        f"{arm.joints[step.joint]} reads {by} too {sign} {where}: "
+                        "a step that its count missed",
+                        tuple(_read(data.terms, shifts)),
+                    )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """An inner joint reads a tenth of a turn too little in the rows where it is farthest."""
+        del values, rng
+        term: Term = data
+        q, joint = term.poses.samples.q.copy(), len(arm_of(term).joints) - 2
+        q[:, joint] -= from_deg(36.0) * (q[:, joint] > np.quantile(q[:, joint], 0.6))
+        name = arm_of(term).joints[joint]
+        return Spoilt(with_readings(term, q), np.zeros(0), f"{name} reads 36.0000 deg too little")
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +139,7 @@ class _Touches:
 
     @cached_property
     def _ranges(self) -> tuple[JointRange, ...]:
-        poses = self.terms[0].poses
-        assert isinstance(poses, ArmPoses)
-        return joint_ranges(poses.arm)
+        return joint_ranges(arm_of(self.terms[0]))
 
     @property
     def none(self) -> FloatArray:
@@ -160,54 +171,54 @@ class _Touches:
         ends = given.evaluation.table.first
         parts = (shifts[a:b] for a, b in pairwise(ends.tolist()))
         errors = chain(*(e(values, part) for e, part in zip(self._errors, parts, strict=True)))
-        found = np.zeros(len(shifts))
+        squares = np.zeros(len(shifts))
         for view, error, sigma in zip(given.evaluation.views, errors, sigmas, strict=True):
             block = view.block
             spread = np.hypot(sigma, block.known_sigma)
             squared = np.sum((error / block.relative) ** 2, axis=1) / spread**2
-            np.add.at(found, block.samples[:, 0] + view.first_sample, squared)
-        return found
+            np.add.at(squares, block.samples[:, 0] + view.first_sample, squared)
+        return squares
 
-    def some(self) -> _Touches:
+    def fewer(self) -> _Touches:
         """Of many touches some, evenly chosen."""
         count = sum(len(term.poses) for term in self.terms)
         every = -(-count // ASKED)
         rows = (np.arange(0, len(term.poses), every) for term in self.terms)
-        some = _Touches(tuple(term.take(r) for term, r in zip(self.terms, rows, strict=True)))
+        fewer = _Touches(tuple(term.take(r) for term, r in zip(self.terms, rows, strict=True)))
         # What is external must be the same, place by place.
-        return some if some.given.names == self.given.names else self
+        return fewer if fewer.given.names == self.given.names else self
 
 
-def _steps(touches: _Touches, some: _Touches, joint: int, size: float) -> Iterator[_Step]:
+def _steps(touches: _Touches, fewer: _Touches, joint: int, size: float) -> Iterator[_Step]:
     """What a joint's step leaves at best, with either part of the rows taken for the wrong one.
 
     Args:
         touches: all of them.
-        some: those that say how large the step is.
+        fewer: those that say how large the step is.
         joint: its index.
         size: of the step, coarsely, rad.
     """
     for sign in (1.0, -1.0):
         with suppress(SutaCalibError):
-            told, x = _settled(some, joint, sign * size)
-            told = _part_of_a_turn(told)
+            settled, x = _settled(fewer, joint, sign * size)
+            settled = _part_of_a_turn(settled)
             # Where what is external is, some rows tell well enough to sort all.
-            wrong = touches.squares(touches.shifted(joint, told), x)
+            wrong = touches.squares(touches.shifted(joint, settled), x)
             rows = wrong < touches.squares(touches.none, x)
             if FEWEST <= np.sum(rows) <= len(rows) - FEWEST:
-                shifts = touches.shifted(joint, np.where(rows, told, 0.0))
+                shifts = touches.shifted(joint, np.where(rows, settled, 0.0))
                 left = touches.squares(shifts, touches.registered(shifts))
-                yield _Step(joint, told, rows, float(np.mean(left)))
+                yield _Step(joint, settled, rows, float(np.mean(left)))
 
 
 def _coarse(touches: _Touches, joint: int) -> tuple[float, float]:
     """Squares left by the two shifts that suit all rows best, one or the other each; their step."""
     x = touches.registered(touches.none)
-    each = np.array([touches.squares(touches.shifted(joint, by), x) for by in COARSE])
+    squares = np.array([touches.squares(touches.shifted(joint, by), x) for by in COARSE])
     best, size = np.inf, 0.0
     # Of either sign the same pairs are tried.
     for k in range(1, len(COARSE) // 2 + 1):
-        left = float(np.min(np.sum(np.minimum(each, np.roll(each, -k, axis=0)), axis=1)))
+        left = float(np.min(np.sum(np.minimum(squares, np.roll(squares, -k, axis=0)), axis=1)))
         if left < best:
             best, size = left, k * float(COARSE[1] - COARSE[0])
     return best, size
@@ -273,14 +284,14 @@ def _beyond(q: FloatArray, rows: BoolArray) -> int:
 
 def _read(terms: Sequence[Term], shifts: FloatArray) -> list[Term]:
     """The terms with their readings shifted, (samples, joints) of all of them."""
-    found, first = list[Term](), 0
+    read, first = list[Term](), 0
     for term in terms:
         samples = term.poses.samples
         by = shifts[first : first + len(samples)]
         first += len(samples)
-        found.append(
+        read.append(
             term.over_poses(term.poses.with_samples(replace(samples, q=samples.q + by)))
             if by.any()
             else term
         )
-    return found
+    return read

@@ -1,0 +1,49 @@
+"""A joint's readings that end somewhere, though the joint moves on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.terms import Term
+from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
+from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.units import text
+
+# Share of the rows that stand at a column's end from which on that is worth a word.
+AT_END: Final = 0.1
+
+
+class ClippedColumn(Pattern):
+    """Many readings equal the largest or the smallest one: so does a joint that is sent there."""
+
+    name: ClassVar[str] = "clipped column"
+    about: ClassVar[str] = "A joint's readings end somewhere, though the joint moves on."
+    precedence: ClassVar[int] = 31
+    role: ClassVar = "suspicion"
+
+    def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
+        """One for each end of each joint."""
+        arm, q = arm_of(terms[0]), all_readings(terms)
+        moving = np.ptp(q, axis=0) > 10 * STILL
+        for joint, readings in zip(np.compress(moving, arm.joints), q[:, moving].T, strict=True):
+            for end, which in ((readings.max(), "above"), (readings.min(), "below")):
+                times = int(np.sum(readings == end))
+                if times >= max(ENOUGH_ROWS, AT_END * len(readings)):
+                    where = text(float(end), arm.units[joint], with_unit=True)
+                    yield (
+                        f"{times} of {len(readings)} readings of {joint} are {where} to the last "
+                        f"digit, and none is {which}: does its encoder, or what reads it, end "
+                        "there?"
+                    )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """The readings of the middle joint end at the largest but a fourth of them."""
+        del values, rng
+        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
+        q[:, joint] = np.minimum(q[:, joint], np.quantile(q[:, joint], 0.75))
+        description = f"readings of {arm_of(data).joints[joint]} are"
+        return Spoilt(with_readings(data, q), np.zeros(0), description)

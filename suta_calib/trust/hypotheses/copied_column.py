@@ -1,0 +1,42 @@
+"""Two joints that read the same as one another in every row."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import combinations
+from typing import Any, ClassVar
+
+import numpy as np
+
+from suta_calib.terms import Term
+from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
+from suta_calib.trust.spoiling import arm_of, with_readings
+
+
+class CopiedColumn(Pattern):
+    """``|q_a - q_b|`` is as good as nothing in all rows, though both joints move."""
+
+    name: ClassVar[str] = "copied column"
+    about: ClassVar[str] = "One joint's column was copied over another's."
+    precedence: ClassVar[int] = 11
+    role: ClassVar = "cause"
+
+    def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
+        """One for each pair."""
+        joints, q = arm_of(terms[0]).joints, all_readings(terms)
+        travel = np.ptp(q, axis=0)
+        for a, b in combinations(range(len(joints)), 2):
+            moving = min(travel[a], travel[b]) > 10 * STILL and len(q) >= ENOUGH_ROWS
+            if moving and np.abs(q[:, a] - q[:, b]).max() < STILL:
+                yield (
+                    f"{joints[a]} and {joints[b]} read the same as one another in every row: was "
+                    "one column copied over the other?"
+                )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """The third column copied over the fourth."""
+        del values, rng
+        q, joints = data.poses.samples.q.copy(), arm_of(data).joints
+        q[:, 3] = q[:, 2]
+        return Spoilt(with_readings(data, q), np.zeros(0), f"{joints[2]} and {joints[3]} read")

@@ -1,0 +1,41 @@
+"""A joint that reads the same in every row while others move."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from suta_calib.terms import Term
+from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.patterns import STILL, all_readings
+from suta_calib.trust.spoiling import arm_of, with_readings
+
+
+class DeadJoint(Pattern):
+    """``max q_j - min q_j`` is as good as nothing, and two joints move ten times more."""
+
+    name: ClassVar[str] = "dead joint"
+    about: ClassVar[str] = "A joint reads the same in every row."
+    precedence: ClassVar[int] = 10
+    role: ClassVar = "cause"
+
+    def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
+        """One for all such joints together."""
+        joints, travel = arm_of(terms[0]).joints, np.ptp(all_readings(terms), axis=0)
+        dead = [joint for joint, moved in zip(joints, travel, strict=True) if moved < STILL]
+        if dead and np.sort(travel)[-2:].min() > 10 * STILL:
+            yield (
+                f"{', '.join(dead)} reads the same in every row, to "
+                f"{np.degrees(STILL):.3f} deg: is its encoder alive? If it was locked, say "
+                "so by leaving its parameters out."
+            )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """The middle joint reads its mean."""
+        del values, rng
+        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
+        q[:, joint] = q[:, joint].mean()
+        description = f"{arm_of(data).joints[joint]} reads the same in every row"
+        return Spoilt(with_readings(data, q), np.zeros(0), description)

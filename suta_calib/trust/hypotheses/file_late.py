@@ -1,0 +1,42 @@
+"""One of several files whose observations stand one row too late or too early."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+from suta_calib.measurements import Samples
+from suta_calib.terms import Term
+from suta_calib.trust.sample_readings import (
+    MOST_FILES,
+    Change,
+    MisreadSamples,
+    files_of,
+    slid,
+)
+
+
+class FileLate(MisreadSamples):
+    """`RowsLate` in one of several files, by one row."""
+
+    name: ClassVar[str] = "rows of a file late"
+    about: ClassVar[str] = "Observations of one file stand one row too late or too early."
+    precedence: ClassVar[int] = 24
+
+    def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
+        """Two for each file."""
+        files = files_of(terms)
+        for file in files if 1 < len(files) <= MOST_FILES else ():
+            for direction, offset in (("late", 1), ("early", -1)):
+                description = f"what was seen or touched is one row {direction} in {file}"
+                yield description, partial(slid, offset, file)
+
+    def fault(self, term: Term) -> tuple[str, Samples]:
+        """The first of two files one row late."""
+        samples = term.poses.samples
+        half = len(samples) // 2
+        rows = (f"{'ab'[row >= half]}.csv:{row + 2}" for row in range(len(samples)))
+        split = replace(samples, origin=tuple(rows))
+        return "what was seen or touched is one row late in a.csv", slid(-1, "a.csv", split)

@@ -1,0 +1,51 @@
+"""Joint readings that stand in the columns of other joints."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import partial
+from itertools import combinations
+from typing import ClassVar
+
+import numpy as np
+
+from suta_calib.model.arm import ArmModel
+from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+
+
+class JointColumns(MisreadJoints):
+    """Two columns exchanged, all of them shifted by one, reversed, or sorted by their names."""
+
+    name: ClassVar[str] = "order of the joints"
+    about: ClassVar[str] = "Joint readings stand in the columns of other joints."
+    precedence: ClassVar[int] = 12
+
+    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+        """One for each way in which columns are mixed up."""
+        identity = np.eye(len(arm.joints))
+        for description, order in orders(arm.joints):
+            yield description, partial(mapped, identity[list(order)], 0.0)
+
+
+def orders(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, ...]]]:
+    """Which joint's readings each joint's column holds, in every way that columns are mixed up."""
+    rows = list(range(len(names)))
+    ways = list[tuple[str, list[int]]]()
+    for a, b in combinations(rows, 2):
+        swapped = [b if row == a else a if row == b else row for row in rows]
+        ways.append((f"the columns of {names[a]} and {names[b]} are exchanged", swapped))
+    for step, neighbour in ((-1, "next"), (1, "one before")):
+        description = f"the joints' columns each stand under the name of the {neighbour}"
+        ways.append((description, [*rows[step:], *rows[:step]]))
+    ways.append(("the joints' columns stand in the opposite order", rows[::-1]))
+    # As ROS lists joint states, whatever the order along the arm.
+    by_name = sorted(rows, key=lambda row: names[row])
+    description = "the joints' readings stand in the alphabetical order of the joints' names"
+    ways.append((description, by_name))
+    description = "the joints' names stand in alphabetical order, their readings in that of the arm"
+    ways.append((description, np.argsort(by_name).tolist()))
+    listed = {tuple(rows)}
+    for description, way in ways:
+        if tuple(way) not in listed:
+            listed.add(tuple(way))
+            yield description, tuple(way)

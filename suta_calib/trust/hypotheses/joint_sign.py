@@ -1,0 +1,27 @@
+"""A joint that counts the other way."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from suta_calib.model.arm import ArmModel
+from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+
+
+class JointSign(MisreadJoints):
+    """``q_j → -q_j`` for one joint after another."""
+
+    name: ClassVar[str] = "sign of a joint"
+    about: ClassVar[str] = "A joint counts the other way."
+    precedence: ClassVar[int] = 10
+
+    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+        """One for each joint."""
+        identity = np.eye(len(arm.joints))
+        for k, joint in enumerate(arm.joints):
+            flipped = identity * np.where(identity[k], -1.0, 1.0)
+            yield f"{joint} counts the other way (sign: -1)", partial(mapped, flipped, 0.0)

@@ -1,0 +1,40 @@
+"""Joint readings in degrees that are taken for radians."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.terms import Term
+from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+from suta_calib.trust.spoiling import arm_of
+from suta_calib.units import from_deg
+
+DESCRIPTION = "the joints' columns are in degrees, not rad"
+
+
+class JointUnit(MisreadJoints):
+    """``q → q π / 180`` for all revolute joints together."""
+
+    name: ClassVar[str] = "unit of the joints"
+    about: ClassVar[str] = "Joint readings are in degrees, and are taken for radians."
+    precedence: ClassVar[int] = 13
+
+    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+        """One for the arm."""
+        yield DESCRIPTION, partial(mapped, np.diag(_factors(arm)), 0.0)
+
+    def fault(self, term: Term) -> tuple[str, Samples]:
+        """Every revolute joint in degrees."""
+        samples, arm = term.poses.samples, arm_of(term)
+        return DESCRIPTION, replace(samples, q=samples.q / _factors(arm))
+
+
+def _factors(arm: ArmModel) -> list[float]:
+    return [1.0 if joint.type == "prismatic" else from_deg(1.0) for joint in arm.chain.moving]

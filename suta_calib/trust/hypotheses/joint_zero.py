@@ -1,0 +1,40 @@
+"""A joint whose zero is a quarter or half of a turn elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from suta_calib.measurements import Samples
+from suta_calib.model.arm import ArmModel
+from suta_calib.terms import Term
+from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+from suta_calib.trust.spoiling import arm_of
+from suta_calib.units import from_deg
+
+
+class JointZero(MisreadJoints):
+    """``q_j → q_j ± 90°`` or ``+ 180°`` for one revolute joint after another."""
+
+    name: ClassVar[str] = "zero of a joint"
+    about: ClassVar[str] = "A joint's zero is a quarter or half of a turn elsewhere."
+    precedence: ClassVar[int] = 11
+
+    def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
+        """Three for each revolute joint."""
+        identity = np.eye(len(arm.joints))
+        for k, joint in enumerate(arm.chain.moving):
+            for angle in (90.0, -90.0, 180.0) if joint.type != "prismatic" else ():
+                change = partial(mapped, identity, from_deg(angle) * identity[k])
+                yield f"{arm.joints[k]} reads {-angle:g}° too much", change
+
+    def fault(self, term: Term) -> tuple[str, Samples]:
+        """One of the inner joints reads 90° too much."""
+        samples, arm = term.poses.samples, arm_of(term)
+        k = len(arm.joints) // 2
+        q = samples.q + from_deg(90.0) * np.eye(len(arm.joints))[k]
+        return f"{arm.joints[k]} reads 90° too much", replace(samples, q=q)

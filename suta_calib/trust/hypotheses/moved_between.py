@@ -1,0 +1,78 @@
+"""An instrument, an artefact or a point that was moved between two parts of the rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.measurements import Samples
+from suta_calib.measurements.samples import joined
+from suta_calib.solver.problem import Problem
+from suta_calib.terms import Term
+from suta_calib.terms.seen import SeenTerm
+from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.spoiling import displaced
+
+WHAT: Final = "the instrument, the artefact or what was touched"
+HALVES: Final = f"{WHAT} was moved after the first half of the rows"
+# Name of the part (n,) that each row is in, of samples, by what they are of.
+Parts = Callable[[Samples, NDArray[np.str_] | None], NDArray[np.str_]]
+
+
+class MovedBetween(Reinterpretation):
+    """What is external stands elsewhere in the second half of its rows, or in each file."""
+
+    name: ClassVar[str] = "moved between"
+    about: ClassVar[str] = "The instrument, the artefact or a point was moved half-way."
+    precedence: ClassVar[int] = 90
+    # It leaves more open than any other reading.
+    tried: ClassVar = "last"
+
+    def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
+        """Two: between the halves, and between the files."""
+        by_file = f"{WHAT} was moved between the files"
+        ways: tuple[tuple[str, Parts], ...] = (
+            (HALVES, _half),
+            (by_file, lambda samples, _: samples.file_names),
+        )
+        for description, parts in ways:
+            terms = [part for term in data.terms for part in _divided(term, parts)]
+            if any(term not in data.terms for term in terms):
+                yield description, tuple(terms)
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """All that is seen in the second half is 5 cm elsewhere."""
+        del rng
+        term: Term = data
+        twist = np.zeros((len(term.poses), 6))
+        twist[len(twist) // 2 :, 0] = 0.05
+        return Spoilt(displaced(term, values, twist), np.zeros(0), HALVES)
+
+
+def _divided(term: Term, parts: Parts) -> Iterator[Term]:
+    """The term with a place of its own for each part; a term for each part without places."""
+    samples = term.poses.samples
+    part = parts(samples, samples.labels.get(term.place))
+    if term.place in samples.labels and term.own:
+        label = joined({"": samples.labels[term.place], "part": part}, ("", "part"))
+        labels = {**samples.labels, term.place: label}
+        yield term.over_poses(term.poses.with_samples(replace(samples, labels=labels)))
+    elif isinstance(term, SeenTerm):
+        for name in np.unique(part):
+            rows = np.flatnonzero(part == name)
+            yield replace(term.take(rows), label=f"{term.label} {name}")
+    else:
+        yield term
+
+
+def _half(samples: Samples, place: NDArray[np.str_] | None) -> NDArray[np.str_]:
+    """Which half of the rows each row is in, of those at one place where there are places."""
+    later, rows = np.zeros(len(samples), dtype=bool), np.arange(len(samples))
+    groups = [rows] if place is None else [rows[place == name] for name in np.unique(place)]
+    for group in groups:
+        later[group[len(group) // 2 :]] = True
+    return np.where(later, "second half", "first half")

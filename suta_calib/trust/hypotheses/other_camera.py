@@ -1,0 +1,90 @@
+"""Poses that were found with the file of another camera: everything is nearer or farther.
+
+Who finds poses with the focal length of another camera finds directions nearly right, and every
+distance along the axis too long by one factor. A nominal arm is too coarse to tell the factor: it
+is found by steps of Gauss and Newton from the fit, each with a fit anew.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.errors import SutaCalibError
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solve import solve
+from suta_calib.terms import Term
+from suta_calib.trust.evidence import Effect, weigh_effects
+from suta_calib.trust.examination import STEP, Examination
+from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.rereading import QUICK_FIT
+
+# Steps, and from which on the next is none worth taking.
+STEPS: Final = 4
+SETTLED: Final = 1e-4
+# Factors, less one, that are no rounding and still another camera's.
+LEAST, MOST = 5e-3, 0.7
+
+
+class OtherCamera(Reinterpretation):
+    """``z → z f`` for every pose that was seen, with one factor f for all of them."""
+
+    name: ClassVar[str] = "other camera"
+    about: ClassVar[str] = "Poses were found with the file of another camera."
+    precedence: ClassVar[int] = 81
+    tried: ClassVar = "fitted"
+
+    def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
+        """One, where poses were seen and the factor is not one."""
+        if not any(_seen_as_poses(term) for term in data.terms):
+            return
+        with suppress(SutaCalibError):
+            terms, factor = tuple(data.terms), 1.0
+            for _ in range(STEPS):
+                too_long = _step(Problem(terms, data.arm_parameters))
+                factor /= 1.0 + max(too_long, LEAST - 1.0)
+                if abs(factor - 1.0) > MOST:
+                    return
+                terms = tuple(_at_depth(term, factor) for term in data.terms)
+                if abs(too_long) < SETTLED:
+                    break
+            by = 1.0 / factor - 1.0
+            if abs(by) > LEAST:
+                yield _description(by), terms
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """Everything 8 % too far."""
+        del values, rng
+        return Spoilt(_at_depth(data, 1.08), np.zeros(0), _description(0.08)[:18])
+
+
+def _description(by: float) -> str:
+    return (
+        f"what was seen is {100 * abs(by):.2f} % too {'far' if by > 0 else 'near'} along "
+        "the axis z of what saw it, as with another camera's file"
+    )
+
+
+def _step(problem: Problem) -> float:
+    """By what ratio depths are too long at the fit of a problem, to first order."""
+    answer = Examination.of_poses(solve(problem, QUICK_FIT))
+    longer = [_at_depth(term, 1.0 + STEP) for term in problem.terms]
+    evidence = weigh_effects(answer.fit, [Effect("depth", answer.by_terms(longer))])
+    return -float(evidence[0].size[0]) if evidence else 0.0
+
+
+def _seen_as_poses(term: Term) -> bool:
+    samples = term.poses.samples
+    return samples.position is not None and samples.rotation is not None
+
+
+def _at_depth(term: Term, factor: float) -> Term:
+    samples = term.poses.samples
+    if not _seen_as_poses(term) or samples.position is None:
+        return term
+    position = np.asarray(samples.position * [1.0, 1.0, factor])
+    return term.over_poses(term.poses.with_samples(replace(samples, position=position)))

@@ -1,0 +1,96 @@
+"""Rows whose joints all read, to the last digit, as in others that were elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.measurements.samples import hashed, joined
+from suta_calib.terms import Term
+from suta_calib.terms.block import grouped, grouped_rows, numbered
+from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.patterns import may_read_alike
+from suta_calib.trust.spoiling import with_readings
+
+# Rows that read the same from which on it is their readings that are wrong, not what was observed.
+FEWEST: Final = 3
+# Distance, m and pixels, of what is seen from one posture that no instrument's noise makes.
+APART: Final = 0.01
+APART_PX: Final = 20.0
+
+
+class RepeatedReadings(Pattern):
+    """A bus repeats its last answer, or readings that never came are written as zeros.
+
+    What is seen of one posture may be wrong in some of its rows, but agrees in most; and a tip that
+    touches one place is not at another.
+    """
+
+    name: ClassVar[str] = "repeated readings"
+    about: ClassVar[str] = "All joints read the same in rows that were taken elsewhere."
+    precedence: ClassVar[int] = 12
+    role: ClassVar = "cause"
+
+    def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
+        """One for each term."""
+        for term in terms:
+            rows = _repeated(term)
+            if rows.any():
+                yield (
+                    f"{np.sum(rows)} rows of {term.kind.replace('_', ' ')}, "
+                    f"{term.poses.samples.origin[int(np.argmax(rows))]} the first, read the same "
+                    "in all joints to the last digit as others do that were elsewhere: did the "
+                    "bus repeat its last answer, or do zeros stand for readings that never came? "
+                    "Leave them out."
+                )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """Five rows repeat the readings of the one before."""
+        del values, rng
+        q = data.poses.samples.q.copy()
+        q[11:16] = q[10]
+        return Spoilt(with_readings(data, q), np.zeros(0), "read the same in all joints")
+
+
+def _repeated(term: Term) -> BoolArray:
+    """(n,) which rows of a term read as others that were elsewhere."""
+    samples = term.poses.samples
+    posture = hashed(samples.q)
+    none = np.zeros(len(samples), dtype=np.bool_)
+    if len(np.unique(posture)) == len(samples):
+        return none
+    group = numbered(posture)[1]
+    columns = [name for name in samples.labels if name != "repeat"]
+    place = grouped(joined(samples.labels, columns))[1] if columns else np.zeros_like(group)
+    if samples.pixels is not None:
+        return _scattered(group, np.nanmean(samples.pixels, axis=1), APART_PX)
+    if samples.position is not None:
+        # What has another label may be another target, or seen from elsewhere.
+        group = grouped_rows(np.column_stack([group, place]))[0]
+        return _scattered(group, samples.position, APART)
+    if term.medium == "touch" and not samples.lengths and not may_read_alike(samples):
+        return np.asarray(_extent(group, place[:, None].astype(float)) > 0)
+    return none
+
+
+def _scattered(group: IntArray, where: FloatArray, reach: float) -> BoolArray:
+    """(n,) rows of groups (n,) most of which are farther than that from their middle, (n, d)."""
+    scattered = _extent(group, where) > reach
+    order = np.argsort(group, kind="stable")
+    for rows in np.split(order, np.flatnonzero(np.diff(group[order])) + 1):
+        if not scattered[rows[0]]:
+            continue
+        away = np.linalg.norm(where[rows] - np.median(where[rows], axis=0), axis=1) > reach
+        scattered[rows] = len(rows) >= FEWEST and 2 * int(np.sum(away)) > len(rows)
+    return scattered
+
+
+def _extent(group: IntArray, where: FloatArray) -> FloatArray:
+    """(n,) how far apart (n, d) the rows of each one's group (n,) are."""
+    low, high = (np.full((group.max() + 1, where.shape[1]), end) for end in (np.inf, -np.inf))
+    np.minimum.at(low, group, where)
+    np.maximum.at(high, group, where)
+    return np.asarray(np.linalg.norm(high - low, axis=1)[group])

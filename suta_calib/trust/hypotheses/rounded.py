@@ -1,0 +1,109 @@
+"""Readings or positions that were rounded when they were written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, ClassVar, Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.diagnostics.held_out import robust_level
+from suta_calib.diagnostics.tip_uncertainty import sensitivity
+from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
+from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.patterns import all_readings
+from suta_calib.units import from_deg, text
+from suta_calib.words import listed
+
+# Steps that somebody who rounds would choose, rad and m; encoders divide a turn by powers of two.
+STEPS: Final = tuple(unit * 10.0**k for k in (0, -1, -2, -3) for unit in (from_deg(1.0), 1.0))
+LENGTH_STEPS: Final = tuple(10.0**-k for k in (1, 2, 3, 4))
+# Part of a step that is no rounding of the digits that are left.
+EXACT: Final = 1e-3
+# Residuals over what rounding alone would make of them: less, and the readings were exact.
+LEAST, MOST = 0.5, 3.0
+# Rows whose postures show how the tip hangs on the joints.
+SHOWN: Final = 200
+
+
+class Rounded(Pattern):
+    """All values are multiples of one step, and the step alone makes such residuals."""
+
+    name: ClassVar[str] = "rounded"
+    about: ClassVar[str] = "Readings or positions were rounded when they were written."
+    precedence: ClassVar[int] = 20
+
+    def matches(self, answer: Solution) -> Iterator[str]:
+        """One for the joints, and one for the positions of each term."""
+        problem = answer.problem
+        levels = [
+            robust_level(line.residual)
+            for line in problem.linearise(answer.x, problem.assumed_sigmas())
+            if line.view.block.unit == "m"
+        ]
+        if problem.arm is None or not levels:
+            return
+        for what, step, scatter in (*_of_joints(answer), *_of_positions(problem.terms)):
+            if LEAST * scatter < levels[0] < MOST * scatter:
+                yield (
+                    f"{what} are in steps of {step}: so rounded, they scatter the tip by "
+                    f"{text(scatter, 'm', with_unit=True)} per axis, and the residuals are "
+                    f"{text(levels[0], 'm', with_unit=True)}. Write every digit."
+                )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """Positions in whole millimetres."""
+        del values, rng
+        term: Term = data
+        samples = term.poses.samples
+        assert samples.position is not None
+        coarse = replace(samples, position=np.round(samples.position, 3))
+        description = "are in steps of 1.000 mm"
+        return Spoilt(term.over_poses(term.poses.with_samples(coarse)), np.zeros(0), description)
+
+
+def _of_joints(answer: Solution) -> Iterator[tuple[str, str, float]]:
+    """The joints whose readings have steps, the largest step, and what steps do to the tip, m."""
+    q, arm = all_readings(answer.problem.terms), answer.problem.arm
+    assert arm is not None
+    turning = [joint.type != "prismatic" for joint in arm.chain.moving]
+    steps = np.array([_step(c, STEPS) if t else 0.0 for c, t in zip(q.T, turning, strict=True)])
+    if not steps.any():
+        return
+    names = [f"{joint}.offset" for joint in arm.joints]
+    shown = q[:: math.ceil(len(q) / SHOWN)]
+    jacobian = sensitivity(arm, answer.values, names, shown).jacobian
+    # Anywhere within a step is as likely; of one axis of three.
+    variance = np.sum((jacobian * steps) ** 2, axis=(1, 2)) / 12.0 / 3.0
+    coarse = listed([joint for joint, step in zip(arm.joints, steps, strict=True) if step])
+    yield (
+        f"The readings of {coarse}",
+        f"{np.degrees(steps.max()):.3g} deg",
+        math.sqrt(float(variance.mean())),
+    )
+
+
+def _of_positions(terms: Sequence[Term]) -> Iterator[tuple[str, str, float]]:
+    """The same of the positions that were measured."""
+    for term in terms:
+        position = term.poses.samples.position
+        if position is not None and (step := _step(position.reshape(-1), LENGTH_STEPS)):
+            what = f"The positions of {term.kind.replace('_', ' ')}"
+            yield what, text(step, "m", with_unit=True), step / math.sqrt(12.0)
+
+
+def _step(readings: FloatArray, steps: Sequence[float]) -> float:
+    """The largest of ``steps`` whose multiples all readings (n,) are; zero where there is none.
+
+    Nor is there one to speak of where nothing moved, or hardly.
+    """
+    values = np.unique(readings)
+    for step in sorted(steps, reverse=True):
+        times = values / step
+        if np.abs(times - np.round(times)).max() < EXACT:
+            return step if len(np.unique(np.round(times))) > 2 else 0.0
+    return 0.0

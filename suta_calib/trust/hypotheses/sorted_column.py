@@ -1,0 +1,49 @@
+"""A joint's column that was sorted by itself."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+
+from suta_calib.terms import Term
+from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.patterns import ENOUGH_ROWS, STILL
+from suta_calib.trust.spoiling import arm_of, with_readings
+
+
+class SortedColumn(Pattern):
+    """Readings only rise, or only fall, in every file, where no other joint's do.
+
+    A sweep does that too.
+    """
+
+    name: ClassVar[str] = "sorted column"
+    about: ClassVar[str] = "A joint's column was sorted by itself."
+    precedence: ClassVar[int] = 30
+    role: ClassVar = "suspicion"
+
+    def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
+        """One, of one joint."""
+        ordered = list[list[int]]()
+        for samples in (term.poses.samples for term in terms):
+            for file in np.unique(samples.file_names):
+                q = samples.q[samples.file_names == file]
+                steps, moves = np.diff(q, axis=0), np.ptp(q, axis=0) > 10 * STILL
+                monotonic = np.all(steps >= 0, axis=0) | np.all(steps <= 0, axis=0)
+                if len(q) >= ENOUGH_ROWS and moves.sum() > 1:
+                    ordered.append(np.flatnonzero(monotonic & moves).tolist())
+        if ordered and len(ordered[0]) == 1 and all(file == ordered[0] for file in ordered):
+            yield (
+                f"The readings of {arm_of(terms[0]).joints[ordered[0][0]]} stand in order, those "
+                "of no other joint do: was its column sorted by itself?"
+            )
+
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+        """The middle column sorted."""
+        del values, rng
+        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
+        q[:, joint] = np.sort(q[:, joint])
+        description = f"The readings of {arm_of(data).joints[joint]} stand in order"
+        return Spoilt(with_readings(data, q), np.zeros(0), description)

@@ -1,0 +1,56 @@
+"""Which patterns the samples have that honest ones have not: the mechanism behind `Pattern`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.arrays import FloatArray
+from suta_calib.measurements import Samples
+from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
+from suta_calib.terms.poses import resolutions
+from suta_calib.trust.hypothesis import Pattern, known_hypotheses
+
+# Travel of a joint, rad, below which it stands still where others move ten times more.
+STILL: Final = 1e-4
+# Rows from which on the order of a column is no chance: one in some thousands.
+ENOUGH_ROWS: Final = 8
+
+
+@dataclass(frozen=True)
+class Match:
+    """A pattern that samples have.
+
+    Attributes:
+        hypothesis: which.
+        sentence: where, and what to do.
+    """
+
+    hypothesis: Pattern
+    sentence: str
+
+
+def matches(answer: Solution, *roles: str) -> list[Match]:
+    """Every pattern of these roles (`Pattern.role`) that the samples of an answer have."""
+    patterns = [h for h in known_hypotheses().values() if isinstance(h, Pattern)]
+    return [
+        Match(hypothesis, sentence)
+        for hypothesis in sorted(patterns, key=lambda h: h.precedence)
+        if hypothesis.role in roles and hypothesis.applies(answer.problem)
+        for sentence in hypothesis.matches(answer)
+    ]
+
+
+def all_readings(terms: Sequence[Term]) -> FloatArray:
+    """(samples, joints) readings of all terms, one after the other."""
+    return np.vstack([term.poses.samples.q for term in terms])
+
+
+def may_read_alike(samples: Samples) -> bool:
+    """Whether an arm that comes back may read the same to the last digit: encoders all coarse."""
+    moving = samples.q[:, np.ptp(samples.q, axis=0) > 0]
+    return samples.position is None and bool(np.all(resolutions(moving) > 0))
