@@ -134,7 +134,7 @@ class CalibrationJob(Shown):
         build = perf_counter() - began
         solution = solve(problem, self.options(), progress)
         solution = replace(solution, timing={"build": build} | solution.timing)
-        examined = CalibrationExamination.of(solution, self.validation)
+        examined = CalibrationExamination.of(solution, self.validation, self.spec.rule)
         if about is not None:
             # To name what is wrong with data, they are read in many other ways.
             about("judging")

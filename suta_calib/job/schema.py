@@ -40,6 +40,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
 from suta_calib.terms.given import POSE_KEYS
+from suta_calib.trust.evidence import Rule
 
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")
@@ -290,6 +291,7 @@ class JobSpec:
         (),
     )
     solver: SolverSpec = keyed(mapping(SolverSpec), "How it is solved.", SolverSpec())
+    rule: Rule = keyed(mapping(Rule), "When evidence of wrong data is reported.", Rule())
     encoders: EncoderSpec | None = keyed(
         mapping(EncoderSpec),
         "What is known of the encoders' noise: only the error budget asks.",

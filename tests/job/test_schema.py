@@ -19,6 +19,7 @@ from suta_calib.job.schema import (
     read_job,
 )
 from suta_calib.model.parameters import Selection
+from suta_calib.trust import Rule
 
 EXAMPLE = """\
 arm: {urdf: arm.urdf, tip: tip}
@@ -61,6 +62,14 @@ def job(folder: Path, text: str) -> JobSpec:
     path = folder / "job.yaml"
     path.write_text(text, encoding="utf-8")
     return read_job(path)
+
+
+def test_a_job_may_set_when_evidence_is_reported(folder: Path) -> None:
+    assert job(folder, EXAMPLE).rule == Rule()
+    text = EXAMPLE + "rule: {false_alarm: 1e-4, far_better: 5}\n"
+    assert job(folder, text).rule == Rule(false_alarm=1e-4, far_better=5.0)
+    with pytest.raises(JobError, match=r"rule\.share.*found 1\.5; expected a number from 0 to 1"):
+        job(folder, EXAMPLE + "rule: {share: 1.5}\n")
 
 
 def test_the_documented_example(folder: Path) -> None:
