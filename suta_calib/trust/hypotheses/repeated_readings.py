@@ -71,7 +71,7 @@ def _repeated(term: Term) -> BoolArray:
         # What has another label may be another target, or seen from elsewhere.
         group = grouped_rows(np.column_stack([group, place]))[0]
         return _scattered(group, samples.position, APART)
-    if term.medium == "touch" and not samples.lengths and not may_read_alike(samples):
+    if term.medium == "touch" and not samples.numbers and not may_read_alike(samples):
         return np.asarray(_extent(group, place[:, None].astype(float)) > 0)
     return none
 
