@@ -51,6 +51,8 @@ NAMED: Final = 0.9
 def is_named(hypothesis: Hypothesis, sound: Sound, term: Term) -> bool:
     """Whether a hypothesis is what is said first of data."""
     try:
+        if isinstance(hypothesis, Reinterpretation) and not hypothesis.needs_arm:
+            return is_refused(sound, term)
         if not isinstance(hypothesis, UNSIZED):
             findings = examine(sound.examined(term))
             return bool(findings) and findings[0].hypothesis is hypothesis
@@ -61,6 +63,15 @@ def is_named(hypothesis: Hypothesis, sound: Sound, term: Term) -> bool:
         return reading is not None and reading.hypothesis is hypothesis
     except (SutaCalibError, AssertionError):
         return False
+
+
+def is_refused(sound: Sound, term: Term) -> bool:
+    """Whether the command for poses refuses them."""
+    try:
+        sound.examined(term)
+    except SutaCalibError:
+        return True
+    return False
 
 
 def spoilt(hypothesis: Hypothesis, sound: Sound, seed: int, part: float) -> Term | None:

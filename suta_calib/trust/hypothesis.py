@@ -127,7 +127,7 @@ class AddedVariable(Hypothesis):
 class Reinterpretation(Hypothesis):
     """Data that are read differently and fitted again: units, order, sign, late by whole rows.
 
-    `trust.rereading` ranks the readings, fits the best, and compares them.
+    Over an arm `trust.rereading` ranks the readings, fits the best, and compares them.
 
     Attributes:
         precedence: of hypotheses that explain data equally, the lowest is named.
@@ -140,8 +140,11 @@ class Reinterpretation(Hypothesis):
     tried: ClassVar[Literal["ranked", "fitted", "last"]] = "ranked"
 
     @abstractmethod
-    def readings(self, data: Problem) -> Iterator[tuple[str, Sequence[Term]]]:
-        """What would have to be so, as the end of "the data agree if …", and the terms then."""
+    def readings(self, data: Any) -> Iterator[tuple[str, Any]]:
+        """What would have to be so, and the data then.
+
+        Over an arm the data are a `Problem`, and the words end "the data agree if …".
+        """
 
     def sentence(self, evidence: Any) -> str:
         """What explains the data, and how much better they agree then (`Rereading`)."""

@@ -31,6 +31,8 @@ REREAD, PATTERNS = (
     for shape in (Reinterpretation, Pattern)
 )
 EXAMINED = {n: h for n, h in HYPOTHESES.items() if n not in REREAD and n not in PATTERNS}
+# Pairs of poses that are misread are refused: `test_pair_readings`.
+REREAD = {n: h for n, h in REREAD.items() if h.needs_arm}
 CASES = [(h, sort) for name, h in EXAMINED.items() for sort in sorts_of(name)]
 
 

@@ -36,6 +36,7 @@ def samples(scene: Scene) -> Samples:
 def readings(terms: list[Term]) -> list[tuple[str, Sequence[Term]]]:
     problem = Problem(terms)
     hypotheses = (h for h in known_hypotheses().values() if isinstance(h, Reinterpretation))
+    hypotheses = (h for h in hypotheses if h.needs_arm)
     return [reading for h in hypotheses if h.tried == "ranked" for reading in h.readings(problem)]
 
 
