@@ -14,8 +14,8 @@ from matplotlib.colors import BoundaryNorm
 from suta_calib.analysis.tip_map import THRESHOLDS, TipMap
 from suta_calib.analysis.tip_sections import Slice
 from suta_calib.arrays import FloatArray
+from suta_calib.plotting.look import ORANGE
 from suta_calib.plotting.planar import draw_arm
-from suta_calib.plotting.style import ORANGE
 from suta_calib.units import deg, mm
 
 # Levels of the map, mm.

@@ -13,7 +13,7 @@ from suta_calib import plotting
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
-from suta_calib.plotting.limits import MOST_LABELLED
+from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
 from suta_calib.showing import Shown
 from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE

@@ -1,5 +1,10 @@
 from .change import Change as Change
 from .errors import draw_histogram as draw_histogram
+from .look import BLUE as BLUE
+from .look import GREY as GREY
+from .look import ORANGE as ORANGE
+from .look import ROW_HEIGHT as ROW_HEIGHT
+from .look import WIDTH as WIDTH
 from .parameters import draw_changes as draw_changes
 from .parameters import draw_prospects as draw_prospects
 from .planar import draw_arm as draw_arm
@@ -9,11 +14,6 @@ from .scene import Line as Line
 from .scene import Points as Points
 from .scene import Scene as Scene
 from .spatial import draw_scene as draw_scene
-from .style import BLUE as BLUE
-from .style import GREY as GREY
-from .style import ORANGE as ORANGE
-from .style import ROW_HEIGHT as ROW_HEIGHT
-from .style import WIDTH as WIDTH
 from .style import axes_or_new as axes_or_new
 from .style import figure_or_new as figure_or_new
 from .style import plain_log as plain_log

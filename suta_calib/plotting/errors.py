@@ -9,8 +9,7 @@ import numpy as np
 from matplotlib.cbook import boxplot_stats
 
 from suta_calib.arrays import FloatArray
-from suta_calib.plotting.limits import MOST_GROUPS
-from suta_calib.plotting.look import BLUE, GREY, ORANGE, TINT, shortened
+from suta_calib.plotting.look import BLUE, GREY, MOST_GROUPS, ORANGE, TINT, shortened
 from suta_calib.plotting.style import legend_above, plain_log
 from suta_calib.units import Unit, shown, unit_name
 

@@ -1,8 +1,13 @@
-"""Colours and sizes that all pictures share, whoever draws them."""
+"""What all pictures share: colours, sizes, how much each holds, factors that enlarge.
+
+It needs no Matplotlib: who tells what a picture leaves out need not draw it.
+"""
 
 from __future__ import annotations
 
 from typing import Final
+
+import numpy as np
 
 # Okabe, Ito (2008), https://jfly.uni-koeln.de/color/: told apart by colour-blind people, and these
 # three also by their grey.
@@ -16,8 +21,27 @@ BEHIND: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad"
 WIDTH: Final = 7.2  # of a plot on the page, inch
 LARGE: Final = 1.3 * WIDTH  # of one of several panels
 ROW_HEIGHT: Final = 0.19  # of a name in a list, inch
+# Of many samples so many are drawn, evenly spread over their order.
+MOST_DRAWN: Final = 1500
+# Places whose labels stand beside them; of more none does.
+MOST_LABELLED: Final = 12
+# Groups with a box each, worst first.
+MOST_GROUPS: Final = 30
+# Parameters of a map of correlations, most correlated first, and of one with numbers in it.
+MOST_CORRELATED: Final = 30
+MOST_WRITTEN: Final = 14
 
 
 def shortened(text: str, most: int = 40) -> str:
     """A label of no more than so many characters."""
     return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def round_down(value: float) -> float:
+    """1, 2 or 5 times a power of ten, no larger than ``value``: a factor that can be told.
+
+    Args:
+        value: positive.
+    """
+    decade = 10.0 ** np.floor(np.log10(value))
+    return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
-from suta_calib.plotting.factor import round_down
-from suta_calib.plotting.limits import MOST_DRAWN
+from suta_calib.plotting.look import MOST_DRAWN, round_down
 
 # What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
 # seen, a frame or a point that stands outside, an error before and after a calibration; the floor,

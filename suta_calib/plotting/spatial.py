@@ -7,8 +7,9 @@ from typing import Any, Final
 import numpy as np
 from matplotlib.axes import Axes
 
+from suta_calib.plotting.look import BLUE, GREY, ORANGE
 from suta_calib.plotting.scene import Arrows, Line, Look, Points, Scene
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, axes_or_new
+from suta_calib.plotting.style import axes_or_new
 from suta_calib.units import mm
 
 _LOOKS: Final[dict[Look, dict[str, Any]]] = {

@@ -13,14 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.plotting.look import BLUE as BLUE
-from suta_calib.plotting.look import GREY as GREY
-from suta_calib.plotting.look import LARGE as LARGE
 from suta_calib.plotting.look import LINE
-from suta_calib.plotting.look import ORANGE as ORANGE
-from suta_calib.plotting.look import ROW_HEIGHT as ROW_HEIGHT
-from suta_calib.plotting.look import TINT as TINT
-from suta_calib.plotting.look import WIDTH as WIDTH
 
 STYLE: Final[dict[str, Any]] = {
     "svg.fonttype": "none",

@@ -22,7 +22,7 @@ from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.diagnostics.scale_effects import ScaleEffect
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import CalibrationResult
-from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS
+from suta_calib.plotting.look import MOST_CORRELATED, MOST_GROUPS
 from suta_calib.report.document import (
     Document,
     Figure,

@@ -12,8 +12,16 @@ from matplotlib.ticker import MaxNLocator
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.change import Change
 from suta_calib.plotting.errors import draw_grouped_errors, draw_histogram
-from suta_calib.plotting.limits import MOST_CORRELATED, MOST_GROUPS, MOST_WRITTEN
-from suta_calib.plotting.look import BLUE, ORANGE, ROW_HEIGHT, WIDTH, shortened
+from suta_calib.plotting.look import (
+    BLUE,
+    MOST_CORRELATED,
+    MOST_GROUPS,
+    MOST_WRITTEN,
+    ORANGE,
+    ROW_HEIGHT,
+    WIDTH,
+    shortened,
+)
 from suta_calib.plotting.parameters import draw_changes
 from suta_calib.plotting.style import legend_above, plain_log, shades
 from suta_calib.report.svg import picture, svg_text

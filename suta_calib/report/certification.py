@@ -24,8 +24,7 @@ from suta_calib.certification.result import (
     frame_sentence,
     noise_source,
 )
-from suta_calib.plotting.factor import round_down
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH, round_down
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
 from suta_calib.report.svg import picture, svg_text

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from suta_calib.geometry.pinhole import INTRINSICS
-from suta_calib.plotting.style import BLUE, GREY, WIDTH
+from suta_calib.plotting.look import BLUE, GREY, WIDTH
 from suta_calib.report.document import Document, Figure, File, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.analysis.study import DriftPoint, DriftStudy
-from suta_calib.plotting.style import BLUE, GREY, WIDTH
+from suta_calib.plotting.look import BLUE, GREY, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Listing
 from suta_calib.report.svg import picture, svg_text

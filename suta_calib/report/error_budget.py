@@ -14,7 +14,7 @@ from suta_calib.analysis.error_budget import (
     Source,
     TipBudget,
 )
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Listing, written
 from suta_calib.report.svg import picture, svg_text

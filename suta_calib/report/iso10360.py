@@ -19,7 +19,7 @@ from suta_calib.analysis.iso10360 import (
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.job.limits import LengthLimit, Limits
-from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
+from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.svg import picture, svg_text

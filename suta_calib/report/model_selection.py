@@ -12,7 +12,7 @@ from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
 from suta_calib.analysis.model_selection.selection import SHORT
 from suta_calib.diagnostics.score_tests import ScoreTest
 from suta_calib.model.parameters import Selection
-from suta_calib.plotting.style import BLUE, ORANGE, WIDTH
+from suta_calib.plotting.look import BLUE, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
-from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
+from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as
 from suta_calib.report.poses import pose_record

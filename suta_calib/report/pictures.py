@@ -15,7 +15,7 @@ from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE
+from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibration, SeenCamera
 from suta_calib.pose_calibration.picture_models import MODELS, ErrorModel

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from suta_calib.analysis.planning import Plan
 from suta_calib.analysis.planning.plots import draw_bench, draw_gain
-from suta_calib.plotting.style import WIDTH
+from suta_calib.plotting.look import WIDTH
 from suta_calib.report.svg import picture, svg_text
 
 

@@ -13,8 +13,7 @@ from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import right_singular
-from suta_calib.plotting.factor import round_down
-from suta_calib.plotting.look import BEHIND, BLUE, GREY, LINE, ORANGE, WIDTH
+from suta_calib.plotting.look import BEHIND, BLUE, GREY, LINE, ORANGE, WIDTH, round_down
 from suta_calib.plotting.style import legend_above, plain_log, thinned
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import Unit, deg, from_deg, mm, shown, unit_name

@@ -17,7 +17,8 @@ from suta_calib.analysis.repeatability import (
     Stationary,
 )
 from suta_calib.analysis.repeatability.scatter import Scattering, distances
-from suta_calib.plotting.style import BLUE, GREY, LARGE, ORANGE, plain_log
+from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
+from suta_calib.plotting.style import plain_log
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.terms.block import grouped
 from suta_calib.units import mm, text, thousandths, unit_name

@@ -16,7 +16,7 @@ import numpy as np
 from jinja2 import Environment
 
 from suta_calib.arrays import FloatArray
-from suta_calib.plotting.factor import round_down
+from suta_calib.plotting.look import round_down
 from suta_calib.plotting.scene import Arrows, Line, Part, Points, Scene
 from suta_calib.units import from_mm, mm
 

@@ -13,7 +13,8 @@ from matplotlib.figure import Figure as Picture
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH, plain_log
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH
+from suta_calib.plotting.style import plain_log
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import (

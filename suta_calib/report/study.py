@@ -20,7 +20,7 @@ from suta_calib.analysis.study import (
 )
 from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, WIDTH
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.svg import picture, svg_text

@@ -8,7 +8,7 @@ from typing import Final
 from suta_calib.analysis.tip_map import THRESHOLDS, Figures, OpenDirection, TipMap
 from suta_calib.analysis.tip_map_plot import draw_tip_map
 from suta_calib.analysis.tip_sections import Slice
-from suta_calib.plotting.style import WIDTH
+from suta_calib.plotting.look import WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Listing, plain, written
 from suta_calib.report.plan import region_record, region_text

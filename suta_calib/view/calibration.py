@@ -13,7 +13,7 @@ from scipy.special import chdtri
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.displacements import tip_displacements
-from suta_calib.plotting.factor import round_down
+from suta_calib.plotting.look import round_down
 from suta_calib.terms import Term
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import mm

@@ -15,7 +15,7 @@ from lxml import etree, html
 from suta_calib.assessment import Assessment
 from suta_calib.errors import OutputError
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.plotting.style import BLUE, WIDTH
+from suta_calib.plotting.look import BLUE, WIDTH
 from suta_calib.report import page as page_module
 from suta_calib.report.document import Document, Figure, File, Text
 from suta_calib.report.files import write_document

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
 from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
-from suta_calib.plotting.look import BEHIND
+from suta_calib.plotting.look import BEHIND, BLUE, GREY, ORANGE, TINT
 from suta_calib.plotting.planar import draw_arm, outline
-from suta_calib.plotting.style import BLUE, GREY, ORANGE, TINT, plain_log
+from suta_calib.plotting.style import plain_log
 from suta_calib.units import mm, shown
 
 VIEWS: Final = {"seen from above": (0, 1), "seen from the side": (0, 2)}
