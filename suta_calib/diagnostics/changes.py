@@ -33,7 +33,7 @@ from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import known_hypotheses
 from suta_calib.trust.in_time import (
     FEWEST,
-    SAID,
+    SAID_FROM,
     TURN,
     ChangeInTime,
     InTime,
@@ -159,15 +159,15 @@ def suspects(fit: Following) -> tuple[list[Suspect], int]:
         name, about = f"{joint} {family}", (None, motion, (), problem)
         effects.append(Effect(name, columns, plausible[at], about=about))
     weighed = weigh_effects(fit.linear, effects)
-    found = list[Suspect]()
+    suspected = list[Suspect]()
     for evidence in weighed:
         hypothesis, motion, places, _ = evidence.effect.about
         everywhere = 0, 0, int(table.first[-1])
         term, first, end = everywhere if evidence.window is None else places[evidence.window]
         p, gain = evidence.p_single, evidence.gain
-        found.append(Suspect(hypothesis, motion, term, first, end, p, gain))
+        suspected.append(Suspect(hypothesis, motion, term, first, end, p, gain))
     tests = weighed[0].tried if weighed else 0
-    return sorted(found, key=lambda suspect: (suspect.p, -suspect.lowered)), tests
+    return sorted(suspected, key=lambda suspect: (suspect.p, -suspect.lowered)), tests
 
 
 def waves(fit: Following, suspect: Suspect) -> FloatArray:
@@ -251,7 +251,7 @@ def _change(
     turn, turn_std = math.nan, math.nan
     if suspect.motion.velocity.shape[1] == 6:
         turn, turn_std = left.size(fit, turn=True)
-        if turn < SAID * turn_std:
+        if turn < SAID_FROM * turn_std:
             turn, turn_std = math.nan, math.nan
     place = (suspect.term, suspect.first, suspect.end) if suspect.at_once else None
     since, until = rows_of(fit.problem, place)

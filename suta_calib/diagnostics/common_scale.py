@@ -80,8 +80,8 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
     Args:
         solution: a converged one, of terms over an arm.
     """
-    if told := [found for found in _steps(solution) if found.std < UNTOLD]:
-        yield from told
+    if determined := [step for step in _steps(solution) if step.std < UNTOLD]:
+        yield from determined
     else:
         yield from _grown(solution)
 
@@ -216,7 +216,7 @@ def beyond_drawing(solution: Solution) -> CommonScale | None:
     long = {n: e for n, e in _lengths(solution).items() if abs(e.nominal) > SHORTEST}
     if arm is None or len(long) < FEWEST:
         return None
-    grade = arm.grade or max(GRADES, key=lambda each: GRADES[each])
+    grade = arm.grade or max(GRADES, key=lambda name: GRADES[name])
     at = [problem.names.index(name) for name in long]
     length = np.array([e.nominal for e in long.values()])
     change = np.array([e.value - e.nominal for e in long.values()])
@@ -238,11 +238,11 @@ def _lengths(solution: Solution) -> dict[str, Estimate]:
 
 def _grown(solution: Solution) -> Iterator[CommonScale]:
     """How the arm's estimated lengths have grown together."""
-    told = _lengths(solution)
-    length = np.array([e.nominal for e in told.values()])
+    lengths = _lengths(solution)
+    length = np.array([e.nominal for e in lengths.values()])
     if np.sum(np.abs(length) > SHORTEST) >= FEWEST:
-        at = [solution.problem.names.index(name) for name in told]
-        change = np.array([e.value - e.nominal for e in told.values()])
+        at = [solution.problem.names.index(name) for name in lengths]
+        change = np.array([e.value - e.nominal for e in lengths.values()])
         within = solution.covariance_within_scale[np.ix_(at, at)]
         grown = grown_together(length, change, within)
         # As far as what carries the scale may be off, that is no news.
@@ -270,11 +270,11 @@ def grown_together(length: FloatArray, change: FloatArray, covariance: FloatArra
     Returns:
         The factor, its standard deviation such that their ratio has the chance of Student's t.
     """
-    own, axes = np.linalg.eigh(covariance)
+    spread, axes = np.linalg.eigh(covariance)
     along, changed = length @ axes, change @ axes
     # (scatters, n): what each may be off by beside its own covariance.
     scatter = np.geomspace(FINEST, float(np.linalg.norm(change)) + FINEST, SCATTERS)
-    variances = np.maximum(own, 0.0) + scatter[:, None] ** 2
+    variances = np.maximum(spread, 0.0) + scatter[:, None] ** 2
     sizes = np.sum(along**2 / variances, axis=1)
     values = np.sum(along * changed / variances, axis=1) / sizes
     lefts = np.sum((changed - values[:, None] * along) ** 2 / variances, axis=1)

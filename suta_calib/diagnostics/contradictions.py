@@ -108,7 +108,7 @@ def contradictions(
         options: from where on it counts.
     """
     residuals = list(_residuals(solution, options))
-    found = [
+    disagreements = [
         *residuals,
         *_held_out(held_out, options),
         # What does not fit at all has no scale.
@@ -123,8 +123,8 @@ def contradictions(
             f"Only {same} of {tried} starts ended in this minimum: there may be a better one, or "
             "the data fit none well. Tighten the bounds, or raise solver.starts."
         )
-        found.append(Contradiction(False, sentence))
-    return tuple(sorted(found, key=lambda each: not each.bad))
+        disagreements.append(Contradiction(False, sentence))
+    return tuple(sorted(disagreements, key=lambda each: not each.bad))
 
 
 def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
@@ -134,7 +134,7 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
     lines = problem.linearise(solution.x, sigmas)
     units = _noise_units(problem)
     blocks = zip(lines, units, sigmas, solution.noise, strict=True)
-    for k, (line, unit, assumed, found) in enumerate(blocks):
+    for k, (line, unit, assumed, learnt) in enumerate(blocks):
         block, level = line.view.block, robust_level(line.residual)
         given = block.noise.sigma is not None
         times = level / float(np.median(line.sigma))
@@ -148,10 +148,10 @@ def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Co
             )
         elif not given and times > options.residual_care:
             yield from _unstated(solution, k, times, unit, options)
-        elif given and found * options.residual_care < assumed:
+        elif given and learnt * options.residual_care < assumed:
             yield Contradiction(
                 False,
-                f"The {block.name} residuals are {text(found, block.unit, with_unit=True)} per "
+                f"The {block.name} residuals are {text(learnt, block.unit, with_unit=True)} per "
                 f"axis, far less than the {stated} that the job states: it lets priors weigh too "
                 "much.",
             )
@@ -241,22 +241,22 @@ def _gross(line: Linearised, unit: str, options: ContradictionOptions) -> Iterat
 def _held_out(
     errors: Sequence[HeldOutErrors], options: ContradictionOptions
 ) -> Iterator[Contradiction]:
-    for each in errors:
-        larger = math.log(max(each.ratio, 1e-9))
-        if abs(larger) < options.significance * each.ratio_std:
+    for e in errors:
+        larger = math.log(max(e.ratio, 1e-9))
+        if abs(larger) < options.significance * e.ratio_std:
             continue
-        if each.ratio * options.held_out < 1.0:
+        if e.ratio * options.held_out < 1.0:
             yield Contradiction(
                 False,
-                f"Held-out {each.name} errors of {each.term.kind.replace('_', ' ')} are "
-                f"{text(each.level, each.unit, with_unit=True)} per axis, {1.0 / each.ratio:.1f} "
+                f"Held-out {e.name} errors of {e.term.kind.replace('_', ' ')} are "
+                f"{text(e.level, e.unit, with_unit=True)} per axis, {1.0 / e.ratio:.1f} "
                 f"times smaller than those of the fitted rows explain "
-                f"({text(each.fitted, each.unit, with_unit=True)}): something is wrong in the "
+                f"({text(e.fitted, e.unit, with_unit=True)}): something is wrong in the "
                 "fitted rows that is not in these, such as labels, and the answer follows it.",
             )
-        if each.ratio < options.held_out_care:
+        if e.ratio < options.held_out_care:
             continue
-        moved = each.placed_anew < each.level / options.held_out
+        moved = e.placed_anew < e.level / options.held_out
         cause = (
             "fitting where the instrument or the artefact stood to the held-out rows alone removes "
             "them: it was moved; give these rows another label or placement"
@@ -264,46 +264,46 @@ def _held_out(
             else "another unit or day, other conditions, or unknowns that only fit the fitted rows"
         )
         yield Contradiction(
-            each.ratio > options.held_out,
-            f"Held-out {each.name} errors of {each.term.kind.replace('_', ' ')} are "
-            f"{text(each.level, each.unit, with_unit=True)} per axis, {each.ratio:.1f} times what "
+            e.ratio > options.held_out,
+            f"Held-out {e.name} errors of {e.term.kind.replace('_', ' ')} are "
+            f"{text(e.level, e.unit, with_unit=True)} per axis, {e.ratio:.1f} times what "
             f"noise and the covariance explain (fitted: "
-            f"{text(each.fitted, each.unit, with_unit=True)}): {cause}.",
+            f"{text(e.fitted, e.unit, with_unit=True)}): {cause}.",
         )
 
 
 def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:
     named = False
-    for each in common_scales(solution):
-        size, of_arm = abs(each.value), each.what == "arm"
-        wanted = options.scale_of_arm if of_arm else options.scale_significance
+    for scale in common_scales(solution):
+        size, of_arm = abs(scale.value), scale.what == "arm"
+        least = options.scale_of_arm if of_arm else options.scale_significance
         if (
-            each.significance < wanted
-            or each.gain < options.scale_gain
+            scale.significance < least
+            or scale.gain < options.scale_gain
             or not options.scale_care < size < options.scale_most
         ):
             continue
         named = True
-        if each.one_alone is not None:
-            yield _on_one_alone(solution, *each.one_alone)
+        if scale.one_alone is not None:
+            yield _on_one_alone(solution, *scale.one_alone)
             continue
-        by, longer = f"{100 * size:.2f} ± {100 * each.std:.2f} %", each.value > 0
-        found = (
+        by, longer = f"{100 * size:.2f} ± {100 * scale.std:.2f} %", scale.value > 0
+        sentence = (
             f"All lengths of the arm came out {by} {'longer' if longer else 'shorter'} than nominal"
             if of_arm
-            else f"The data agree better if all lengths of the {each.what} are {by} too "
+            else f"The data agree better if all lengths of the {scale.what} are {by} too "
             f"{'long' if longer else 'short'}"
         )
-        if each.by_priors and not of_arm:
-            found = (
-                f"{found}, or if all lengths of the arm are that much "
+        if scale.by_priors and not of_arm:
+            sentence = (
+                f"{sentence}, or if all lengths of the arm are that much "
                 f"{'longer' if longer else 'shorter'} than their priors allow"
             )
-        weak = each.by_priors and each.significance < options.scale_by_priors
+        weak = scale.by_priors and scale.significance < options.scale_by_priors
         yield Contradiction(
             size > options.scale and not of_arm and not weak,
-            f"{found}: check the scale and the certificate of what was measured with, and whether "
-            "the URDF is of another arm.",
+            f"{sentence}: check the scale and the certificate of what was measured with, and "
+            "whether the URDF is of another arm.",
         )
     beyond = None if named else beyond_drawing(solution)
     if beyond is not None and beyond.gain > options.scale_gain:
@@ -323,10 +323,10 @@ def _on_one_alone(solution: Solution, name: str, off: float) -> Contradiction:
 
 
 def _on_drawing(
-    solution: Solution, each: CommonScale, options: ContradictionOptions
+    solution: Solution, scale: CommonScale, options: ContradictionOptions
 ) -> Iterator[Contradiction]:
     """Lengths that came out longer together than a drawing of the arm's grade lets them be."""
-    if each.significance > options.scale_significance and abs(each.value) > options.scale_care:
+    if scale.significance > options.scale_significance and abs(scale.value) > options.scale_care:
         assert solution.problem.arm is not None
         grade = solution.problem.arm.grade
         drawn = (
@@ -334,9 +334,9 @@ def _on_drawing(
         )
         yield Contradiction(
             False,
-            f"All lengths of the arm came out {100 * abs(each.value):.2f} % "
-            f"{'longer' if each.value > 0 else 'shorter'} than nominal. That is {drawn} "
-            f"({100 * each.std:.2g} %, one standard deviation). Check the scale and the "
+            f"All lengths of the arm came out {100 * abs(scale.value):.2f} % "
+            f"{'longer' if scale.value > 0 else 'shorter'} than nominal. That is {drawn} "
+            f"({100 * scale.std:.2g} %, one standard deviation). Check the scale and the "
             "certificate of what was measured with, and whether the URDF is of another arm.",
         )
 
@@ -361,12 +361,12 @@ def _priors(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
         return
     worst, name = max(far)
     p = parameters[name]
-    others = f" and {len(far) - 1} more" if len(far) > 1 else ""
+    more = f" and {len(far) - 1} more" if len(far) > 1 else ""
     stated = [pull for pull, n in far if not parameters[n].prior_assumed]
     says = "is usual" if p.prior_assumed else "the priors say"
     yield Contradiction(
         any(pull > options.pull for pull in stated),
-        f"{name}{others} ended {worst:.0f} standard deviations from what {says} (by "
+        f"{name}{more} ended {worst:.0f} standard deviations from what {says} (by "
         f"{text(values[name] - p.nominal, p.unit, with_unit=True)}, prior "
         f"{text(p.prior, p.unit, with_unit=True)}): the prior is wrong, or the data are.",
     )

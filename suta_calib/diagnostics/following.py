@@ -105,15 +105,15 @@ def everything_follows(answer: Examination) -> Following:
         key: np.array([place[n] for n in names if n not in solution.problem.parameters], np.intp)
         for key, names in offered_names(arm).items()
     }
-    known = np.concatenate([*offered.values(), np.zeros(0, dtype=np.intp)])
+    stays = np.concatenate([*offered.values(), np.zeros(0, dtype=np.intp)])
     # A gain is the travel of an encoder, which is looked for as such. Couplings of neighbours are
     # a cause of their own (`trust.hypotheses.coupling`).
-    apart = ("gain", COUPLING)
-    lacking = {key: at for key, at in offered.items() if len(at) and key[1] not in apart}
+    elsewhere = ("gain", COUPLING)
+    lacking = {key: at for key, at in offered.items() if len(at) and key[1] not in elsewhere}
     # The job's priors pull where the job's fit has ended.
     away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)
     rows = whitened_rows(problem, x, sigmas)
-    fit = Following(problem, rows, known_beforehand(problem), away, lacking, known, 0.0)
+    fit = Following(problem, rows, known_beforehand(problem), away, lacking, stays, 0.0)
     moved = followed(fit)
     away[moved.free] += moved.step
     return replace(fit, rows=_moved(rows, moved), away=away, spent=moved.spent)
@@ -121,15 +121,15 @@ def everything_follows(answer: Examination) -> Following:
 
 def _moved(rows: Sequence[Rows], by: Followed) -> list[Rows]:
     """Rows with the residuals and weights that a step leaves."""
-    found = []
+    moved_rows = []
     for r in rows:
         n, size = r.line.residual.shape
         change = (r.jacobian[:, by.free] @ by.step).reshape(n, size)
         residual = r.line.residual + change * r.line.sigma[:, None]
         squared = np.einsum("nd,nd->n", residual, residual) / r.line.sigma**2
         weight = huber_weight(squared, r.line.view.threshold / r.line.sigma)
-        found.append(replace(r, line=replace(r.line, residual=residual, weight=weight)))
-    return found
+        moved_rows.append(replace(r, line=replace(r.line, residual=residual, weight=weight)))
+    return moved_rows
 
 
 def _touch_by_touch(answer: Examination) -> tuple[Problem, FloatArray, Sequence[float]]:
@@ -144,7 +144,7 @@ def _touch_by_touch(answer: Examination) -> tuple[Problem, FloatArray, Sequence[
     for term in singles:
         values = term.start_values(arm_values) | values
     there = np.array([values[name] for name in other.names])
-    known = {
+    levels_of = {
         id(view.block): (sigma, view.threshold)
         for view, sigma in zip(problem.evaluation.views, solution.sigmas, strict=True)
     }
@@ -152,7 +152,7 @@ def _touch_by_touch(answer: Examination) -> tuple[Problem, FloatArray, Sequence[
     for line in other.linearise(there, other.assumed_sigmas()):
         block = line.view.block
         level = max(robust_level(line.residual), 1e-9)
-        sigma, limit = known.get(id(block), (level, level * huber_threshold(block.size)))
+        sigma, limit = levels_of.get(id(block), (level, level * huber_threshold(block.size)))
         levels.append(sigma)
         limits.append(limit)
     return other.with_thresholds(limits), there, levels
@@ -204,15 +204,15 @@ class Followed:
             fit: where it began.
             turn: of six, the length of the last three; else that of the first three, or the number.
         """
-        own = self.free >= len(fit.problem.names)
+        beyond = self.free >= len(fit.problem.names)
         # Rows that share touches say less than their number.
         variance = self.scatter / max(fit.equations - self.spent, 1.0)
-        found, covariance = self.step[own], variance * self.inverse[np.ix_(own, own)]
-        if len(found) == 1:
-            return float(found[0]), float(np.sqrt(covariance[0, 0]))
+        size_of, covariance = self.step[beyond], variance * self.inverse[np.ix_(beyond, beyond)]
+        if len(size_of) == 1:
+            return float(size_of[0]), float(np.sqrt(covariance[0, 0]))
         part = slice(3, 6) if turn else slice(0, 3)
-        size = float(np.linalg.norm(found[part]))
-        along = found[part] / max(size, 1e-300)
+        size = float(np.linalg.norm(size_of[part]))
+        along = size_of[part] / max(size, 1e-300)
         return size, float(np.sqrt(along @ covariance[part, part] @ along))
 
 
@@ -261,16 +261,18 @@ def gained(fit: Following, done: Followed, motion: FloatArray) -> FloatArray:
         done: what followed ``motion`` in some samples.
         motion: (6·samples, k) velocity of every tip.
     """
-    own = done.free >= len(fit.problem.names)
-    found = np.zeros(len(motion) // 6)
+    beyond = done.free >= len(fit.problem.names)
+    gain = np.zeros(len(motion) // 6)
     for r in fit.rows:
         shape = r.line.residual.shape
         by_pose = r.line.by_pose / r.line.sigma[:, None, None]
         columns = r.line.pattern.by_parameters(by_pose, motion)
-        before = whitened(r) + (r.jacobian[:, done.free[~own]] @ done.step[~own]).reshape(shape)
-        after = before + (columns @ done.step[own]).reshape(shape)
+        before = whitened(r) + (r.jacobian[:, done.free[~beyond]] @ done.step[~beyond]).reshape(
+            shape
+        )
+        after = before + (columns @ done.step[beyond]).reshape(shape)
         threshold = r.line.view.threshold / r.line.sigma
-        cost = [huber(np.sum(each**2, axis=1), threshold) for each in (before, after)]
+        cost = [huber(np.sum(residual**2, axis=1), threshold) for residual in (before, after)]
         sample = r.line.view.block.samples[:, 0] + r.line.view.first_sample
-        np.add.at(found, sample, cost[0] - cost[1])
-    return found
+        np.add.at(gain, sample, cost[0] - cost[1])
+    return gain

@@ -58,16 +58,16 @@ def chance_beside_shared_errors(
     # What is known beforehand counts in units of the noise that the change leaves.
     level = float(np.sqrt(left.scatter / max(left.equations - left.spent, 1.0)))
     beside = [_Rows.of(fit.beside(random, share), velocity, share * waves) for share in LACKING]
-    sources = [each.scaled(level) for each in (alone, *beside)]
-    rows = min(sources, key=lambda each: each.fitted(white).of_this_noise)
-    tried = [white, *(_Correlation(*each) for each in product(COMMON, NEAR, SOON))]
-    fits = [rows.fitted(each) for each in tried]
+    sources = [choice.scaled(level) for choice in (alone, *beside)]
+    rows = min(sources, key=lambda choice: choice.fitted(white).of_this_noise)
+    tried = [white, *(_Correlation(*choice) for choice in product(COMMON, NEAR, SOON))]
+    fits = [rows.fitted(choice) for choice in tried]
     best = min(range(len(fits)), key=lambda k: fits[k].of_any_noise)
     change, without = fits[best], rows.fitted(tried[best], without=velocity.shape[1])
-    told, freedom = change.spent - without.spent, change.equations - change.spent
-    if told < 0.5 or freedom < 1.0:
+    determined, freedom = change.spent - without.spent, change.equations - change.spent
+    if determined < 0.5 or freedom < 1.0:
         return 1.0
-    count = max(round(told), 1)
+    count = max(round(determined), 1)
     ratio = (without.squares - change.squares) / count / (change.squares / freedom)
     return float(fdtrc(count, freedom, max(ratio, 0.0)))
 
@@ -143,18 +143,18 @@ class _Rows:
     def of(cls, fit: Following, velocity: FloatArray, waves: FloatArray | None = None) -> _Rows:
         """Some of each block's rows, as the fit leaves them, beside waves of a size of one."""
         waves = np.zeros((len(velocity), 0)) if waves is None else waves
-        count, known = len(fit.problem.names), np.ones(waves.shape[1])
-        prior = np.concatenate([fit.prior, known, np.zeros(velocity.shape[1])])
+        count, unit = len(fit.problem.names), np.ones(waves.shape[1])
+        prior = np.concatenate([fit.prior, unit, np.zeros(velocity.shape[1])])
         away = np.concatenate([fit.away, np.zeros(len(prior) - count)])
         free = np.concatenate([fit.free, np.arange(count, len(prior))])
         prior, away = prior[free], away[free]
         blocks, random = [], np.random.default_rng(0)
         for r in widened(fit.rows, np.hstack([waves, velocity])):
             n, size = r.line.residual.shape
-            some = np.sort(random.permutation(n)[:ENOUGH_ROWS])
-            sample = r.line.view.block.samples[some, 0] + r.line.view.first_sample
-            jacobian = r.jacobian[:, free].reshape(n, size, -1)[some]
-            blocks.append(_Block(whitened(r)[some], jacobian, r.line.weight[some], sample))
+            chosen = np.sort(random.permutation(n)[:ENOUGH_ROWS])
+            sample = r.line.view.block.samples[chosen, 0] + r.line.view.first_sample
+            jacobian = r.jacobian[:, free].reshape(n, size, -1)[chosen]
+            blocks.append(_Block(whitened(r)[chosen], jacobian, r.line.weight[chosen], sample))
         arm, q = fit.problem.arm, np.vstack([t.poses.samples.q for t in fit.problem.terms])
         assert arm is not None
         sliding = [arm.units[joint] == "m" for joint in arm.joints]
@@ -172,41 +172,43 @@ class _Rows:
     @cached_property
     def _apart(self) -> list[tuple[FloatArray, FloatArray]]:
         """For each block how far rows (n, n) are apart, in posture and in the order they stand."""
-        found = []
+        distances = []
         for block in self.blocks:
             q = self.q[block.sample]
             # Chords, so that a turn is no way.
             chords = sum(4.0 * np.sin((c[:, None] - c) / 2.0) ** 2 for c in q.T)
             rows = np.abs(block.sample[:, None] - block.sample)
-            found.append((np.sqrt(chords), rows.astype(float)))
-        return found
+            distances.append((np.sqrt(chords), rows.astype(float)))
+        return distances
 
     def fitted(self, correlation: _Correlation, without: int = 0) -> _Fitted:
         """Everything follows where rows are so correlated, but for so many of the last columns."""
-        kept = len(self.prior) - without
-        prior, away = self.prior[:kept], self.away[:kept]
-        told, gradient = np.zeros((kept, kept)), prior * away
+        count = len(self.prior) - without
+        prior, away = self.prior[:count], self.away[:count]
+        information, gradient = np.zeros((count, count)), prior * away
         squares, volume, components = float(prior @ away**2), 0.0, 0
         for block, (near, soon) in zip(self.blocks, self._apart, strict=True):
             n, size = block.residual.shape
-            alike = np.exp(-near / correlation.near - soon / correlation.soon)
-            own = np.diag(1.0 / block.weight)
-            root = np.linalg.cholesky(correlation.common * alike + own)
-            both = np.concatenate([block.jacobian[:, :, :kept], block.residual[:, :, None]], axis=2)
+            shared = np.exp(-near / correlation.near - soon / correlation.soon)
+            alone = np.diag(1.0 / block.weight)
+            root = np.linalg.cholesky(correlation.common * shared + alone)
+            both = np.concatenate(
+                [block.jacobian[:, :, :count], block.residual[:, :, None]], axis=2
+            )
             free = solve_triangular(root, both.reshape(n, -1), lower=True, check_finite=False)
-            free = free.reshape(n * size, kept + 1)
+            free = free.reshape(n * size, count + 1)
             square = free.T @ free
-            told += square[:kept, :kept]
-            gradient += square[:kept, kept]
-            squares += float(square[kept, kept])
+            information += square[:count, :count]
+            gradient += square[:count, count]
+            squares += float(square[count, count])
             volume += 2.0 * size * float(np.sum(np.log(np.diag(root))))
             components += n * size
-        curvature = told + np.diag(prior)
+        curvature = information + np.diag(prior)
         inverse = scaled_inverse(curvature)
         step = -inverse @ gradient
         squares += float(gradient @ step)
         pulled = float(prior @ (away + step) ** 2)
-        spent = float(np.sum(inverse * told))
+        spent = float(np.sum(inverse * information))
         scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         values = np.linalg.eigvalsh(curvature / np.outer(scale, scale))
         # What nothing tells and nobody knows has no volume.

@@ -420,7 +420,7 @@ def supported_effects(
     fit: LinearFit, effects: Iterable[Effect], rule: Rule = Rule()
 ) -> list[Evidence]:
     """Effects that the data support, strongest first: `weigh_effects` by a `Rule`."""
-    return [each for each in weigh_effects(fit, effects) if each.supported(rule)]
+    return [evidence for evidence in weigh_effects(fit, effects) if evidence.supported(rule)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -498,11 +498,11 @@ class _Trial:
 
 def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
     """All effects in all windows, with what the parameters cannot imitate."""
-    whole = [effect for effect in effects if effect.windows is None]
+    everywhere = [effect for effect in effects if effect.windows is None]
     trials = list[_Trial]()
     # One product for all that are in all rows; of the windows of one effect the columns of all
     # together would need much memory.
-    moves = fit.moves(np.hstack([effect.columns for effect in whole])) if whole else None
+    moves = fit.moves(np.hstack([effect.columns for effect in everywhere])) if everywhere else None
     first = 0
     for effect in effects:
         windows: Iterable[int | None] = (
@@ -564,9 +564,9 @@ def _likeliest(fit: LinearFit, effect: Effect, windows: Stretches) -> tuple[int 
     weighted = effect.columns if fit.weight is None else effect.columns * fit.weight[:, None]
     beside = np.hstack([effect.columns, fit.settled[:, None], fit.jacobian])
     sums = windows.sums(weighted, beside)
-    own, score, cross = np.split(sums, [width, width + 1], axis=2)
-    curvature = own - cross @ fit.inverse @ np.swapaxes(cross, 1, 2)
-    alone = np.einsum("wkk->wk", own)
+    square, score, cross = np.split(sums, [width, width + 1], axis=2)
+    curvature = square - cross @ fit.inverse @ np.swapaxes(cross, 1, 2)
+    alone = np.einsum("wkk->wk", square)
     scale, eigenvalues, axes = _determined(fit, effect, curvature, alone)
     determined = eigenvalues > 0
     along = np.einsum("wkr,wk->wr", axes, scale * score[:, :, 0])

@@ -51,7 +51,7 @@ def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
 
     Of couplings those of `neighbours`.
     """
-    found: dict[tuple[str, Family], tuple[str, ...]] = {}
+    offered: dict[tuple[str, Family], tuple[str, ...]] = {}
     for joint in dict.fromkeys(p.owner for p in arm.nongeometric.values()):
         for family, keys in FAMILIES.items():
             names = tuple(f"{joint}.{key}" for key in keys)
@@ -62,10 +62,10 @@ def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
                     arm.select(*names)
                 except UrdfError:
                     continue
-            found[joint, family] = names
+            offered[joint, family] = names
     for name, (joint, _) in neighbours(arm).items():
-        found[joint, COUPLING] = (*found.get((joint, COUPLING), ()), name)
-    return found
+        offered[joint, COUPLING] = (*offered.get((joint, COUPLING), ()), name)
+    return offered
 
 
 def extended_problem(
@@ -99,9 +99,9 @@ def effective_unknowns(solution: Solution) -> float:
     """
     problem, free = solution.problem, solution.free
     rows = whitened_rows(problem, solution.x, solution.sigmas)
-    told = np.asarray(sum(map(robust_curvature, rows)))[np.ix_(free, free)]
-    kept = told + np.diag(problem.prior_precision()[free])
-    return float(np.trace(np.linalg.lstsq(kept, told, rcond=None)[0]))
+    information = np.asarray(sum(map(robust_curvature, rows)))[np.ix_(free, free)]
+    with_prior = information + np.diag(problem.prior_precision()[free])
+    return float(np.trace(np.linalg.lstsq(with_prior, information, rcond=None)[0]))
 
 
 def known_beforehand(problem: Problem) -> FloatArray:

@@ -257,7 +257,7 @@ def examine(answer: Examination, rule: Rule = Rule()) -> list[Finding]:
         answer: a converged one.
         rule: when evidence is reported. Its false-alarm rate is that of all tests together.
     """
-    return [each for each in weigh(answer) if each.supported(rule)]
+    return [finding for finding in weigh(answer) if finding.supported(rule)]
 
 
 def weigh(

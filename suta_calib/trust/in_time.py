@@ -33,7 +33,7 @@ SHIFT: Final = 5e-3
 FEWEST: Final = 10
 TIMES: Final = 40
 # Standard deviations that a turn, or the shift beside one, must be away from zero to be said.
-SAID: Final = 3.0
+SAID_FROM: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +94,7 @@ class ChangeInTime:
     @property
     def sized(self) -> bool:
         """Whether its size, or its turn, is several times its standard deviation."""
-        return abs(self.size) > SAID * self.std or not math.isnan(self.turn)
+        return abs(self.size) > SAID_FROM * self.std or not math.isnan(self.turn)
 
     @property
     def amount(self) -> str:
@@ -103,12 +103,12 @@ class ChangeInTime:
         if math.isnan(self.turn):
             return by
         turned = _with_std(self.turn, self.turn_std, "rad")
-        return f"{by} and {turned}" if self.size > SAID * self.std else turned
+        return f"{by} and {turned}" if self.size > SAID_FROM * self.std else turned
 
     @property
     def sentence(self) -> str:
         """What it is, and what to look at; and what these data cannot tell from it."""
-        first = self.hypothesis.said(self)
+        first = self.hypothesis.statement(self)
         return " Or, which these data cannot tell from it: ".join([first, *self.instead])
 
 
@@ -132,7 +132,7 @@ class InTime(AddedVariable):
         """How the tips move, about the point where the problem was linearised last."""
 
     @abstractmethod
-    def said(self, change: ChangeInTime) -> str:
+    def statement(self, change: ChangeInTime) -> str:
         """What it is, and what to look at."""
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
@@ -167,7 +167,7 @@ class InTime(AddedVariable):
         turn, turn_std = evidence.length(slice(3, 6))
         if len(evidence.size) == 1:
             size, turn = float(evidence.size[0]), math.nan
-        elif turn < SAID * turn_std:
+        elif turn < SAID_FROM * turn_std:
             turn, turn_std = math.nan, math.nan
         place = None if evidence.window is None else places[evidence.window]
         since, until = rows_of(problem, place)

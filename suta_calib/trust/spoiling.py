@@ -46,12 +46,12 @@ def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Ter
     """
     if term.medium == "touch":
         raise SamplesError(f"the kind {term.kind}", "one that an instrument watches")
-    known = term.start_values(values) | dict(values)
+    truth = term.start_values(values) | dict(values)
     rotation, position = term.poses.at(values)
     samples, changed = term.poses.samples, dict[str, Any]()
     moved = rotation_from_vector(twist[:, 3:]) @ rotation, position + twist[:, :3]
     before, after = (
-        term.observed(known, MeasuredPoses(*pose, samples))
+        term.observed(truth, MeasuredPoses(*pose, samples))
         for pose in ((rotation, position), moved)
     )
     if samples.position is not None:

@@ -46,7 +46,7 @@ def find_moves(
         fit.deviation,
         np.repeat(np.minimum(1.0, huber / np.maximum(length, huber)), size),
     )
-    moves, known = [], np.zeros((n * size, 0))
+    moves, shifts = [], np.zeros((n * size, 0))
     for what, rows, columns in _poses(term, names):
         least = -(-len(columns) // size) + TO_SPARE
         starts = range(least, len(rows) - least + 1)
@@ -65,8 +65,8 @@ def find_moves(
             moved = (shift @ fit.solve(shift)[2]).reshape(n, size)[rows[first:]]
             distance = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
             if distance > thresholds.bias:
-                known = np.hstack([known, shift])
-                p, left = max(evidence.p_value, EPSILON), fit.solve(known)[1]
+                shifts = np.hstack([shifts, shift])
+                p, left = max(evidence.p_value, EPSILON), fit.solve(shifts)[1]
                 moves.append(Move(what, term.poses.samples.origin[rows[first]], distance, p, left))
     return tuple(moves)
 
@@ -75,8 +75,8 @@ def _poses(term: Term, names: Sequence[str]) -> Iterator[tuple[str, IntArray, li
     """What may have been moved, its rows in their order, and the columns of where it stands."""
     noun, unknown = (term.place, term.place_unknown) if term.place else (term.mark, term.mark)
     if term.medium != "touch":
-        own = [p.name for p in term.own if not (noun and p.owner.startswith(f"{noun}["))]
-        yield f"the {term.medium}", np.arange(len(term.poses)), [names.index(n) for n in own]
+        unknowns = [p.name for p in term.own if not (noun and p.owner.startswith(f"{noun}["))]
+        yield f"the {term.medium}", np.arange(len(term.poses)), [names.index(n) for n in unknowns]
     labels = term.poses.samples.labels.get(noun)
     for label in () if labels is None else dict.fromkeys(labels.tolist()):
         start = f"{unknown}[{label}]"

@@ -36,7 +36,7 @@ class BaseCreep(InTime):
         for share in so_far(problem):
             yield TipShift("", flat(velocity, share), TWIST)
 
-    def said(self, change: ChangeInTime) -> str:
+    def statement(self, change: ChangeInTime) -> str:
         """By how much until the last row."""
         return crept("base, or what it met,", change)
 

@@ -34,7 +34,7 @@ class BaseMoved(InTime):
         """One."""
         yield TipShift("", flat(of_base(problem)), TWIST)
 
-    def said(self, change: ChangeInTime) -> str:
+    def statement(self, change: ChangeInTime) -> str:
         """From where to where, by how much."""
         return moved("base, or what it met,", change)
 

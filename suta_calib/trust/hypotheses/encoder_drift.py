@@ -31,7 +31,7 @@ class EncoderDrift(InTime):
             for share in so_far(problem):
                 yield TipShift(joint, flat(velocity[:, :, [k]], share), np.array([TURN]))
 
-    def said(self, change: ChangeInTime) -> str:
+    def statement(self, change: ChangeInTime) -> str:
         """By how much until the last row."""
         return (
             f"The zero of {change.joint} drifted by {change.amount} while the rows were measured: "

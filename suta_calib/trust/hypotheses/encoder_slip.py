@@ -38,7 +38,7 @@ class EncoderSlip(InTime):
         for k, joint in enumerate(arm.joints):
             yield TipShift(joint, flat(velocity[:, :, [k]]), np.array([TURN]))
 
-    def said(self, change: ChangeInTime) -> str:
+    def statement(self, change: ChangeInTime) -> str:
         """From where to where, by how much."""
         when = f"from {change.since} on than before"
         if change.until:

@@ -35,7 +35,7 @@ class EncoderTravel(InTime):
             motion = flat(velocity[:, :, [k]], q - q.mean())
             yield TipShift(joint, motion, np.array([PLAUSIBLE]))
 
-    def said(self, change: ChangeInTime) -> str:
+    def statement(self, change: ChangeInTime) -> str:
         """By which part of its travel."""
         return (
             f"{change.joint} reads {100 * change.size:+.3f} ± {100 * change.std:.3f} % of its "

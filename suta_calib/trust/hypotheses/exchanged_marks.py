@@ -58,10 +58,10 @@ class ExchangedMarks(AddedVariable):
         """Which targets, from which row on, and how far apart they are."""
         a, b, since = evidence.effect.about
         assert evidence.window is not None
-        apart, std = evidence.length()
+        distance, std = evidence.length()
         return (
             f"The labels of targets {a} and {b} seem to be exchanged from "
-            f"{since[evidence.window]} on: from there {a} is {text(apart, 'm')} ± "
+            f"{since[evidence.window]} on: from there {a} is {text(distance, 'm')} ± "
             f"{text(std, 'm', with_unit=True)} away from its place, and {b} as far the other "
             "way. Exchange the two labels from this row on."
         )

@@ -88,13 +88,13 @@ def per_row(q: FloatArray, files: Any) -> FloatArray | None:
         files: (n,) numbers of the files that rows are of: each is a motion by itself.
     """
     ends = [0, *(1 + np.flatnonzero(np.diff(files))).tolist(), len(q)]
-    found, alike, total = np.zeros_like(q), 0.0, 0.0
+    motion, correlated, total = np.zeros_like(q), 0.0, 0.0
     for first, end in pairwise(ends):
         if end - first < FEWEST:
             continue
         part = q[first:end]
-        found[first:end] = np.gradient(part, axis=0)
+        motion[first:end] = np.gradient(part, axis=0)
         step = np.diff(part, axis=0)
-        alike += float(np.sum(step[1:] * step[:-1]))
+        correlated += float(np.sum(step[1:] * step[:-1]))
         total += 0.5 * float(np.sum(step[1:] ** 2) + np.sum(step[:-1] ** 2))
-    return found if total > 0.0 and alike > SMOOTH * total else None
+    return motion if total > 0.0 and correlated > SMOOTH * total else None

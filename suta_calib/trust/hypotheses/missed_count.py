@@ -248,8 +248,8 @@ def _settled(touches: _Touches, joint: int, size: float) -> tuple[float, FloatAr
 def _part_of_a_turn(size: float) -> float:
     parts = from_deg(360.0) / PARTS
     nearest = int(np.argmin(np.abs(parts - abs(size))))
-    apart = parts[nearest] - parts[min(nearest + 1, len(parts) - 1)]
-    if abs(parts[nearest] - abs(size)) < apart / 4.0:
+    gap = parts[nearest] - parts[min(nearest + 1, len(parts) - 1)]
+    if abs(parts[nearest] - abs(size)) < gap / 4.0:
         return float(np.copysign(parts[nearest], size))
     return size
 

@@ -47,25 +47,25 @@ class RowsElsewhere(AddedVariable):
             velocity = np.zeros((count, 6, 3))
             velocity[:, :3] = axes
             columns = answer.by_motion(velocity)
-            found = _two_parts(_displacements(answer, columns))
-            if found is not None and (best is None or found[0] < best[0]):
-                best = found[0], frame, columns, found[1]
+            split = _two_parts(_displacements(answer, columns))
+            if split is not None and (best is None or split[0] < best[0]):
+                best = split[0], frame, columns, split[1]
         if best is not None:
-            _, frame, columns, some = best
-            window = answer.row_of_sample(some.astype(float))
-            ways = log_ways(len(some), int(some.sum()))
-            about = some, answer
+            _, frame, columns, smaller = best
+            window = answer.row_of_sample(smaller.astype(float))
+            ways = log_ways(len(smaller), int(smaller.sum()))
+            about = smaller, answer
             yield Effect(frame, columns, windows=[window], about=about, log_choices=ways)
 
     def sentence(self, evidence: Evidence) -> str:
         """How many rows, by how much and in whose axes, and what to do."""
-        some, answer = evidence.effect.about
+        smaller, answer = evidence.effect.about
         origin = [row for term in answer.problem.terms for row in term.poses.samples.origin]
-        first = origin[int(np.argmax(some))] if origin else f"row {int(np.argmax(some)) + 1}"
+        first = origin[int(np.argmax(smaller))] if origin else f"row {int(np.argmax(smaller)) + 1}"
         length, std = evidence.length()
         axes = {"base": "one direction in space", "tip": "one direction on the tip"}
         return (
-            f"{int(some.sum())} of {len(some)} rows ({first} is the first) are "
+            f"{int(smaller.sum())} of {len(smaller)} rows ({first} is the first) are "
             f"{1e3 * length:.3g} ± {1e3 * std:.2g} mm away from the others, all in "
             f"{axes[evidence.effect.name]}. They seem to be of another target, or measured from "
             "another place. Give these rows a label of their own, or leave them out."
@@ -80,8 +80,8 @@ class RowsElsewhere(AddedVariable):
         assert samples.rotation is not None
         by = rng.standard_normal(3)
         by *= 4e-3 / np.linalg.norm(by)
-        some = rng.permutation(len(samples)) < len(samples) // 4
-        position = samples.position + some[:, None] * (samples.rotation @ by)
+        elsewhere = rng.permutation(len(samples)) < len(samples) // 4
+        position = samples.position + elsewhere[:, None] * (samples.rotation @ by)
         moved = term.over_poses(term.poses.with_samples(replace(samples, position=position)))
         return Spoilt(moved, by, "tip")
 
@@ -107,8 +107,10 @@ def _displacements(answer: Examination, columns: FloatArray) -> FloatArray:
     np.add.at(square, sample, columns[:, :, None] * columns[:, None, :])
     np.add.at(slope, sample, columns * answer.fit.settled[:, None])
     displacement = np.full((count, 3), np.nan)
-    told = np.linalg.cond(square) < 1e6
-    displacement[told] = -np.linalg.solve(square[told], slope[told][..., None])[..., 0]
+    determined = np.linalg.cond(square) < 1e6
+    displacement[determined] = -np.linalg.solve(square[determined], slope[determined][..., None])[
+        ..., 0
+    ]
     return displacement
 
 
@@ -119,38 +121,38 @@ def _two_parts(points: FloatArray) -> tuple[float, BoolArray] | None:
         The logarithm of its p-value, all splits of this size allowed for, and (n,) which points
         are in the smaller part; None where there is no such split.
     """
-    known = np.flatnonzero(np.isfinite(points).all(axis=1))
-    cloud = points[known]
+    usable = np.flatnonzero(np.isfinite(points).all(axis=1))
+    cloud = points[usable]
     if len(cloud) < 2 * FEWEST:
         return None
     middle = np.median(cloud, axis=0)
     farthest = np.argsort(np.linalg.norm(cloud - middle, axis=1))[::-1]
     best: tuple[float, BoolArray] | None = None
     for seed in farthest[np.linspace(0, len(cloud) // 2, SEEDS).astype(int)]:
-        found = _split(cloud, middle, cloud[seed])
-        if found is not None and (best is None or found[0] < best[0]):
-            best = found
+        split = _split(cloud, middle, cloud[seed])
+        if split is not None and (best is None or split[0] < best[0]):
+            best = split
     if best is None or best[0] > math.log(Rule().false_alarm):
         return None
-    some = np.zeros(len(points), dtype=np.bool_)
-    some[known[best[1]]] = True
-    return best[0], some
+    smaller = np.zeros(len(points), dtype=np.bool_)
+    smaller[usable[best[1]]] = True
+    return best[0], smaller
 
 
 def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float, BoolArray] | None:
     """Points (n, 3) by which of two middles they are nearer to, from given middles on."""
-    some = np.zeros(len(cloud), dtype=np.bool_)
+    smaller = np.zeros(len(cloud), dtype=np.bool_)
     for _ in range(ROUNDS):
         nearer = np.linalg.norm(cloud - other, axis=1) < np.linalg.norm(cloud - one, axis=1)
         if min(nearer.sum(), (~nearer).sum()) < FEWEST:
             return None
-        if np.array_equal(nearer, some):
+        if np.array_equal(nearer, smaller):
             break
-        some = nearer
-        one, other = np.median(cloud[~some], axis=0), np.median(cloud[some], axis=0)
-    if some.sum() > len(some) / 2:
-        some = ~some
-    parts = (cloud[some], cloud[~some])
+        smaller = nearer
+        one, other = np.median(cloud[~smaller], axis=0), np.median(cloud[smaller], axis=0)
+    if smaller.sum() > len(smaller) / 2:
+        smaller = ~smaller
+    parts = (cloud[smaller], cloud[~smaller])
     # By the median, so that mishaps hide no gap; of three normal components, its square is 2.366.
     scatter = max(
         float(np.sqrt(np.median(np.sum((p - np.median(p, axis=0)) ** 2, axis=1)) / 2.366))
@@ -158,9 +160,9 @@ def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float
     )
     if np.linalg.norm(one - other) < APART * max(scatter, 1e-12):
         return None
-    whole = float(np.sum((cloud - cloud.mean(axis=0)) ** 2))
+    total = float(np.sum((cloud - cloud.mean(axis=0)) ** 2))
     inside = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)
-    n, ways = len(cloud), log_ways(len(cloud), int(some.sum()))
+    n, ways = len(cloud), log_ways(len(cloud), int(smaller.sum()))
     # Of the likelihood ratio; two sorts of axes were tried.
-    chance = 0.5 * (3 * n - 6) * math.log(max(inside / max(whole, 1e-300), 1e-300))
-    return chance + ways + math.log(2.0), some
+    chance = 0.5 * (3 * n - 6) * math.log(max(inside / max(total, 1e-300), 1e-300))
+    return chance + ways + math.log(2.0), smaller

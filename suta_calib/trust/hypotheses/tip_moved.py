@@ -34,7 +34,7 @@ class TipMoved(InTime):
         """One."""
         yield TipShift("", flat(of_tip(problem)), TWIST)
 
-    def said(self, change: ChangeInTime) -> str:
+    def statement(self, change: ChangeInTime) -> str:
         """From where to where, by how much."""
         return moved("tool, or what is on it,", change)
 

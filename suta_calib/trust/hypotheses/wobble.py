@@ -85,12 +85,12 @@ def _across(answer: Examination, joint: str) -> FloatArray | None:
     The joint's placement turns about axes that stand still while the joint moves.
     """
     names = [f"{joint}.{key}" for key in ROTATION]
-    known = answer.problem.names
+    unknowns = answer.problem.names
     arm = answer.arm
     assert arm is not None
-    if not all(name in known for name in names) or joint not in arm.read_from:
+    if not all(name in unknowns for name in names) or joint not in arm.read_from:
         return None
-    columns = [known.index(name) for name in names]
+    columns = [unknowns.index(name) for name in names]
     velocity = answer.table.velocity[:, columns].reshape(-1, 6, 3)
     mover = [segment.owner for segment in arm.movers].index(joint)
     return _beside_axis(velocity, answer.motion[:, 3:, mover])
