@@ -36,7 +36,7 @@ from measured_peers import (  # noqa: E402
 from rich.console import Console  # noqa: E402
 from tables import number_table  # noqa: E402
 
-from suta_calib import CalibrationJob, CalibrationResult, SutaCalibError  # noqa: E402
+from suta_calib import Calibration, CalibrationJob, SutaCalibError  # noqa: E402
 from suta_calib.units import mm  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -142,7 +142,7 @@ defaults: base, tip and its own choice of parameters. A lab adds its own jobs:
 def ours(path: Path) -> tuple[Answer, Answer, str]:
     """Before and after, and our own sentence about it."""
     began = perf_counter()
-    result: CalibrationResult = CalibrationJob.load(path).run()
+    result: Calibration = CalibrationJob.load(path).run()
     seconds = perf_counter() - began
     blocks = [term.blocks[0] for term in result.accuracy.validation]
     before, after = (

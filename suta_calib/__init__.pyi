@@ -14,8 +14,8 @@ from .diagnostics.observability import observe as observe
 from .errors import InputError as InputError
 from .errors import SutaCalibError as SutaCalibError
 from .job import AcceptanceJob as AcceptanceJob
+from .job import Calibration as Calibration
 from .job import CalibrationJob as CalibrationJob
-from .job import CalibrationResult as CalibrationResult
 from .measurements import Artefact as Artefact
 from .measurements import Landmark as Landmark
 from .measurements import SampleColumns as SampleColumns

@@ -13,7 +13,7 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, Final, Literal, TypeVar
 
-from suta_calib.errors import NotUsableError, SutaCalibError
+from suta_calib.errors import SutaCalibError, UnusableResultError
 
 Level = Literal["good", "care", "bad"]
 WORD: Final[dict[Level, str]] = {"good": "Good", "care": "Take care", "bad": "Do not use"}
@@ -186,7 +186,7 @@ def refuse_unusable(
         anyway: use it all the same (``--anyway``).
 
     Raises:
-        NotUsableError: its ``verdict`` says that it is not usable.
+        UnusableResultError: its ``verdict`` says that it is not usable.
     """
     written = {"verdict": answer.as_dict()} if isinstance(answer, Assessment) else answer
     if anyway or says_usable(written):
@@ -194,7 +194,7 @@ def refuse_unusable(
     said = _verdict(written)
     notes = [str(note) for note in said.get("notes", ())]
     why = next(iter(notes), str(said.get("sentence", "")) or "it did not converge")
-    raise NotUsableError(
+    raise UnusableResultError(
         f"an answer that must not be used ({why.rstrip('.')})",
         "one that may be",
         file=file,

@@ -116,7 +116,7 @@ class SolverError(InputError):
     """A solver that somebody gave raises, or answers something that cannot be used."""
 
 
-class NotUsableError(InputError):
+class UnusableResultError(InputError):
     """An answer that was written with the word that it must not be used is read back."""
 
 

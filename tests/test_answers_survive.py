@@ -22,7 +22,7 @@ from suta_calib.certification import CertificationOptions, certify
 from suta_calib.diagnostics.rich_data import RichData
 from suta_calib.errors import SamplesError
 from suta_calib.job import CalibrationJob
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.measurements import Samples
 from suta_calib.registry import shipped
 from suta_calib.report import calibration_document
@@ -81,21 +81,21 @@ def job(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def result(job: Path) -> CalibrationResult:
+def result(job: Path) -> Calibration:
     found = CalibrationJob.load(job).run()
     assert found.assessment.level == "good"
     return found
 
 
-def again(result: CalibrationResult) -> CalibrationResult:
+def again(result: Calibration) -> Calibration:
     """The same, of which nothing is known yet but the solution."""
     examined = CalibrationExamination.of(replace(result.solution), result.job.validation)
-    return CalibrationResult(result.job, examined)
+    return Calibration(result.job, examined)
 
 
 @pytest.mark.parametrize("path", JUDGES)
 def test_a_judge_that_fails_costs_good_and_nothing_else(
-    path: str, result: CalibrationResult, monkeypatch: pytest.MonkeyPatch
+    path: str, result: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     breaks(monkeypatch, path)
     with pytest.warns(NotExplainedWarning, match="IndexError: index 0 is out of bounds"):
@@ -112,7 +112,7 @@ def test_a_judge_that_fails_costs_good_and_nothing_else(
 
 @pytest.mark.parametrize("path", SHOWN)
 def test_what_cannot_be_shown_costs_no_answer(
-    path: str, result: CalibrationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    path: str, result: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     breaks(monkeypatch, path)
     with pytest.warns(NotExplainedWarning):
@@ -124,14 +124,14 @@ def test_what_cannot_be_shown_costs_no_answer(
 
 
 def test_what_did_not_converge_stays_unusable(
-    result: CalibrationResult, monkeypatch: pytest.MonkeyPatch
+    result: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     breaks(monkeypatch, f"{ASSESSMENT}._cause")
     minimum = replace(result.solution.minimum, converged=False)
     stopped = replace(result.solution, minimum=minimum)
     examined = CalibrationExamination.of(stopped, result.job.validation)
     with pytest.warns(NotExplainedWarning):
-        found = CalibrationResult(result.job, examined).assessment
+        found = Calibration(result.job, examined).assessment
     assert found.level == "bad"
     assert any(note.startswith("Not judged: other readings") for note in found.notes)
 

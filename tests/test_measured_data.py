@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from suta_calib.job.calibration import CalibrationJob, CalibrationResult
+from suta_calib.job.calibration import Calibration, CalibrationJob
 
 
-def run(shared: Path, name: str) -> CalibrationResult:
+def run(shared: Path, name: str) -> Calibration:
     folder = shared / "real" / name
     if not folder.is_dir():
         pytest.skip(f"{name} is not among the measured data")

@@ -267,7 +267,7 @@ def error_budget_of_job(
 
     Raises:
         SamplesError: the calibration does not converge.
-        NotUsableError: it must not be used, and not ``anyway``.
+        UnusableResultError: it must not be used, and not ``anyway``.
     """
     stated = job.spec.encoders
     encoders = None

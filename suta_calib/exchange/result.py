@@ -180,7 +180,7 @@ def read_result(
 
     Raises:
         InputError: unreadable, no answer of this package, of another arm, or its inputs are gone.
-        NotUsableError: it must not be used.
+        UnusableResultError: it must not be used.
     """
     path = Path(path)
     path = path / RECORD if is_folder(path) else path

@@ -1,7 +1,7 @@
 from .acceptance import AcceptanceJob as AcceptanceJob
 from .acceptance import ProbedSpheres as ProbedSpheres
+from .calibration import Calibration as Calibration
 from .calibration import CalibrationJob as CalibrationJob
-from .calibration import CalibrationResult as CalibrationResult
 from .calibration import read_arm_samples as read_arm_samples
 from .calibration import read_term as read_term
 from .dh_file import dh_text as dh_text

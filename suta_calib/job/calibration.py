@@ -119,7 +119,7 @@ class CalibrationJob(Shown):
 
     def run(
         self, progress: Progress | None = None, about: Callable[[str], None] | None = None
-    ) -> CalibrationResult:
+    ) -> Calibration:
         """Solve, validate and judge.
 
         Args:
@@ -139,7 +139,7 @@ class CalibrationJob(Shown):
             # To name what is wrong with data, they are read in many other ways.
             about("judging")
         examined = attempt("judged: ±", lambda: examined.widened, examined)
-        result = CalibrationResult(self, examined)
+        result = Calibration(self, examined)
         _ = result.assessment
         return result
 
@@ -154,7 +154,7 @@ class CalibrationJob(Shown):
 
         Raises:
             SamplesError: it did not converge, so that nothing can be built on it.
-            NotUsableError: its assessment says that it must not be used.
+            UnusableResultError: its assessment says that it must not be used.
         """
         result = self.run(progress)
         solution = result.solution
@@ -171,7 +171,7 @@ class CalibrationJob(Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibrationResult(Shown):
+class Calibration(Shown):
     """A job, its solution, and how far off the arm is before and after.
 
     Attributes:

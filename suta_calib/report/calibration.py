@@ -21,7 +21,7 @@ from suta_calib.diagnostics.explanation import redundant_names
 from suta_calib.diagnostics.repeats import TouchRepeatability
 from suta_calib.diagnostics.scale_effects import ScaleEffect
 from suta_calib.job import inputs_copy
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.plotting.look import MOST_CORRELATED, MOST_GROUPS
 from suta_calib.report.document import (
     Document,
@@ -107,7 +107,7 @@ STARTS: Final = Listing[tuple[int, Minimum]](
 )
 
 
-def calibration_document(result: CalibrationResult, *, verbose: bool = False) -> Document:
+def calibration_document(result: Calibration, *, verbose: bool = False) -> Document:
     """A calibration to be shown: errors, parameters, what the data cannot tell, and report.
 
     Args:
@@ -144,14 +144,14 @@ def versions() -> Mapping[str, str]:
 # What is shown
 
 
-def _first_screen(result: CalibrationResult) -> Iterator[Part]:
+def _first_screen(result: Calibration) -> Iterator[Part]:
     """The arm with its errors, and what the figures are of."""
     if result.solution.converged:
         yield Space(result.scene)
     yield ShownOnly(ABOUT.of(_about(result)), "page")
 
 
-def _about(result: CalibrationResult) -> Iterator[tuple[str, str]]:
+def _about(result: Calibration) -> Iterator[tuple[str, str]]:
     job, solution = result.job, result.solution
     chain = job.arm.chain
     joints = f"{len(job.arm.joints)} joints from {chain.base} to {chain.tip}"
@@ -177,7 +177,7 @@ def _counted(term: Term) -> str:
     return sentence
 
 
-def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
+def _parameters(result: Calibration, *, verbose: bool) -> Iterator[Part]:
     solution = result.solution
     if not solution.converged:
         return
@@ -219,7 +219,7 @@ def _parameters(result: CalibrationResult, *, verbose: bool) -> Iterator[Part]:
     yield Folded(PARAMETERS.of(of_terms, f"The observations' own unknowns ({len(of_terms)})"))
 
 
-def _external_poses(result: CalibrationResult) -> Iterator[Part]:
+def _external_poses(result: Calibration) -> Iterator[Part]:
     """What many came for: where cameras, instruments and artefacts are."""
     if poses := result.examined.external_poses:
         yield ShownOnly(IN_SHORT.of(poses), "console")
@@ -227,7 +227,7 @@ def _external_poses(result: CalibrationResult) -> Iterator[Part]:
         yield Text(NOTE, place="page", look="soft")
 
 
-def _errors(result: CalibrationResult) -> Iterator[Part]:
+def _errors(result: Calibration) -> Iterator[Part]:
     accuracy = result.accuracy
     sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
     yield errors_table(sets)
@@ -265,11 +265,11 @@ def _histogram(errors: KindErrors, name: str) -> str:
     return report.histogram_svg(*errors_shown, name)
 
 
-def _repeatability(result: CalibrationResult) -> list[tuple[str, TouchRepeatability]]:
+def _repeatability(result: Calibration) -> list[tuple[str, TouchRepeatability]]:
     return [(name, term) for name, terms in result.repeatability.items() for term in terms]
 
 
-def _untold(result: CalibrationResult) -> Iterator[Part]:
+def _untold(result: Calibration) -> Iterator[Part]:
     solution = result.solution
     combinations = solution.identification.combinations
     named = [combination(c.direction, c.fixed) for c in combinations]
@@ -301,7 +301,7 @@ def _untold(result: CalibrationResult) -> Iterator[Part]:
         )
 
 
-def _remaining_errors(result: CalibrationResult) -> Iterator[Part]:
+def _remaining_errors(result: Calibration) -> Iterator[Part]:
     accuracy, figures = result.accuracy, list[Figure]()
     for name, terms in (("Validation", accuracy.validation), ("Calibration", accuracy.calibration)):
         of = {label: groups(terms, label) for label in (*groupings(), "file")}
@@ -322,7 +322,7 @@ def _boxes(errors: Mapping[str, FloatArray], label: str, name: str, unit: Unit) 
     return report.groups_svg(errors, label, name, unit)
 
 
-def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
+def _noise_and_correlations(result: Calibration) -> Iterator[Part]:
     solution = result.solution
     yield ShownOnly(NOISE.of(noise_of(result)), "page")
     yield Text(
@@ -351,7 +351,7 @@ def _noise_and_correlations(result: CalibrationResult) -> Iterator[Part]:
     yield Figure(lambda: report.correlations_svg(names, matrix, "correlations"))
 
 
-def _computation(result: CalibrationResult) -> Iterator[Part]:
+def _computation(result: Calibration) -> Iterator[Part]:
     solution, path = result.solution, result.job.spec.path
     best = solution.minimum
     phases = ", ".join(f"{phase} {seconds:.3f} s" for phase, seconds in solution.timing.items())
@@ -375,7 +375,7 @@ def _computation(result: CalibrationResult) -> Iterator[Part]:
 # What is written
 
 
-def _files(result: CalibrationResult) -> list[File]:
+def _files(result: Calibration) -> list[File]:
     """A solution that did not converge has none; one not to be used has another URDF's name."""
     solution, job = result.solution, result.job
     if not solution.converged:
@@ -393,7 +393,7 @@ def _files(result: CalibrationResult) -> list[File]:
     ]
 
 
-def _data(result: CalibrationResult) -> Json:
+def _data(result: Calibration) -> Json:
     solution = result.solution
     # What comes before the first iteration is the check of what the data can tell.
     timing = {"build": solution.timing.get("check", 0.0)} | solution.timing
@@ -434,7 +434,7 @@ def _data(result: CalibrationResult) -> Json:
     }
 
 
-def _metrics(result: CalibrationResult) -> Json:
+def _metrics(result: Calibration) -> Json:
     """Of each set of data, the figures of the first term's kind and those of each term."""
 
     def of_first_kind(terms: Sequence[TermAccuracy]) -> Json:

@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.report.listing import Column, Listing
 from suta_calib.units import Unit, unit_name
 
@@ -89,7 +89,7 @@ HELD_OUT: Final = Listing[HeldOutRow](
 )
 
 
-def held_out_rows(result: CalibrationResult) -> Iterator[HeldOutRow]:
+def held_out_rows(result: Calibration) -> Iterator[HeldOutRow]:
     """Of every block that was held out; the solution has converged."""
     for label, term in result.labelled_terms["validation"]:
         errors = (

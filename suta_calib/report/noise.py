@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.report.listing import Column, Listing
 from suta_calib.terms.block import Block
 from suta_calib.units import Unit, text, unit_name
@@ -77,7 +77,7 @@ PRIORS: Final = Listing["tuple[str, Learned]"](
 )
 
 
-def noise_of(result: CalibrationResult) -> list[BlockNoise]:
+def noise_of(result: Calibration) -> list[BlockNoise]:
     """Of every block that was fitted."""
     solution = result.solution
     intervals = (
@@ -98,7 +98,7 @@ def noise_of(result: CalibrationResult) -> list[BlockNoise]:
     ]
 
 
-def priors_of(result: CalibrationResult) -> list[tuple[str, Learned]]:
+def priors_of(result: Calibration) -> list[tuple[str, Learned]]:
     """What was learned of the size of each group of priors."""
     weights = result.solution.weights
     return [] if weights is None else list(weights.priors.items())

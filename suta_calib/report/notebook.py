@@ -14,7 +14,7 @@ from suta_calib.analysis.outliers import Outliers
 from suta_calib.analysis.planning import Plan
 from suta_calib.analysis.tip_map import TipMap
 from suta_calib.diagnostics.observability import Observability
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.parameters import Parameter, ParameterSet
@@ -108,7 +108,7 @@ def _(shown: Solution) -> Sequence[Shown]:
 
 
 @parts_of.register
-def _(shown: CalibrationResult) -> Sequence[Shown]:
+def _(shown: Calibration) -> Sequence[Shown]:
     sets = {"calibration": shown.accuracy.calibration, "validation": shown.accuracy.validation}
     return errors_table(sets), _parameters(shown.examined)
 

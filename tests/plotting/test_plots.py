@@ -15,7 +15,7 @@ from report_scenes import make_job
 from suta_calib import Accuracy, ArmModel, Samples, observe
 from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.errors import JobError, SamplesError
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.plotting.scene import Arrows, Points, drawn_rows, magnification
 from suta_calib.units import mm, shown
 
@@ -23,7 +23,7 @@ Q = np.array([0.3, -0.2, 0.4, 0.1, -0.5, 0.2])
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
+def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Calibration:
     return make_job(tmp_path_factory.mktemp("job"), suta_urdf).run()
 
 
@@ -57,7 +57,7 @@ def test_an_arm_is_drawn_where_its_kinematics_have_it(suta_urdf: Path) -> None:
         np.testing.assert_allclose(moved[: k + 2], 0.0, atol=1e-9)
 
 
-def test_plots_use_the_axes_they_are_given(suta_urdf: Path, result: CalibrationResult) -> None:
+def test_plots_use_the_axes_they_are_given(suta_urdf: Path, result: Calibration) -> None:
     arm = ArmModel.from_urdf(suta_urdf, "tip")
     axes = pyplot.figure().add_subplot(projection="3d")
     assert arm.plot(ax=axes) is axes
@@ -71,7 +71,7 @@ def test_plots_use_the_axes_they_are_given(suta_urdf: Path, result: CalibrationR
         arm.plot(ax=flat)
 
 
-def test_samples_are_drawn_by_joint_name_in_any_order(result: CalibrationResult) -> None:
+def test_samples_are_drawn_by_joint_name_in_any_order(result: Calibration) -> None:
     arm, samples = result.job.arm, result.job.observations[0].poses.samples
     drawn = lines(samples.plot(arm))["tip in the samples"]
     np.testing.assert_allclose(drawn, mm(arm.forward(samples.q)[1]))
@@ -81,7 +81,7 @@ def test_samples_are_drawn_by_joint_name_in_any_order(result: CalibrationResult)
         Samples.from_arrays(("a", "b"), np.zeros((2, 2))).plot(arm)
 
 
-def test_displacements_of_the_tip_are_the_errors(result: CalibrationResult) -> None:
+def test_displacements_of_the_tip_are_the_errors(result: Calibration) -> None:
     """Of whatever is a vector, the length is the error that the report tells."""
     accuracy, values = result.accuracy, result.solution.values
     looked_at = 0
@@ -98,9 +98,7 @@ def test_displacements_of_the_tip_are_the_errors(result: CalibrationResult) -> N
 
 
 @pytest.mark.parametrize("data", ["calibration", "validation"])
-def test_errors_are_magnified_and_the_legend_says_how_much(
-    result: CalibrationResult, data: str
-) -> None:
+def test_errors_are_magnified_and_the_legend_says_how_much(result: Calibration, data: str) -> None:
     scene = result.scene(data)  # type: ignore[arg-type]
     before, after = (part for part in scene.parts if isinstance(part, Arrows))
     assert before.factor == after.factor > 1
@@ -111,7 +109,7 @@ def test_errors_are_magnified_and_the_legend_says_how_much(
     assert np.linalg.norm(after.vectors) < np.linalg.norm(before.vectors)
 
 
-def test_places_outside_are_drawn_with_their_labels(result: CalibrationResult) -> None:
+def test_places_outside_are_drawn_with_their_labels(result: Calibration) -> None:
     scene = result.scene("calibration")
     places = [part for part in scene.parts if isinstance(part, Points) and part.look == "place"]
     values = result.solution.values
@@ -127,14 +125,14 @@ def test_places_outside_are_drawn_with_their_labels(result: CalibrationResult) -
     assert points
 
 
-def test_a_job_without_held_out_data_is_told_so(tmp_path: Path, result: CalibrationResult) -> None:
+def test_a_job_without_held_out_data_is_told_so(tmp_path: Path, result: Calibration) -> None:
     without = replace(result, job=replace(result.job, validation=()))
     with pytest.raises(JobError, match="no validation data"):
         without.scene("validation")
     assert without.scene().parts
 
 
-def test_changes_are_drawn_in_the_units_of_the_reader(result: CalibrationResult) -> None:
+def test_changes_are_drawn_in_the_units_of_the_reader(result: Calibration) -> None:
     figure = result.solution.plot_parameters()
     changes = result.solution.changes
     for axes in figure.axes:
@@ -145,7 +143,7 @@ def test_changes_are_drawn_in_the_units_of_the_reader(result: CalibrationResult)
     assert {axes.get_xlabel().split()[-1] for axes in figure.axes} == {"mm", "deg"}
 
 
-def test_residuals_have_the_rms_of_the_report(result: CalibrationResult) -> None:
+def test_residuals_have_the_rms_of_the_report(result: Calibration) -> None:
     axes = result.solution.plot_residuals()
     texts = [text.get_text() for text in axes.get_legend().get_texts()]
     rms = Accuracy.overall(result.accuracy.calibration, "after").rms
@@ -153,7 +151,7 @@ def test_residuals_have_the_rms_of_the_report(result: CalibrationResult) -> None
 
 
 def test_prospects_are_drawn_for_every_parameter_that_was_asked_for(
-    result: CalibrationResult,
+    result: Calibration,
 ) -> None:
     observability = observe(result.solution.problem)
     axes = observability.plot()
@@ -170,7 +168,7 @@ def test_prospects_are_drawn_for_every_parameter_that_was_asked_for(
 
 
 def test_objects_are_short_on_a_console_and_tables_in_a_notebook(
-    result: CalibrationResult,
+    result: Calibration,
 ) -> None:
     observability = observe(result.solution.problem)
     job, solution = result.job, result.solution
@@ -190,7 +188,7 @@ def test_objects_are_short_on_a_console_and_tables_in_a_notebook(
     assert all(f"<td>{joint}</td>" in job.arm._repr_html_() for joint in job.arm.joints)
 
 
-def test_the_headline_is_the_held_out_rms(result: CalibrationResult) -> None:
+def test_the_headline_is_the_held_out_rms(result: Calibration) -> None:
     was, now = result.accuracy.validation[0].before.rms, result.accuracy.validation[0].after.rms
     first, _, rest = result.headline.partition(" → ")
     assert float(first) == pytest.approx(mm(was), rel=0.06)
@@ -208,7 +206,7 @@ def test_arrows_are_as_long_as_can_be_told() -> None:
 
 
 def test_of_many_samples_some_are_drawn_and_they_are_where_they_were(
-    result: CalibrationResult, monkeypatch: pytest.MonkeyPatch
+    result: Calibration, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def arrows() -> Arrows:
         return next(part for part in result.scene().parts if isinstance(part, Arrows))

@@ -7,16 +7,16 @@ from pathlib import Path
 import pytest
 from report_scenes import make_job
 
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
+def result(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Calibration:
     return make_job(tmp_path_factory.mktemp("job"), suta_urdf).run()
 
 
 @pytest.fixture(scope="module")
-def unconverged(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> CalibrationResult:
+def unconverged(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Calibration:
     found = make_job(tmp_path_factory.mktemp("job"), suta_urdf, iterations=1).run()
     assert not found.solution.converged
     return found

@@ -21,7 +21,7 @@ from suta_calib.atomic import write_bytes_atomically
 from suta_calib.diagnostics.accuracy import gain_of
 from suta_calib.diagnostics.observability import observe
 from suta_calib.errors import OutputError
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.model.arm import ArmModel
 from suta_calib.report import calibration_plots as plots
 from suta_calib.report.calibration import calibration_document
@@ -36,26 +36,26 @@ from suta_calib.words import combination, listed
 
 
 @cache
-def document_of(result: CalibrationResult) -> Document:
+def document_of(result: Calibration) -> Document:
     """Its pictures are drawn once."""
     return calibration_document(result)
 
 
-def told(result: CalibrationResult, *, verbose: bool = False) -> str:
+def told(result: Calibration, *, verbose: bool = False) -> str:
     return console_text(rendered(calibration_document(result, verbose=verbose)))
 
 
-def render_report(result: CalibrationResult) -> str:
+def render_report(result: Calibration) -> str:
     return page_with(document_of(result), None)
 
 
-def write_results(result: CalibrationResult, folder: Path) -> dict[str, Path]:
+def write_results(result: Calibration, folder: Path) -> dict[str, Path]:
     answer = write_document(document_of(result), folder)
     return {name: Path(path) for name, path in answer["files"].items()}
 
 
 @pytest.fixture(scope="module")
-def worse(result: CalibrationResult) -> CalibrationResult:
+def worse(result: Calibration) -> Calibration:
     """The calibrated arm is worse than the nominal one on held-out data."""
     term = result.accuracy.validation[0]
     swapped = [
@@ -68,7 +68,7 @@ def worse(result: CalibrationResult) -> CalibrationResult:
 
 
 @pytest.fixture(scope="module")
-def page(result: CalibrationResult) -> str:
+def page(result: Calibration) -> str:
     return render_report(result)
 
 
@@ -97,7 +97,7 @@ def references(page: str) -> References:
 
 
 def test_verdict_is_not_troubled_by_conventions(
-    result: CalibrationResult, unconverged: CalibrationResult
+    result: Calibration, unconverged: Calibration
 ) -> None:
     """Where an instrument stands anywhere, the first joint's offset is a convention."""
     assert result.assessment.level == "good"
@@ -109,7 +109,7 @@ def test_verdict_is_not_troubled_by_conventions(
 
 
 def test_verdict_warns_of_a_calibration_that_made_it_worse(
-    result: CalibrationResult, worse: CalibrationResult
+    result: Calibration, worse: Calibration
 ) -> None:
     assert "worse" in " ".join(worse.assessment.notes)
     assert not worse.assessment.usable
@@ -149,7 +149,7 @@ def test_names_are_listed_and_the_rest_counted() -> None:
 # console
 
 
-def test_console_fits_100_columns_and_shows_names_as_they_are(result: CalibrationResult) -> None:
+def test_console_fits_100_columns_and_shows_names_as_they_are(result: Calibration) -> None:
     short = told(result)
     full = told(result, verbose=True)
     for text in (short, full):
@@ -165,14 +165,14 @@ def test_console_fits_100_columns_and_shows_names_as_they_are(result: Calibratio
     assert "identified" in row
 
 
-def test_console_of_an_unconverged_run_shows_no_values(unconverged: CalibrationResult) -> None:
+def test_console_of_an_unconverged_run_shows_no_values(unconverged: Calibration) -> None:
     text = told(unconverged)
     assert "Do not use" in text
     assert "not converged" in text
     assert "joint_4.z" not in text
 
 
-def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None:
+def test_console_shows_what_can_be_determined(result: Calibration) -> None:
     observability = observe(result.solution.problem)
     text = console_text(rendered(observability_document(observability)))
     assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
@@ -184,7 +184,7 @@ def test_console_shows_what_can_be_determined(result: CalibrationResult) -> None
 # plots and page
 
 
-def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
+def test_plots_are_svg_with_units(result: Calibration) -> None:
     errors = by_kind(result.accuracy.validation)[0]
     found = [
         plots.histogram_svg(errors.before, errors.after, errors.unit, errors.name, "h"),
@@ -202,7 +202,7 @@ def test_plots_are_svg_with_units(result: CalibrationResult) -> None:
 
 
 @pytest.mark.parametrize("after", [[0.0], [0.0, 0.0, 0.0], [1e-12, 5e-3], [1e-3] * 5])
-def test_histogram_of_extreme_errors(result: CalibrationResult, after: list[float]) -> None:
+def test_histogram_of_extreme_errors(result: Calibration, after: list[float]) -> None:
     errors = by_kind(result.accuracy.validation)[0]
     extreme = np.array(after)
     svg = plots.histogram_svg(3 * extreme, extreme, errors.unit, errors.name, "extreme")
@@ -227,7 +227,7 @@ def test_page_stands_alone(page: str) -> None:
     assert {r[1:] for r in seen.found} <= set(seen.ids)
 
 
-def test_page_says_what_matters_and_escapes_the_rest(page: str, result: CalibrationResult) -> None:
+def test_page_says_what_matters_and_escapes_the_rest(page: str, result: Calibration) -> None:
     assert "joint_1.offset" in page
     assert result.solution.sentence[1:] in page
     assert "<script>alert" not in page
@@ -236,7 +236,7 @@ def test_page_says_what_matters_and_escapes_the_rest(page: str, result: Calibrat
     assert "&lt;b&gt;" in page
 
 
-def test_page_of_an_unconverged_run_shows_no_values(unconverged: CalibrationResult) -> None:
+def test_page_of_an_unconverged_run_shows_no_values(unconverged: Calibration) -> None:
     page = render_report(unconverged)
     assert "Do not use" in page
     assert "Change from nominal" not in page
@@ -248,7 +248,7 @@ BESIDE = {"result.json", "residuals.csv", "inputs.zip", "report.html"}
 
 
 def test_results_are_written_and_the_urdf_is_the_solution(
-    result: CalibrationResult, tmp_path: Path
+    result: Calibration, tmp_path: Path
 ) -> None:
     files = write_results(result, tmp_path / "a" / "results")
     assert set(files) == {"calibrated.urdf", *BESIDE}
@@ -262,7 +262,7 @@ def test_results_are_written_and_the_urdf_is_the_solution(
 
 
 def test_an_unconverged_run_writes_no_urdf_and_removes_nothing(
-    unconverged: CalibrationResult, tmp_path: Path
+    unconverged: Calibration, tmp_path: Path
 ) -> None:
     (tmp_path / "mine.txt").write_text("keep")
     files = write_results(unconverged, tmp_path)
@@ -271,7 +271,7 @@ def test_an_unconverged_run_writes_no_urdf_and_removes_nothing(
 
 
 def test_the_urdf_of_a_calibration_that_made_it_worse_has_another_name(
-    worse: CalibrationResult, tmp_path: Path
+    worse: Calibration, tmp_path: Path
 ) -> None:
     files = write_results(worse, tmp_path)
     assert set(files) == {"not_usable.urdf", *BESIDE}
@@ -281,7 +281,7 @@ def test_the_urdf_of_a_calibration_that_made_it_worse_has_another_name(
 
 
 def test_a_folder_that_cannot_be_used_is_one_clear_error(
-    result: CalibrationResult, tmp_path: Path
+    result: Calibration, tmp_path: Path
 ) -> None:
     taken = tmp_path / "results"
     taken.write_text("a file")
@@ -293,7 +293,7 @@ def test_a_folder_that_cannot_be_used_is_one_clear_error(
 
 
 def test_a_failing_write_leaves_the_old_file(
-    result: CalibrationResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    result: Calibration, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     target = tmp_path / "report.html"
     target.write_text("old")
@@ -311,7 +311,7 @@ def test_a_failing_write_leaves_the_old_file(
 # the first screen
 
 
-def test_the_page_begins_with_what_came_out(page: str, result: CalibrationResult) -> None:
+def test_the_page_begins_with_what_came_out(page: str, result: Calibration) -> None:
     tree = etree.HTML(page)
     (headline,) = tree.xpath("//p[@class='headline']")
     assert headline.text == result.headline
@@ -337,7 +337,7 @@ FIRST_SCREEN = (
 )
 
 
-def test_what_is_held_is_one_line_for_each_reason(page: str, result: CalibrationResult) -> None:
+def test_what_is_held_is_one_line_for_each_reason(page: str, result: Calibration) -> None:
     (line,) = re.findall(r"<li>(Redundant, so at nominal \(1\): .*)</li>", page)
     assert line.endswith("joint_1.offset")
     tree = etree.HTML(page)
@@ -347,7 +347,7 @@ def test_what_is_held_is_one_line_for_each_reason(page: str, result: Calibration
     assert set(names) < set(result.job.parameters)
 
 
-def test_the_scene_on_the_page_is_what_was_computed(page: str, result: CalibrationResult) -> None:
+def test_the_scene_on_the_page_is_what_was_computed(page: str, result: Calibration) -> None:
     """What the script turns is in mm, and the still picture is its projection."""
     (told,) = re.findall(r'turnable\(.*?"scene"\), (\{.*\})\);', page)
     scene = json.loads(told)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from report_scenes import AWKWARD, TRUTH, console_text, with_accuracy
 
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.report.calibration import calibration_document
 from suta_calib.report.console import rendered
 from suta_calib.report.errors import RESIDUALS, accuracy_json, by_kind, groups, residual_rows
@@ -20,14 +20,14 @@ from suta_calib.report.listing import Json, csv_of_groups
 from suta_calib.report.page import page_with
 
 
-def result_dict(result: CalibrationResult) -> Json:
+def result_dict(result: Calibration) -> Json:
     return calibration_document(result).json()
 
 
 # result.json
 
 
-def test_json_has_what_the_format_promises(result: CalibrationResult) -> None:
+def test_json_has_what_the_format_promises(result: Calibration) -> None:
     content = json.loads(json.dumps(result_dict(result), allow_nan=False))
     assert content["status"] == "converged"
     assert content["verdict"]["sentence"] == result.solution.sentence
@@ -50,7 +50,7 @@ def test_json_has_what_the_format_promises(result: CalibrationResult) -> None:
     assert prior["interval"][0] < prior["factor"] < prior["interval"][1]
 
 
-def test_json_values_are_the_solution_in_si(result: CalibrationResult) -> None:
+def test_json_values_are_the_solution_in_si(result: Calibration) -> None:
     content = result_dict(result)["parameters"]
     assert list(content) == list(result.solution.problem.names)
     for name, estimate in result.solution.estimates.items():
@@ -64,7 +64,7 @@ def test_json_values_are_the_solution_in_si(result: CalibrationResult) -> None:
     assert content["joint_6.z"]["prior"] == pytest.approx(1e-6)
 
 
-def test_json_has_the_poses_of_what_stands_outside_the_arm(result: CalibrationResult) -> None:
+def test_json_has_the_poses_of_what_stands_outside_the_arm(result: Calibration) -> None:
     found = result_dict(result)["external_poses"]
     parameters = result.solution.estimates
     assert list(found) == ["base[rig]", f"fixed_point[{AWKWARD}]", "fixed_point[F2]"]
@@ -85,7 +85,7 @@ def test_json_has_the_poses_of_what_stands_outside_the_arm(result: CalibrationRe
     assert point["rotation_std_deg"] == [None] * 3
 
 
-def test_json_states_follow_the_rules(result: CalibrationResult) -> None:
+def test_json_states_follow_the_rules(result: Calibration) -> None:
     content = result_dict(result)
     parameters = content["parameters"]
     assert parameters["joint_6.z"]["state"] == "prior"
@@ -99,7 +99,7 @@ def test_json_states_follow_the_rules(result: CalibrationResult) -> None:
             assert p["value"] == p["nominal"]
 
 
-def test_json_tells_held_out_errors_from_their_prediction(result: CalibrationResult) -> None:
+def test_json_tells_held_out_errors_from_their_prediction(result: Calibration) -> None:
     (row,) = result_dict(result)["held_out"]
     assert (row["kind"], row["label"], row["block"], row["unit"]) == (
         "tracked_point",
@@ -115,7 +115,7 @@ def test_json_tells_held_out_errors_from_their_prediction(result: CalibrationRes
     assert "within 68 %" in shown
 
 
-def test_json_metrics_are_those_of_the_first_kind_in_mm(result: CalibrationResult) -> None:
+def test_json_metrics_are_those_of_the_first_kind_in_mm(result: Calibration) -> None:
     errors = result.accuracy.validation[0].blocks[0].after
     after = result_dict(result)["metrics"]["validation"]["after"]
     assert after["rms_mm"] == pytest.approx(1e3 * math.sqrt(np.mean(errors**2)))
@@ -125,7 +125,7 @@ def test_json_metrics_are_those_of_the_first_kind_in_mm(result: CalibrationResul
     assert 0.2 < after["rms_mm"] < 0.6
 
 
-def test_json_adds_one_figure_for_orientations(result: CalibrationResult) -> None:
+def test_json_adds_one_figure_for_orientations(result: Calibration) -> None:
     term = result.accuracy.validation[0]
     turned = np.full((3, 1), math.radians(2.0))
     rotation = replace(
@@ -144,13 +144,13 @@ def test_json_adds_one_figure_for_orientations(result: CalibrationResult) -> Non
     assert set(found["after"]) == {"rms_mm", "mean_mm", "std_mm", "max_mm", "count", "rms_deg"}
 
 
-def test_json_lists_only_real_combinations(result: CalibrationResult) -> None:
+def test_json_lists_only_real_combinations(result: Calibration) -> None:
     for direction in result_dict(result)["unobservable"]:
         assert len(direction) >= 2
         assert set(direction) <= set(result.solution.problem.names)
 
 
-def test_json_correlations_are_of_the_estimated_arm_parameters(result: CalibrationResult) -> None:
+def test_json_correlations_are_of_the_estimated_arm_parameters(result: Calibration) -> None:
     found = result_dict(result)["correlations"]
     matrix = np.array(found["matrix"])
     states = {n: result.solution.estimates[n].state for n in found["parameters"]}
@@ -160,7 +160,7 @@ def test_json_correlations_are_of_the_estimated_arm_parameters(result: Calibrati
     np.testing.assert_allclose(matrix, matrix.T)
 
 
-def test_unconverged_json_carries_no_values(unconverged: CalibrationResult) -> None:
+def test_unconverged_json_carries_no_values(unconverged: Calibration) -> None:
     content = json.loads(json.dumps(result_dict(unconverged), allow_nan=False))
     assert content["status"] == "not_converged"
     for p in content["parameters"].values():
@@ -170,7 +170,7 @@ def test_unconverged_json_carries_no_values(unconverged: CalibrationResult) -> N
         assert part["after"]["rms_mm"] is None
 
 
-def test_json_without_validation_has_nulls_not_nan(result: CalibrationResult) -> None:
+def test_json_without_validation_has_nulls_not_nan(result: Calibration) -> None:
     job = replace(result.job, spec=replace(result.job.spec, validation=()))
     alone = with_accuracy(replace(result, job=job), replace(result.accuracy, validation=()))
     part = json.loads(json.dumps(result_dict(alone), allow_nan=False))["metrics"]["validation"]
@@ -187,7 +187,7 @@ def test_json_without_validation_has_nulls_not_nan(result: CalibrationResult) ->
 # residuals.csv
 
 
-def test_residuals_are_all_there_and_add_up(result: CalibrationResult) -> None:
+def test_residuals_are_all_there_and_add_up(result: Calibration) -> None:
     text = csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
     rows = list(csv.DictReader(io.StringIO(text)))
     assert len(rows) == 40 + 12 + 15
@@ -206,7 +206,7 @@ def test_residuals_are_all_there_and_add_up(result: CalibrationResult) -> None:
 # grouping and judging
 
 
-def test_errors_are_grouped_by_label(result: CalibrationResult) -> None:
+def test_errors_are_grouped_by_label(result: Calibration) -> None:
     found = groups(result.accuracy.calibration, "point")
     assert {name: len(e) for name, e in found.items()} == {AWKWARD: 6, "F2": 6}
     assert set(groups(result.accuracy.validation, "file")) == {"validation.csv"}
@@ -216,7 +216,7 @@ def test_errors_are_grouped_by_label(result: CalibrationResult) -> None:
     ]
 
 
-def test_an_error_counts_once_for_each_label_of_its_ends(result: CalibrationResult) -> None:
+def test_an_error_counts_once_for_each_label_of_its_ends(result: Calibration) -> None:
     _, term = result.accuracy.calibration
     names = term.term.poses.samples.labels["point"]
     rows = np.array([[j, k] for j in range(len(names)) for k in range(j)])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from suta_calib.job.calibration import CalibrationResult
+from suta_calib.job.calibration import Calibration
 from suta_calib.report.calibration import calibration_document
 from suta_calib.report.page import page_with
 
@@ -38,7 +38,7 @@ document.title = `${Math.max(...apart)} ${before.length} ${turned}`;
 
 @pytest.mark.skipif(CHROMIUM is None, reason="needs chromium")
 def test_a_scene_is_drawn_alike_by_the_page_and_by_its_script(
-    result: CalibrationResult, tmp_path: Path
+    result: Calibration, tmp_path: Path
 ) -> None:
     page = tmp_path / "page.html"
     page.write_text(page_with(calibration_document(result), None).replace("</body>", PROBE))

@@ -11,7 +11,7 @@ import numpy as np
 from rich.console import Console, RenderableType
 
 from suta_calib.diagnostics.accuracy import Accuracy
-from suta_calib.job.calibration import CalibrationJob, CalibrationResult
+from suta_calib.job.calibration import Calibration, CalibrationJob
 from suta_calib.model.arm import ArmModel
 
 TRUTH = {"joint_4.offset": 0.02, "joint_4.z": 0.5730, "tip.z": 0.0015}
@@ -79,7 +79,7 @@ def console_text(shown: RenderableType) -> str:
     return console.file.getvalue()
 
 
-def with_accuracy(result: CalibrationResult, accuracy: Accuracy) -> CalibrationResult:
+def with_accuracy(result: Calibration, accuracy: Accuracy) -> Calibration:
     """The same, of which nothing is computed yet but these errors."""
     examined = replace(result.examined)
     # Where a cached property keeps its value.

@@ -18,7 +18,7 @@ from simulated import SUTA_URDF
 from viser_page import Held, held_by
 
 from suta_calib.geometry.numbers import rotation_from_quaternion
-from suta_calib.job.calibration import CalibrationJob, CalibrationResult
+from suta_calib.job.calibration import Calibration, CalibrationJob
 from suta_calib.view.calibration import calibration_scene, show
 from suta_calib.view.page import page
 from suta_calib.view.scene import Arrows, Ellipsoids, Scene
@@ -30,13 +30,13 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory: pytest.TempPathFactory) -> CalibrationResult:
+def result(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
     job = write_simulated_job(tmp_path_factory.mktemp("job"), SUTA_URDF)
     return CalibrationJob.load(job).run()
 
 
 @pytest.fixture(scope="module")
-def scene(result: CalibrationResult) -> Scene:
+def scene(result: Calibration) -> Scene:
     return calibration_scene(result.calibrated)
 
 
@@ -63,7 +63,7 @@ def test_it_needs_no_network_and_says_whether_to_use_it(html: bytes, scene: Scen
 
 
 def test_the_page_plays_every_sample_and_names_it(
-    held: Held, scene: Scene, result: CalibrationResult
+    held: Held, scene: Scene, result: Calibration
 ) -> None:
     node = "/calibrated/links/tip"
     turns, places = (
@@ -132,7 +132,7 @@ def test_factors_joints_and_samples_are_chosen_in_the_panel(scene: Scene) -> Non
         np.testing.assert_allclose(tip.position, arm.arm.forward(q, arm.values)[1], atol=1e-6)
 
 
-def test_a_result_shows_itself_and_so_does_any_solution(result: CalibrationResult) -> None:
+def test_a_result_shows_itself_and_so_does_any_solution(result: Calibration) -> None:
     with result.view() as viewer, show(result.examined) as other:
         assert f'src="{viewer.url}"' in viewer._repr_html_()
         with urlopen(viewer.url) as answer:
