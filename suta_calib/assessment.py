@@ -176,7 +176,11 @@ def _verdict(answer: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def refuse_unusable(
-    answer: Mapping[str, Any] | Assessment, file: Path, *, anyway: bool = False
+    answer: Mapping[str, Any] | Assessment,
+    file: Path,
+    *,
+    anyway: bool = False,
+    insist: str = "--anyway",
 ) -> None:
     """Refuse to build on an answer that must not be used.
 
@@ -184,6 +188,7 @@ def refuse_unusable(
         answer: as read back from JSON, or the assessment of one that was just made.
         file: it came from.
         anyway: use it all the same (``--anyway``).
+        insist: how a user says so.
 
     Raises:
         UnusableResultError: its ``verdict`` says that it is not usable.
@@ -199,5 +204,5 @@ def refuse_unusable(
         "one that may be",
         file=file,
         where="" if isinstance(answer, Assessment) else "verdict",
-        hint="mend what it names and run it again, or insist with --anyway",
+        hint=f"mend what it names and run it again, or insist with {insist}",
     )

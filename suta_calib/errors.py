@@ -117,7 +117,7 @@ class SolverError(InputError):
 
 
 class UnusableResultError(InputError):
-    """An answer that was written with the word that it must not be used is read back."""
+    """An answer says of itself that it must not be used, and somebody would use it."""
 
 
 class DeviceFileError(InputError):

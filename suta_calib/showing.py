@@ -4,10 +4,23 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from importlib import import_module
-from typing import Final
+from typing import Any, Final
 
 # Knows the tables. It is named, not imported: what shows itself is what it is made of.
 _TABLES: Final = "suta_calib.report.notebook"
+
+
+def named(module: str, name: str) -> Any:
+    """Something of a module that stands in a row below, and is therefore named, not imported.
+
+    What shows or judges an answer is made of the answer. An answer that shows or judges itself
+    says who does it, by this alone.
+
+    Args:
+        module: its full name.
+        name: of the thing in it.
+    """
+    return getattr(import_module(module), name)
 
 
 class Shown:
@@ -28,5 +41,5 @@ class Shown:
 
     def _repr_html_(self) -> str:
         """What Jupyter shows: the tables of the report, without its pictures."""
-        html: str = import_module(_TABLES).html_of(self)
+        html: str = named(_TABLES, "html_of")(self)
         return html

@@ -8,12 +8,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from simulated import arm_named
+from simulated import arm_named, dh_parameters
 from terms_cases import AVAILABLE, problem_of
 
-from suta_calib import ArmModel, InputError
-from suta_calib.errors import UrdfError
-from suta_calib.geometry.numbers import quaternion_from_rotation
+from suta_calib import ArmModel, InputError, Problem, SutaCalibError, solve
+from suta_calib.api import calibrate
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import UnusableResultError, UrdfError
+from suta_calib.geometry.numbers import quaternion_from_rotation, register_points
+from suta_calib.job.calibration import Calibration, CalibrationJob
+from suta_calib.job.in_python import Free
+from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.terms import (
     KINDS,
     ArmPoses,
@@ -202,3 +207,150 @@ def test_quaternions_are_x_y_z_w() -> None:
 def test_one_label_stands_for_all_rows() -> None:
     term = FixedPoint.from_arrays(ARM, Q, point="post")
     assert term.places[0] == ["post"]
+
+
+# ── one call ─────────────────────────────────────────────────────────────────────────────────
+TRUTH = {"joint_2.offset": 0.02, "joint_3.offset": -0.03, "joint_4.z": 0.574, "joint_5.ry": 0.004}
+
+
+def seen(rows: int, seed: int, *, backwards: str = "", label: str = "default") -> TrackedPoint:
+    """An arm with errors, seen by an instrument; perhaps with a joint that counts backwards."""
+    random = np.random.default_rng(seed)
+    q = random.uniform(-1.2, 1.2, (rows, 6))
+    turned = [[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]
+    position = ARM.forward(q, TRUTH)[1] @ turned + [0.5, 0.2, 0.1]
+    position += 1e-4 * random.standard_normal(position.shape)
+    q *= [-1.0 if name == backwards else 1.0 for name in ARM.joints]
+    return TrackedPoint.from_arrays(ARM, q, position=position, label=label)
+
+
+@pytest.fixture(scope="module")
+def result() -> Calibration:
+    return calibrate(ARM, [seen(50, 1)], validation=[seen(25, 2)])
+
+
+def test_an_answer_without_files_is_judged(result: Calibration) -> None:
+    assert (result.assessment.level, result.assessment.usable) == ("good", True)
+    assert result.assessment.sentence.startswith("converged: ")
+    assert (
+        result.metrics["validation"]["after"].rms
+        < 3e-4
+        < result.metrics["validation"]["before"].rms
+    )
+    assert result.metrics["calibration"]["after"].count == 50
+
+
+def test_its_estimates_and_covariance_go_together(result: Calibration) -> None:
+    found = result.estimates["joint_5.ry"]
+    assert found.std is not None
+    assert abs(found.value - TRUTH["joint_5.ry"]) < 4 * found.std
+    place = [*result.estimates].index("joint_5.ry")
+    assert result.covariance[place, place] == pytest.approx(found.std**2)
+
+
+def test_its_arm_and_its_urdf_are_the_calibrated_one(result: Calibration, tmp_path: Path) -> None:
+    result.write_urdf(tmp_path / "calibrated.urdf")
+    written = ArmModel.from_urdf(tmp_path / "calibrated.urdf", "tip")
+    np.testing.assert_allclose(written.forward(Q)[1], result.arm.forward(Q)[1], atol=1e-9)
+    truth = ARM.forward(Q, TRUTH)[1]
+    aligned = registered_residual(result.arm.forward(Q)[1], truth)
+    assert aligned < 5e-4 < registered_residual(SEEN, truth)
+
+
+def registered_residual(points: FloatArray, others: FloatArray) -> float:
+    """RMS after the rigid motion that an instrument of unknown place leaves open, m."""
+    R, p = register_points(points, others)
+    return float(np.sqrt(np.mean(np.sum((points @ R.T + p - others) ** 2, axis=1))))
+
+
+@pytest.mark.parametrize("joint", ["joint_3", "joint_6"])
+def test_a_joint_that_counts_backwards_writes_no_urdf(joint: str, tmp_path: Path) -> None:
+    terms = seen(50, 1, backwards=joint), seen(25, 2, backwards=joint)
+    result = calibrate(ARM, terms[0], validation=terms[1])
+    assert result.assessment.level == "bad"
+    assert f"{joint} counts the other way" in result.assessment.notes[0]
+    with pytest.raises(UnusableResultError, match=rf"{joint} counts.*insist with anyway=True"):
+        result.write_urdf(tmp_path / "arm.urdf")
+    assert not [*tmp_path.iterdir()]
+    result.write_urdf(tmp_path / "arm.urdf", anyway=True)
+    assert (tmp_path / "arm.urdf").is_file()
+
+
+def test_a_solution_is_judged_when_it_is_asked() -> None:
+    solution = solve(Problem([seen(40, 1, backwards="joint_3")], dh_parameters(ARM)))
+    assert solution.assessment.level == "bad"
+    assert "joint_3 counts the other way" in solution.assessment.notes[0]
+    assert solution.assessment is solution.assessment
+
+
+def test_a_job_is_run_by_the_same_call(repository: Path) -> None:
+    path = repository / "data" / "suta" / "calibration.yaml"
+    by_path, by_job = calibrate(path), calibrate(CalibrationJob.load(path))
+    assert isinstance(by_path, Calibration)
+    assert by_path.solution.values == by_job.solution.values
+    with pytest.raises(InputError, match="calibrate: found a job and more arguments"):
+        calibrate(path, free="*.offset")
+
+
+@pytest.mark.parametrize(
+    ("free", "count"),
+    [
+        ("*.offset", 6),
+        (["*.offset", "joint_4.z"], 7),
+        (Selection("joint_?.offset", bound_rad=0.1), 6),
+        (ARM.select("joint_4.z"), 1),
+        ("geometric", 6 * 6 + 6),
+    ],
+)
+def test_what_is_free_is_chosen_as_in_a_job(free: Free, count: int) -> None:
+    job = CalibrationJob.of_terms(ARM, [seen(20, 1)], free=free)
+    assert len(job.parameters) == count
+    for parameter in job.parameters.values():
+        stated = isinstance(free, ParameterSet | Selection)
+        assert (parameter.prior is None) == stated
+        assert parameter.prior_assumed != stated
+
+
+def test_a_report_and_a_plot_need_no_files(result: Calibration, tmp_path: Path) -> None:
+    result.report(tmp_path / "report.html")
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "Calibration of" in page
+    assert "joint_5.ry" in page
+    assert result.plot() is not None
+    assert result.calibrated.title
+
+
+WRONG_CALLS: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
+    ((ARM,), {}, "calibrate: found no observations"),
+    ((ARM, []), {}, "calibrate: found no observations"),
+    ((ARM, None), {}, "calibrate: terms: found None; expected terms"),
+    ((ARM, [SEEN]), {}, "expected a term; make one with from_arrays"),
+    ((3, [seen(9, 1)]), {}, "found int; expected an ArmModel, a CalibrationJob, or the path"),
+    (("no.yaml",), {}, "no.yaml"),
+    ((ARM, seen(2, 1)), {}, "found 2 samples; expected at least 3"),
+    ((ARM.at({"joint_4.z": 0.6}), seen(9, 1)), {}, "of another ArmModel; expected this arm"),
+    ((ARM, seen(9, 1)), {"free": "joint_9.z"}, "'joint_9.z', which matches no parameter"),
+    ((ARM, seen(9, 1)), {"free": [7]}, "calibrate: free: found 7; expected names, globs"),
+    ((ARM, seen(9, 1)), {"free": 7}, "calibrate: free: found 7; expected names, globs"),
+    ((ARM, seen(9, 1)), {"free": []}, "calibrate: free: found nothing to estimate"),
+    ((ARM, seen(9, 1)), {"options": 8}, "options: found 8; expected SolverOptions"),
+    ((ARM, seen(9, 1)), {"validation": 1.0}, "calibrate: validation: found 1.0; expected terms"),
+    ((ARM, [seen(9, 1), seen(9, 1)]), {}, "9 samples that stand in observations[0] too"),
+]
+
+
+@pytest.mark.parametrize(("given", "more", "said"), WRONG_CALLS)
+def test_a_call_that_cannot_work_is_refused_in_words(
+    given: tuple[Any, ...], more: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(SutaCalibError) as refused:
+        calibrate(*given, **more)
+    assert said in str(refused.value)
+
+
+def test_positions_in_mm_are_refused() -> None:
+    term = seen(20, 1)
+    position = 1e3 * np.asarray(term.poses.samples.position)
+    in_mm = TrackedPoint.from_arrays(ARM, term.poses.samples.q, position=position)
+    with pytest.raises(InputError, match="is it another unit"):
+        calibrate(ARM, in_mm)

@@ -95,6 +95,11 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
     ).with_care(failed)
 
 
+def assess_solution(solution: Solution) -> Assessment:
+    """The same of the fitted data alone, as `Solution.assessment` has it."""
+    return assess_calibration(CalibrationExamination.of(solution))
+
+
 def _doubts(terms: Sequence[Term]) -> Iterable[tuple[str, Level]]:
     return [each for term in terms for each in term.doubts.items()]
 

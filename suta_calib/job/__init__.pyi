@@ -2,10 +2,10 @@ from .acceptance import AcceptanceJob as AcceptanceJob
 from .acceptance import ProbedSpheres as ProbedSpheres
 from .calibration import Calibration as Calibration
 from .calibration import CalibrationJob as CalibrationJob
-from .calibration import read_arm_samples as read_arm_samples
-from .calibration import read_term as read_term
 from .dh_file import dh_text as dh_text
 from .dh_file import read_dh_table as read_dh_table
+from .job_terms import read_arm_samples as read_arm_samples
+from .job_terms import read_term as read_term
 from .limits import Decision as Decision
 from .limits import DecisionRule as DecisionRule
 from .limits import LengthLimit as LengthLimit

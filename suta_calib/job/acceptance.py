@@ -27,7 +27,8 @@ import numpy as np
 
 from suta_calib.arrays import IntArray
 from suta_calib.errors import InputError, JobError, UrdfError
-from suta_calib.job.calibration import CalibrationJob, read_term
+from suta_calib.job.calibration import CalibrationJob
+from suta_calib.job.job_terms import read_term
 from suta_calib.job.limits import JUDGED_KEYS, DecisionRule, Limits, StatedUncertainty, read_judged
 from suta_calib.job.schema import ArmSpec, ObservationSpec, read_arm
 from suta_calib.measurements import SampleColumns, Samples, YamlSection, read_samples, read_yaml

@@ -12,24 +12,34 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib import plotting
+from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
-from suta_calib.diagnostics.accuracy import Accuracy, TermAccuracy, fitted_too, read_where_fitted
+from suta_calib.diagnostics.accuracy import (
+    Accuracy,
+    Metrics,
+    TermAccuracy,
+    fitted_too,
+    read_where_fitted,
+)
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
+from suta_calib.job.in_python import IN_PYTHON, Free, row_of, terms_over, unknowns_of
+from suta_calib.job.job_terms import held_together, placed, read_term
 from suta_calib.job.scene import calibration_scene
-from suta_calib.job.schema import JobSpec, ObservationSpec, read_job
-from suta_calib.measurements import Artefact, Samples, read_artefact, read_samples
+from suta_calib.job.schema import ArmSpec, JobSpec, read_job
+from suta_calib.measurements import read_artefact
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import Parameter, ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.model.parameters import (
+    GEOMETRIC,
+    ParameterSet,
+)
+from suta_calib.showing import Shown, named
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
-from suta_calib.terms.poses import joint_ranges
+from suta_calib.terms import Term
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.patterns import may_read_alike
 from suta_calib.units import shown, unit_name
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import view_calibration
@@ -38,12 +48,14 @@ if TYPE_CHECKING:
     from suta_calib.diagnostics.explanation import Explanation
     from suta_calib.diagnostics.repeats import TouchRepeatability
     from suta_calib.plotting.scene import Scene
-    from suta_calib.solver.solution import Solution
+    from suta_calib.solver.solution import Estimate, Solution
     from suta_calib.solver.solve import Progress
     from suta_calib.view.calibrated import Calibrated
     from suta_calib.view.server import Viewer
 
 DataSet = Literal["calibration", "validation"]
+# Who writes an answer as a page, and is made of answers.
+_PAGES: Final = "suta_calib.report.notebook"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,7 +68,8 @@ class CalibrationJob(Shown):
         parameters: its unknowns.
         observations: terms to fit.
         validation: terms that are never fitted.
-        files: what was read for it, itself first.
+        files: what was read for it, itself first; none of a job that stands in no file.
+        chosen: how to solve, where that stands in no file.
     """
 
     spec: JobSpec
@@ -65,6 +78,7 @@ class CalibrationJob(Shown):
     observations: tuple[Term, ...]
     validation: tuple[Term, ...]
     files: tuple[Path, ...] = ()
+    chosen: SolverOptions | None = None
 
     @classmethod
     def load(cls, path: str | Path) -> CalibrationJob:
@@ -85,18 +99,64 @@ class CalibrationJob(Shown):
         try:
             parameters = arm.select(*spec.parameters)
         except ParameterError as error:
-            raise _placed(error, spec.path, error.line) from None
+            raise placed(error, spec.path, error.line) from None
         # What was fitted and what is held out touch the same artefact: it is read once.
         read = partial(read_term, arm, job=spec.path, artefact=cache(read_artefact))
         observations = [read(row, fitted=True) for row in spec.observations]
-        _check_once(spec, observations)
-        validation = tuple(read(row) for row in spec.validation)
-        _check_given_alike(spec, observations, validation)
-        terms = (*observations, *validation)
-        _check_shared(spec, terms)
-        terms = tuple(term.beside(terms) for term in terms)
-        fitted = len(observations)
-        return cls(spec, arm, parameters, terms[:fitted], terms[fitted:])
+        validation = [read(row) for row in spec.validation]
+        return cls(spec, arm, parameters, *held_together(spec, observations, validation))
+
+    @classmethod
+    def of_terms(
+        cls,
+        arm: ArmModel,
+        observations: Term | Sequence[Term],
+        validation: Term | Sequence[Term] = (),
+        *,
+        free: Free = GEOMETRIC,
+        options: SolverOptions = SolverOptions(),
+    ) -> CalibrationJob:
+        """A job that was put together in Python, and stands in no file.
+
+        Args:
+            arm: at nominal.
+            observations: terms to fit, over this arm.
+            validation: terms that are never fitted, over this arm.
+            free: what is unknown: names, globs and `Selection`s, as one row each of a job, later
+                ones win; ``geometric`` alone means all placements and joint offsets. What has
+                neither bounds nor a prior gets the prior that is usual (`with_usual_priors`). Or
+                parameters as `ArmModel.select` gives them, which stay as they are.
+            options: how to solve.
+
+        Raises:
+            InputError: terms of another arm, too few samples, or unknowns that the arm lacks.
+        """
+        fitted = terms_over(arm, "terms", observations)
+        held_out = terms_over(arm, "validation", validation)
+        if not fitted:
+            raise InputError("no observations", "at least one term to fit", where="calibrate")
+        for term in fitted:
+            term.check_enough()
+            for note in term.notes:
+                warnings.warn(f"{term.kind}: {note}", SutaCalibWarning, stacklevel=3)
+        rows, parameters = unknowns_of(arm, free)
+        if not isinstance(options, SolverOptions):
+            raise InputError(repr(options), "SolverOptions(…)", where="calibrate: options")
+        spec = JobSpec(
+            IN_PYTHON,
+            ArmSpec(arm.chain.path, arm.tip, arm.chain.base),
+            rows,
+            tuple(map(row_of, fitted)),
+            tuple(map(row_of, held_out)),
+        )
+        terms = held_together(spec, fitted, held_out)
+        return cls(spec, arm, parameters, *terms, chosen=options)
+
+    @property
+    def title(self) -> str:
+        """What is calibrated: the name of the job's folder, or the robot's."""
+        path = self.spec.path
+        return path.parent.resolve().name or path.name if self.files else self.arm.chain.robot
 
     @property
     def in_a_line(self) -> str:
@@ -113,9 +173,9 @@ class CalibrationJob(Shown):
         return Problem(self.observations, self.parameters)
 
     def options(self) -> SolverOptions:
-        """The solver section."""
+        """What was chosen, or the solver section."""
         s = self.spec.solver
-        return SolverOptions(s.starts, s.seed, s.hessian, s.max_iterations)
+        return self.chosen or SolverOptions(s.starts, s.seed, s.hessian, s.max_iterations)
 
     def run(
         self, progress: Progress | None = None, about: Callable[[str], None] | None = None
@@ -172,7 +232,7 @@ class CalibrationJob(Shown):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Calibration(Shown):
-    """A job, its solution, and how far off the arm is before and after.
+    """What came out of a calibration, judged: the one answer of a job and of `calibrate`.
 
     Attributes:
         job: what was asked.
@@ -201,6 +261,60 @@ class Calibration(Shown):
             return assessment
         on_the_job = judge("the job's rows", self._on_the_job, failed)
         return assessment.with_care([*on_the_job, *failed])
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """Every unknown by name, with its standard deviation; the arm's come first."""
+        return self.solution.estimates
+
+    @property
+    def covariance(self) -> FloatArray:
+        """(n, n) of `estimates`, in their order, m and rad; zero where nothing was estimated."""
+        return self.solution.covariance
+
+    @property
+    def metrics(self) -> dict[str, dict[str, Metrics]]:
+        """``metrics["validation"]["after"].rms``: of lengths, m, with the nominal arm and after.
+
+        Of all terms of the first one's kind, as in ``result.json``; without validation data there
+        is only ``calibration``.
+        """
+        sets = {"calibration": self.accuracy.calibration, "validation": self.accuracy.validation}
+        return {
+            name: {which: Accuracy.overall(terms, which) for which in ("before", "after")}
+            for name, terms in sets.items()
+            if terms
+        }
+
+    @cached_property
+    def arm(self) -> ArmModel:
+        """The calibrated arm, with what a URDF cannot hold; the nominal one is ``job.arm``."""
+        return self.job.arm.at(self.solution.values)
+
+    def write_urdf(self, path: str | Path, *, anyway: bool = False) -> None:
+        """Write the user's own URDF with the calibrated values in the origins of its joints.
+
+        Args:
+            path: of the new file.
+            anyway: write what must not be used too.
+
+        Raises:
+            UnusableResultError: the assessment says that the result must not be used.
+            OutputError: the file cannot be written; nothing is left half-written.
+        """
+        refuse_unusable(self.assessment, Path(path), anyway=anyway, insist="anyway=True")
+        self.job.arm.write_urdf(path, self.solution.values)
+
+    def report(self, path: str | Path) -> None:
+        """Write ``report.html`` of it: one page that needs nothing else.
+
+        Args:
+            path: of the new file.
+
+        Raises:
+            OutputError: the file cannot be written.
+        """
+        named(_PAGES, "write_page")(self, Path(path))
 
     @property
     def in_a_line(self) -> str:
@@ -319,115 +433,6 @@ class Calibration(Shown):
         return notes
 
 
-def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:
-    """Samples of an arm for one kind of observation."""
-    return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
-
-
-def read_term(
-    arm: ArmModel,
-    row: ObservationSpec,
-    job: Path,
-    *,
-    fitted: bool = False,
-    artefact: Callable[[Path], Artefact] = read_artefact,
-) -> Term:
-    """The term of one row of a job, over the arm at nominal, its samples read.
-
-    Args:
-        arm: whose readings they are.
-        row: the row, checked.
-        job: the file it stands in, for messages.
-        fitted: whether the samples must be enough to be fitted.
-        artefact: reads one.
-
-    Raises:
-        InputError: samples or artefact that cannot be used.
-    """
-    samples = read_arm_samples(arm, row.sample_files, row.kind)
-    setup = Setup(
-        None if row.artefact is None else artefact(row.artefact),
-        _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
-        _noise(row.sigma_rad, row.huber_rad, row.sigma_fixed),
-        row.label,
-        row.seating,
-        row.settings,
-    )
-    try:
-        if row.exclude is not None:
-            samples = row.exclude.kept(samples)
-        term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
-        term = replace(term, given=row.given) if row.given else term
-        term = replace(term, scale=row.scale) if row.scale else term
-        term.check_given()
-        if fitted:
-            term.check_enough()
-    except InputError as error:
-        raise _placed(error, job, row.line) from None
-    for note in term.notes:
-        warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
-    return term
-
-
-def _given_unknowns(terms: Sequence[Term]) -> dict[str, Parameter]:
-    """Own unknowns of which a given pose says something."""
-    return {p.name: p for term in terms if term.given for p in term.unknowns if p not in term.own}
-
-
-def _check_given_alike(
-    spec: JobSpec, observations: Sequence[Term], validation: Sequence[Term]
-) -> None:
-    """Refuse a pose of a held-out row that would go unheard: what is fitted keeps its place."""
-    fitted = {p.name for term in observations for p in term.own}
-    given = _given_unknowns(observations)
-    for row, term in zip(spec.validation, validation, strict=True):
-        for name, parameter in _given_unknowns([term]).items():
-            if name in fitted and given.get(name) != parameter:
-                raise JobError(
-                    f"a given pose that differs from that of the observations in {name}",
-                    "one pose for one place",
-                    file=spec.path,
-                    line=row.line,
-                    hint="give it in the row of the observations; or give what stands elsewhere "
-                    "another label",
-                )
-
-
-def _check_shared(spec: JobSpec, terms: Sequence[Term]) -> None:
-    """Refuse rows that share a camera or a board, and say two things of it."""
-    rows = (*spec.observations, *spec.validation)
-    for k, (row, term) in enumerate(zip(rows, terms, strict=True)):
-        for before in terms[:k]:
-            try:
-                term.check_beside(before)
-            except SamplesError as error:
-                raise _placed(error, spec.path, row.line) from None
-
-
-def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
-    """Refuse rows of a job that are one another's samples: they would count twice."""
-    if len(terms) < 2:
-        return
-
-    rows_by_kind: dict[str, list[tuple[int, set[bytes]]]] = {}
-    for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
-        keys = set(term.poses.samples.as_keys())
-        for other, theirs in rows_by_kind.setdefault(row.kind, []):
-            both = len(keys & theirs)
-            # Touches of one point may happen to read alike, a few of them, by coarse encoders.
-            few = max(1, min(len(keys), len(theirs)) // 2)
-            if both > (few if may_read_alike(term.poses.samples) else 1):
-                raise JobError(
-                    f"{both} samples that stand in observations[{other}] too",
-                    "samples of their own in every row of one kind",
-                    file=spec.path,
-                    line=row.line,
-                    where=f"observations[{k}].samples",
-                    hint="name every file once, by one path",
-                )
-        rows_by_kind[row.kind].append((k, keys))
-
-
 def _read_with_fitted(job: CalibrationJob) -> list[str]:
     """Held-out rows that are other readings of a fitted rest (equal ones: `contradictions`)."""
     beside = read_where_fitted(job.observations, job.validation)
@@ -442,12 +447,3 @@ def _read_with_fitted(job: CalibrationJob) -> list[str]:
         "without moving or back there: what the model gets wrong at those postures they do not "
         "show."
     ]
-
-
-def _placed(error: InputError, job: Path, line: int | None) -> InputError:
-    """The same error with a place in the job, for what was found without knowing of files."""
-    return error if error.file is not None else JobError.of(error, job, line)
-
-
-def _noise(sigma: float | None, huber: float | None, fixed: bool) -> Noise:
-    return Noise(sigma, math.inf if huber is None else huber, fixed and sigma is not None)

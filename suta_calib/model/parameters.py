@@ -72,6 +72,8 @@ PLAUSIBLE: Final[dict[Unit, float]] = {
     # A turn that is read 18° too long: no gear, and hardly a potentiometer, is so wrong.
     "1": 0.05,
 }
+# The same of the placements of joints as built, as a standard deviation.
+USUAL_GEOMETRY: Final[dict[Unit, float]] = {"m": 2e-3, "rad": from_deg(0.5)}
 # A degree of eccentricity, or of play, would be seen with the naked eye.
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
 
@@ -270,6 +272,27 @@ class Selection:
         if self.fixed and not any(prior is not None for prior in priors):
             return replace(parameter, free=False)
         return parameter.bounded(*self.sizes(parameter.unit), self.fixed)
+
+
+def with_usual_priors(parameters: Iterable[Parameter]) -> ParameterSet:
+    """Parameters of which neither bound nor prior was stated get the prior that is usual.
+
+    It is `Parameter.prior_assumed`: the data may contradict it, and widen it. An encoder's zero may
+    be set by hand. Machined and assembled links are off by millimetres and tenths of a degree.
+    """
+    return ParameterSet(
+        replace(p, prior=_usual_prior(p), prior_assumed=True)
+        if p.free and p.prior is None and math.isinf(p.upper - p.lower)
+        else p
+        for p in parameters
+    )
+
+
+def _usual_prior(parameter: Parameter) -> float:
+    """Standard deviation of a parameter about nominal before anything is measured."""
+    if (parameter.key == OFFSET and parameter.unit == "rad") or not parameter.geometric:
+        return parameter.plausible
+    return USUAL_GEOMETRY[parameter.unit]
 
 
 def select_parameters(

@@ -116,7 +116,6 @@ def calibration_document(result: Calibration, *, verbose: bool = False) -> Docum
             instruments), those that stayed where their prior has them and, of a long list, those
             held; otherwise one line counts them.
     """
-    path = result.job.spec.path
     parts = [
         *section("the first screen", lambda: _first_screen(result)),
         *section("errors", lambda: _errors(result)),
@@ -128,7 +127,7 @@ def calibration_document(result: Calibration, *, verbose: bool = False) -> Docum
         *section("how it was computed", lambda: _computation(result)),
         *_files(result),
     ]
-    title = f"Calibration of {path.parent.resolve().name or path.name}"
+    title = f"Calibration of {result.job.title}"
     return Document(
         NAME, title, result.assessment, parts, _data(result), "opening", result.headline
     )
@@ -361,12 +360,13 @@ def _computation(result: Calibration) -> Iterator[Part]:
         f"{phases}.",
         place="page",
     )
-    yield Text(path.name, place="page", look="heading")
-    try:
-        job = path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        job = "(the job file is not there any more)"
-    yield Text(job, place="page", look="verbatim")
+    if result.job.files:
+        yield Text(path.name, place="page", look="heading")
+        try:
+            job = path.read_text(encoding="utf-8", errors="replace")
+        except OSError:
+            job = "(the job file is not there any more)"
+        yield Text(job, place="page", look="verbatim")
     if not result.assessment.usable:
         instead = f": {NOT_USABLE} holds what was found" if solution.converged else ""
         yield Text(f"No {CALIBRATED} is written{instead}.")
@@ -388,8 +388,12 @@ def _files(result: Calibration) -> list[File]:
         File(
             "residuals.csv", lambda: csv_of_groups(RESIDUALS, residual_rows(result.labelled_terms))
         ),
-        # With what it was made of the folder can go elsewhere.
-        File(inputs_copy.NAME, lambda: inputs_copy.packed(job.spec.path, job.files)),
+        # With what it was made of the folder can go elsewhere; arrays are in no file.
+        *(
+            [File(inputs_copy.NAME, lambda: inputs_copy.packed(job.spec.path, job.files))]
+            if job.files
+            else []
+        ),
     ]
 
 

@@ -8,11 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import singledispatch
 from operator import attrgetter
+from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.analysis.outliers import Outliers
 from suta_calib.analysis.planning import Plan
 from suta_calib.analysis.tip_map import TipMap
+from suta_calib.atomic import write_bytes_atomically
 from suta_calib.diagnostics.observability import Observability
 from suta_calib.job.calibration import Calibration
 from suta_calib.model.arm import ArmModel
@@ -21,13 +23,14 @@ from suta_calib.model.parameters import Parameter, ParameterSet
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.pose_calibration.registration import Registration
+from suta_calib.report.calibration import calibration_document
 from suta_calib.report.document import Document, Shown
 from suta_calib.report.errors import errors_table
 from suta_calib.report.hand_eye import frame_tables
 from suta_calib.report.listing import Column, Listing, components, shown_as
 from suta_calib.report.observability import observability_document
 from suta_calib.report.outliers import outliers_document
-from suta_calib.report.page import environment
+from suta_calib.report.page import environment, page_with
 from suta_calib.report.parameters import PARAMETERS, outcomes
 from suta_calib.report.pivot import places_table
 from suta_calib.report.plan import plan_document
@@ -83,6 +86,16 @@ def _parameters(examined: CalibrationExamination) -> Shown:
     """Parameters of the arm; those of the terms where there is no arm."""
     every = outcomes(examined)
     return PARAMETERS.of(every[: examined.solution.problem.arm_count] or every, "")
+
+
+def write_page(answer: Calibration, path: Path) -> None:
+    """Write the report of an answer as one page.
+
+    Raises:
+        OutputError: the file cannot be written.
+    """
+    page = page_with(calibration_document(answer), None, answer.job.spec.path.name)
+    write_bytes_atomically(path, page.encode(errors="replace"))
 
 
 @singledispatch

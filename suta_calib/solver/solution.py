@@ -6,16 +6,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 
 from suta_calib import plotting
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
 from suta_calib.plotting.change import Change
-from suta_calib.showing import Shown
+from suta_calib.showing import Shown, named
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import STALLED
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from suta_calib.solver.weights import Weights
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
+# Who judges a solution, and is made of solutions.
+_JUDGE: Final = "suta_calib.diagnostics.assessment"
 # Of the variance that a prior leaves, the part the data must take away to call it identified.
 INFORMED = 0.5
 
@@ -162,6 +165,17 @@ class Solution(Shown):
             f"converged: {estimated} of {estimated + len(self.identification.fixed)} unknowns "
             f"estimated; {self.agreeing} of {len(self.attempts)} starts reached the same minimum"
         )
+
+    @cached_property
+    @judged
+    def assessment(self) -> Assessment:
+        """Whether the values may be used, and what must be known to use them.
+
+        Judged when it is asked for, and of the fitted data alone: `calibrate` takes validation
+        data too.
+        """
+        found: Assessment = named(_JUDGE, "assess_solution")(self)
+        return found
 
     @property
     def x(self) -> FloatArray:

@@ -324,7 +324,7 @@ def study_of_job(
     Raises:
         SamplesError: too few sets, or none of the sizes is possible.
         JobError: the log is of another study.
-        UnusableResultError: the answer with all data must not be used.
+        NotUsableError: the answer with all data must not be used.
         InputError: no Dask scheduler answers, or its workers cannot run a trial.
     """
     solution = job.usable_solution(anyway=anyway)

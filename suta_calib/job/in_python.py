@@ -1,0 +1,93 @@
+"""What a job takes that is put together in Python: terms, unknowns, and a row for each term."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from suta_calib.errors import InputError, ParameterError, did_you_mean
+from suta_calib.job.schema import ObservationSpec
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import (
+    GEOMETRIC,
+    OFFSET,
+    ROTATION,
+    ParameterSet,
+    Selection,
+    with_usual_priors,
+)
+from suta_calib.terms import ArmPoses, Term
+
+# What is unknown, as `CalibrationJob.of_terms` takes it.
+Free = str | Selection | ParameterSet | Sequence[str | Selection]
+# What messages call the file of a job that was put together in Python.
+IN_PYTHON: Final = Path("calibrate")
+
+
+def terms_over(arm: ArmModel, name: str, terms: Term | Sequence[Term]) -> tuple[Term, ...]:
+    """Terms of a job in Python, all of them over its arm."""
+    where = f"calibrate: {name}"
+    if not isinstance(arm, ArmModel):
+        raise InputError(repr(arm), "an ArmModel", where="calibrate: arm")
+    try:
+        found = (terms,) if isinstance(terms, Term) else tuple(terms)
+    except TypeError:
+        raise InputError(repr(terms), "terms", where=where) from None
+    for term in found:
+        if not isinstance(term, Term):
+            hint = "make one with from_arrays of its kind, as TrackedPoint.from_arrays(arm, q, …)"
+            raise InputError(repr(term), "a term", where=where, hint=hint)
+        if not isinstance(term.poses, ArmPoses):
+            raise InputError(f"{term!r} without an arm", "a term over an arm", where=where)
+        if term.poses.arm is not arm:
+            hint = "read the arm once, and give it to every term and to calibrate"
+            raise InputError(f"{term!r} of another ArmModel", "this arm", where=where, hint=hint)
+    return found
+
+
+def unknowns_of(arm: ArmModel, free: Free) -> tuple[tuple[Selection, ...], ParameterSet]:
+    """Rows of a job and the parameters that they select, with usual priors."""
+    if isinstance(free, ParameterSet):
+        for name in free:
+            if name not in arm.offered:
+                hint = did_you_mean(name, arm.offered)
+                raise ParameterError(repr(name), "parameters of this arm", hint=hint)
+        return (), free
+    several: Any = free if isinstance(free, Iterable) and not isinstance(free, str) else [free]
+    given = [*several]
+    rows, expected = list[Selection](), "names, globs, Selections or 'geometric'"
+    if not given:
+        raise ParameterError("nothing to estimate", expected, where="calibrate: free")
+    for row in given:
+        if not isinstance(row, str | Selection):
+            raise ParameterError(repr(row), expected, where="calibrate: free")
+        rows.append(row if isinstance(row, Selection) else Selection(row))
+    if given != [GEOMETRIC]:
+        return tuple(rows), with_usual_priors(arm.select(*rows).values())
+    rows.append(Selection(f"*.{OFFSET}"))
+    # To turn a joint's origin about the joint's axis is what its offset does.
+    again = {
+        f"{joint.name}.{ROTATION[np.argmax(np.abs(joint.axis))]}"
+        for joint in arm.chain.joints
+        if joint.type in ("revolute", "continuous") and np.max(np.abs(joint.axis)) == 1.0
+    }
+    chosen = arm.select(*rows)
+    return tuple(rows), with_usual_priors(p for n, p in chosen.items() if n not in again)
+
+
+def row_of(term: Term) -> ObservationSpec:
+    """What a job's file would say of a term."""
+    return ObservationSpec(
+        term.kind,
+        (),
+        (),
+        # No file: what tells artefacts apart.
+        None if term.touched is None else Path(term.touched.name),
+        label=getattr(term, "label", "default"),
+        seating=getattr(term, "seating", None),
+        given=term.given,
+        scale=term.scale,
+    )

@@ -1,0 +1,161 @@
+"""The terms of a job: read from the files of its rows, and held against each other."""
+
+from __future__ import annotations
+
+import math
+import warnings
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from suta_calib.diagnostics.odd_readings import may_read_alike
+from suta_calib.errors import InputError, JobError, SamplesError, SutaCalibWarning
+from suta_calib.job.schema import JobSpec, ObservationSpec
+from suta_calib.measurements import (
+    Artefact,
+    Samples,
+    read_artefact,
+    read_samples,
+)
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import Parameter
+from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.terms.poses import joint_ranges
+
+
+def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:
+    """Samples of an arm for one kind of observation."""
+    return read_samples(files, joint_ranges(arm), KINDS[kind].columns)
+
+
+def read_term(
+    arm: ArmModel,
+    row: ObservationSpec,
+    job: Path,
+    *,
+    fitted: bool = False,
+    artefact: Callable[[Path], Artefact] = read_artefact,
+) -> Term:
+    """The term of one row of a job, over the arm at nominal, its samples read.
+
+    Args:
+        arm: whose readings they are.
+        row: the row, checked.
+        job: the file it stands in, for messages.
+        fitted: whether the samples must be enough to be fitted.
+        artefact: reads one.
+
+    Raises:
+        InputError: samples or artefact that cannot be used.
+    """
+    samples = read_arm_samples(arm, row.sample_files, row.kind)
+    setup = Setup(
+        None if row.artefact is None else artefact(row.artefact),
+        _noise(row.sigma_m, row.huber_m, row.sigma_fixed),
+        _noise(row.sigma_rad, row.huber_rad, row.sigma_fixed),
+        row.label,
+        row.seating,
+        row.settings,
+    )
+    try:
+        if row.exclude is not None:
+            samples = row.exclude.kept(samples)
+        term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
+        term = replace(term, given=row.given) if row.given else term
+        term = replace(term, scale=row.scale) if row.scale else term
+        term.check_given()
+        if fitted:
+            term.check_enough()
+    except InputError as error:
+        raise placed(error, job, row.line) from None
+    for note in term.notes:
+        warnings.warn(f"{job}:{row.line}: {note}", SutaCalibWarning, stacklevel=3)
+    return term
+
+
+def held_together(
+    spec: JobSpec, observations: Sequence[Term], validation: Sequence[Term]
+) -> tuple[tuple[Term, ...], tuple[Term, ...]]:
+    """The terms of a job as they are beside each other.
+
+    Args:
+        spec: their rows.
+        observations: terms to fit.
+        validation: terms that are held out.
+
+    Raises:
+        InputError: rows that say two things of the same, or fitted samples that stand in two rows.
+    """
+    _check_once(spec, observations)
+    _check_given_alike(spec, observations, validation)
+    terms = (*observations, *validation)
+    _check_shared(spec, terms)
+    terms = tuple(term.beside(terms) for term in terms)
+    return terms[: len(observations)], terms[len(observations) :]
+
+
+def _given_unknowns(terms: Sequence[Term]) -> dict[str, Parameter]:
+    """Own unknowns of which a given pose says something."""
+    return {p.name: p for term in terms if term.given for p in term.unknowns if p not in term.own}
+
+
+def _check_given_alike(
+    spec: JobSpec, observations: Sequence[Term], validation: Sequence[Term]
+) -> None:
+    """Refuse a pose of a held-out row that would go unheard: what is fitted keeps its place."""
+    fitted = {p.name for term in observations for p in term.own}
+    given = _given_unknowns(observations)
+    for row, term in zip(spec.validation, validation, strict=True):
+        for name, parameter in _given_unknowns([term]).items():
+            if name in fitted and given.get(name) != parameter:
+                raise JobError(
+                    f"a given pose that differs from that of the observations in {name}",
+                    "one pose for one place",
+                    file=spec.path,
+                    line=row.line,
+                    hint="give it in the row of the observations; or give what stands elsewhere "
+                    "another label",
+                )
+
+
+def _check_shared(spec: JobSpec, terms: Sequence[Term]) -> None:
+    """Refuse rows that share a camera or a board, and say two things of it."""
+    rows = (*spec.observations, *spec.validation)
+    for k, (row, term) in enumerate(zip(rows, terms, strict=True)):
+        for before in terms[:k]:
+            try:
+                term.check_beside(before)
+            except SamplesError as error:
+                raise placed(error, spec.path, row.line) from None
+
+
+def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
+    """Refuse rows of a job that are one another's samples: they would count twice."""
+    if len(terms) < 2:
+        return
+    rows_by_kind: dict[str, list[tuple[int, set[bytes]]]] = {}
+    for k, (row, term) in enumerate(zip(spec.observations, terms, strict=True)):
+        keys = set(term.poses.samples.as_keys())
+        for other, theirs in rows_by_kind.setdefault(row.kind, []):
+            both = len(keys & theirs)
+            # Touches of one point may happen to read alike, a few of them, by coarse encoders.
+            few = max(1, min(len(keys), len(theirs)) // 2)
+            if both > (few if may_read_alike(term.poses.samples) else 1):
+                raise JobError(
+                    f"{both} samples that stand in observations[{other}] too",
+                    "samples of their own in every row of one kind",
+                    file=spec.path,
+                    line=row.line,
+                    where=f"observations[{k}].samples",
+                    hint="name every file once, by one path",
+                )
+        rows_by_kind[row.kind].append((k, keys))
+
+
+def placed(error: InputError, job: Path, line: int | None) -> InputError:
+    """The same error with a place in the job, for what was found without knowing of files."""
+    return error if error.file is not None else JobError.of(error, job, line)
+
+
+def _noise(sigma: float | None, huber: float | None, fixed: bool) -> Noise:
+    return Noise(sigma, math.inf if huber is None else huber, fixed and sigma is not None)
