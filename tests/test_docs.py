@@ -212,3 +212,11 @@ def test_the_readme_is_a_screen(repository: Path) -> None:
     lines = (repository / "README.md").read_text(encoding="utf-8").splitlines()
     assert len(lines) <= README_LINES
     assert sum(line.startswith("![") for line in lines) == 1
+
+
+def test_the_python_page_has_every_name_of_the_package(repository: Path) -> None:
+    text = (repository / "docs" / "guides" / "python.md").read_text(encoding="utf-8")
+    code = "".join(re.findall(r"^```python\n(.*?)^```$", text, re.M | re.S))
+    # Each is imported there, and used: the page is executed by `test_shown_blocks`.
+    used = [name for name in suta_calib.__all__ if len(re.findall(rf"\b{name}\b", code)) < 2]
+    assert used == []

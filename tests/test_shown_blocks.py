@@ -78,7 +78,7 @@ def test_python_runs_and_prints_what_its_comments_say(page: str, folder: Path) -
     for each in code:
         with redirect_stdout(printed):
             exec(each, names)
-    said = re.findall(r"^print\(.*\)  # (.*)$", "\n".join(python), re.M)
+    said = re.findall(r"^ *print\(.*\)  # (.*)$", "\n".join(python), re.M)
     assert said
     for line, claim in zip(printed.getvalue().splitlines(), said, strict=True):
         assert line.startswith(claim.removesuffix("…").strip())

@@ -85,13 +85,14 @@ class RawPoints:
     count: int
 
 
-def read_raw_points(path: Path) -> RawPoints:
+def read_raw_points(path: str | Path) -> RawPoints:
     """Read and check a file of raw points.
 
     Raises:
         SamplesError: not a CSV file, a column or cell that cannot be used, an unknown feature, or
             touches that a landmark needs and does not have; names the line or the landmark.
     """
+    path = Path(path)
     table = read_csv_table(path)
     rows = _Rows(table)
     names = list(dict.fromkeys(rows.landmark[k] for k in rows.of("top", "hole", "flat")))

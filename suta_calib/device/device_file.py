@@ -77,7 +77,7 @@ _LONGEST_PORT: Final = 1000
 _URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
 
 
-def read_device(path: Path) -> DeviceSpec:
+def read_device(path: str | Path) -> DeviceSpec:
     """Read ``device.yaml``.
 
     A relative port (``emulated``, a link that an emulator made) is meant from the file's folder
@@ -87,6 +87,7 @@ def read_device(path: Path) -> DeviceSpec:
         DeviceFileError: unreadable, an unknown, missing or unusable key (with its line), one
             joint twice, or counts that do not fit the format.
     """
+    path = Path(path)
     top = YamlSection(read_yaml(path, DeviceFileError), DeviceFileError)
     values = DEVICE_KEYS.read(top)
     form = FORMATS[values.get("format", "frames")]

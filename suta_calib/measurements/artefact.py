@@ -27,6 +27,7 @@ from suta_calib.measurements.fields import (
     read_as,
 )
 from suta_calib.measurements.files import write_text
+from suta_calib.measurements.samples import finite, rotation_matrix
 from suta_calib.measurements.scale import (
     SCALE_KEYS,
     STRETCH,
@@ -63,6 +64,13 @@ class Landmark:
     )
     sigma: float = keyed(LENGTH_OR_0, "Standard deviation of each coordinate; 0 without it.", 0.0)
 
+    def __post_init__(self) -> None:
+        where = f"landmark {self.name}"
+        object.__setattr__(self, "position", finite(f"{where}: position", self.position, (3,)))
+        if self.rotation is not None:
+            rotation = rotation_matrix(f"{where}: rotation", self.rotation)
+            object.__setattr__(self, "rotation", rotation)
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Artefact:
@@ -70,7 +78,7 @@ class Artefact:
 
     Attributes:
         name: of the artefact.
-        landmarks: by name.
+        landmarks: by name; a sequence of them is given their own names.
         scale: how well its common scale is known, where its file says so; see `length_scale`.
         stretch: standard deviation of how much longer it is along x and along y, as a ratio; None
             where it is as its file says, up to the scale. Then terms estimate both.
@@ -88,6 +96,8 @@ class Artefact:
     twist: str | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.landmarks, Mapping):
+            object.__setattr__(self, "landmarks", {mark.name: mark for mark in self.landmarks})
         if not self.landmarks:
             raise ArtefactError("no landmarks", "at least one", where=f"artefact {self.name!r}")
         if pair := coincident_landmarks(self.landmarks.values()):
@@ -172,7 +182,7 @@ def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | Non
     return None
 
 
-def read_artefact(path: Path) -> Artefact:
+def read_artefact(path: str | Path) -> Artefact:
     """Read ``artefact.yaml``.
 
     Raises:
@@ -180,6 +190,7 @@ def read_artefact(path: Path) -> Artefact:
             landmarks, one landmark twice, two in the same place, or all so close together that
             they must be in metres.
     """
+    path = Path(path)
     top = YamlSection(read_yaml(path, ArtefactError), ArtefactError)
     values = ARTEFACT_KEYS.read(top)
     listed = top.section("landmarks")

@@ -15,6 +15,7 @@ from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
 from suta_calib.measurements.camera_files import OTHER_MODELS, PLUMB_BOB, camera_document, plumb_bob
 from suta_calib.measurements.fields import TEXT, Field, Fields, Value, whole
 from suta_calib.measurements.files import write_text
+from suta_calib.measurements.samples import finite
 from suta_calib.measurements.yaml_file import YamlSection, shown
 
 _CORNERS: Final = "corners_sha256"
@@ -71,6 +72,11 @@ class Camera:
     intrinsics: FloatArray
     covariance: FloatArray | None = None
     corners: str = ""
+
+    def __post_init__(self) -> None:
+        for name, shape in (("intrinsics", (9,)), ("covariance", (9, 9))):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(self, name, finite(f"camera: {name}", values, shape))
 
     @property
     def values(self) -> Mapping[str, float]:

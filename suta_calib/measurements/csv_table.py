@@ -157,7 +157,7 @@ class CsvTable:
         )
 
 
-def read_csv_table(path: Path) -> CsvTable:
+def read_csv_table(path: str | Path) -> CsvTable:
     """Read comma-separated values; blank lines and lines that start with ``#`` are skipped.
 
     Raises:
@@ -168,6 +168,7 @@ def read_csv_table(path: Path) -> CsvTable:
     Warns:
         SutaCalibWarning: a last number that may be half-written.
     """
+    path = Path(path)
     text = read_text(path, SamplesError)
     if (plain := PlainColumns.of(text)) is not None:
         return CsvTable(path, plain, 1, tuple(range(2, 2 + plain.rows)))

@@ -20,13 +20,14 @@ from suta_calib.errors import InputError, SamplesError
 from suta_calib.inputs import read_input
 
 
-def read_text(path: Path, error: type[InputError] = InputError) -> str:
+def read_text(path: str | Path, error: type[InputError] = InputError) -> str:
     """Whole text of a UTF-8 file, without its byte order mark.
 
     Raises:
         InputError: (as ``error``) missing, a folder, unreadable, or not UTF-8 (with the
             line), as text with bytes that are zero is not.
     """
+    path = Path(path)
     if path.is_dir():
         raise error("a folder", "a file", file=path)
     try:

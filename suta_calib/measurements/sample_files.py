@@ -103,12 +103,12 @@ class SampleColumns:
 
 
 def read_samples(
-    paths: Sequence[Path], joints: Sequence[JointRange], columns: SampleColumns
+    paths: str | Path | Sequence[str | Path], joints: Sequence[JointRange], columns: SampleColumns
 ) -> Samples:
     """Read one or more samples CSV files into one `Samples`.
 
     Args:
-        paths: the files, in the order their rows shall have.
+        paths: the file, or the files in the order their rows shall have.
         joints: the joints of the chain, base to tip; the order of the columns of ``q``.
         columns: what else is needed; every other column is ignored, but ``JOINT.direction``, where
             all files have it: from which side that joint came; and ``temperature``, °C, which all
@@ -123,6 +123,7 @@ def read_samples(
             number or an empty label, has a reading that looks like degrees or millimetres or is
             whole turns beyond its range, or only some of the files have orientations.
     """
+    paths = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
     if not paths:
         raise SamplesError("no files", "at least one samples file")
     check_joint_names([joint.name for joint in joints], columns)

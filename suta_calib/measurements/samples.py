@@ -157,13 +157,13 @@ class Samples(Shown):
             raise SamplesError(f"{len(origin)} entries", f"{n}, one per row of q", where="origin")
         return cls(
             tuple(joints),
-            _finite("q", q, (n, len(joints))),
+            finite("q", q, (n, len(joints))),
             {name: _labels(name, values, n) for name, values in (labels or {}).items()},
             None if position is None else _positions(position, n),
             None if rotation is None else _rotations(rotation, n),
             origin,
             pixels=None if pixels is None else _pixels(pixels, n),
-            numbers={name: _finite(name, v, (n,)) for name, v in (numbers or {}).items()},
+            numbers={name: finite(name, v, (n,)) for name, v in (numbers or {}).items()},
             direction=None if direction is None else _directions(direction, (n, len(joints))),
             temperature=None if temperature is None else _temperatures(temperature, n),
             position_sigma=None
@@ -348,8 +348,12 @@ def numbers_of(name: str, values: ArrayLike) -> FloatArray:
         raise SamplesError(f"no array of numbers ({problem})", where=name) from None
 
 
-def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Read-only copy as finite floats of the given shape, or the error that it is not."""
+def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """Read-only copy as finite numbers of a shape.
+
+    Raises:
+        SamplesError: something else; ``name`` says where.
+    """
     array = numbers_of(name, values)
     if array.shape != shape:
         raise SamplesError(f"shape {array.shape}", f"shape {shape}", where=name)
@@ -361,7 +365,7 @@ def _finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 
 def positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     """Read-only copy as positive floats of the given shape, or the error that it is not."""
-    array = _finite(name, values, shape)
+    array = finite(name, values, shape)
     for index in np.argwhere(array <= 0.0):
         place = f"{name}[{', '.join(map(str, index))}]"
         raise SamplesError(f"{array[tuple(index)]:g}", "a number greater than 0", where=place)
@@ -369,7 +373,7 @@ def positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray
 
 
 def _positions(values: ArrayLike, n: int) -> FloatArray:
-    position = _finite("position", values, (n, 3))
+    position = finite("position", values, (n, 3))
     for index in np.argwhere(np.abs(position) > FARTHEST):
         place = f"position[{', '.join(map(str, index))}]"
         found, hint = f"{position[tuple(index)]:g}", "coordinates of a grid? subtract an origin"
@@ -378,7 +382,7 @@ def _positions(values: ArrayLike, n: int) -> FloatArray:
 
 
 def _directions(values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    direction = _finite("direction", values, shape)
+    direction = finite("direction", values, shape)
     for index in np.argwhere(~np.isin(direction, (-1.0, 0.0, 1.0))):
         place = f"direction[{', '.join(map(str, index))}]"
         raise SamplesError(f"{direction[tuple(index)]:g}", "-1, 0 or 1", where=place)
@@ -386,7 +390,7 @@ def _directions(values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
 
 
 def _temperatures(values: ArrayLike, n: int) -> FloatArray:
-    temperature, (low, high) = _finite("temperature", values, (n,)), TEMPERATURES
+    temperature, (low, high) = finite("temperature", values, (n,)), TEMPERATURES
     for row in np.flatnonzero((temperature < low) | (temperature > high)):
         found, expected = f"{temperature[row]:g}", f"°C, from {low:g} to {high:g}"
         raise SamplesError(found, expected, where=f"temperature[{row}]")
@@ -416,12 +420,26 @@ def _labels(name: str, values: Sequence[str] | NDArray[np.str_], n: int) -> NDAr
 
 
 def _rotations(values: ArrayLike, n: int) -> FloatArray:
-    rotation = _finite("rotation", values, (n, 3, 3))
+    rotation = finite("rotation", values, (n, 3, 3))
     for row in np.flatnonzero(~are_rotations(rotation)):
-        raise SamplesError(
-            "a matrix that is not a rotation", "orthonormal, right-handed", where=f"rotation[{row}]"
-        )
+        raise _no_rotation(f"rotation[{row}]")
     return rotation
+
+
+def _no_rotation(where: str) -> SamplesError:
+    return SamplesError("a matrix that is not a rotation", "orthonormal, right-handed", where=where)
+
+
+def rotation_matrix(name: str, values: ArrayLike) -> FloatArray:
+    """Read-only copy (3, 3) of a rotation.
+
+    Raises:
+        SamplesError: something else; ``name`` says where.
+    """
+    matrix = finite(name, values, (3, 3))
+    if not are_rotations(matrix[None]).all():
+        raise _no_rotation(name)
+    return matrix
 
 
 def _joined(arrays: Sequence[FloatArray | None]) -> FloatArray | None:

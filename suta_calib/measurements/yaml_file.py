@@ -54,7 +54,7 @@ class YamlDocument:
         return self.lines.get(keys)
 
 
-def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
+def read_yaml(path: str | Path, error: type[InputError] = InputError) -> YamlDocument:
     """Read a YAML file whose top level is a mapping.
 
     Raises:
@@ -62,6 +62,7 @@ def read_yaml(path: Path, error: type[InputError] = InputError) -> YamlDocument:
             itself, more than any file of this field says, or another top level; with the line
             where there is one.
     """
+    path = Path(path)
     # What reads YAML is imported where there is some.
 
     data, lines = plain_data(path, read_text(path, error), error)

@@ -151,7 +151,7 @@ class SimulationSpec:
             raise JobError.of(problem, self.path, None) from None
 
 
-def read_simulation(path: Path) -> SimulationSpec:
+def read_simulation(path: str | Path) -> SimulationSpec:
     """Read and check ``simulation.yaml``; paths in it are relative to the file.
 
     Raises:

@@ -20,6 +20,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements import YamlSection
 from suta_calib.measurements.fields import ANGLE, RPY_DEG, Value, fields_of, keyed, read_as
 from suta_calib.measurements.fields import POSITION as POSITION_MM
+from suta_calib.measurements.samples import finite, numbers_of, rotation_matrix
 from suta_calib.model.parameters import POSITION, ROTATION, Parameter
 from suta_calib.units import from_mm, mm
 
@@ -46,7 +47,8 @@ class GivenPose:
     Attributes:
         position: (3,), m.
         rotation: (3, 3), or None where the orientation stays unknown.
-        position_std: (3,) standard deviation of each coordinate, m; None for an exact one.
+        position_std: (3,) standard deviation of each coordinate, m, or one of all; None for an
+            exact position.
         rotation_std: standard deviation of the turn about any axis, rad; None for an exact one.
         line: where it stands in its file.
     """
@@ -72,6 +74,16 @@ class GivenPose:
         "prior_deg",
     )
     line: int | None = None
+
+    def __post_init__(self) -> None:
+        checked = {"position": finite("GivenPose: position", self.position, (3,))}
+        if self.rotation is not None:
+            checked["rotation"] = rotation_matrix("GivenPose: rotation", self.rotation)
+        if self.position_std is not None:
+            std = np.broadcast_to(numbers_of("GivenPose: position_std", self.position_std), 3)
+            checked["position_std"] = finite("GivenPose: position_std", std, (3,))
+        for name, array in checked.items():
+            object.__setattr__(self, name, array)
 
     @classmethod
     def read(cls, section: YamlSection) -> GivenPose:

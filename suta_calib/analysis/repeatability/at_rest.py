@@ -330,7 +330,7 @@ class Stream:
         return int(np.sum(np.diff(self.time) > 1.5 * self.period))
 
 
-def read_stream(path: Path, joints: Sequence[str] = ()) -> Stream:
+def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
     """Read a stationary stream.
 
     Args:
@@ -343,6 +343,7 @@ def read_stream(path: Path, joints: Sequence[str] = ()) -> Stream:
             readings that can only be degrees, time that does not increase, fewer than 100 rows.
         MissingExtraError: a Parquet file, and pyarrow is not installed.
     """
+    path = Path(path)
     table = _read_parquet(path) if path.suffix.lower() in _PARQUET else read_csv_table(path)
     names = tuple(joints) or tuple(n for n in table.columns if n not in NO_JOINTS)
     if not names:
