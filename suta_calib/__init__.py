@@ -2,13 +2,12 @@
 
 A few lines do what the command line does::
 
-    arm = ArmModel.from_urdf("arm.urdf", tip="tip")
-    unknowns = arm.select(Selection(("*.offset",), bound_rad=0.26), "joint_4.z")
-    poses = ArmPoses(arm, samples)
-    problem = Problem([PairwiseDistance(poses, artefact, Noise(huber=1.35e-3))], unknowns)
-    solution = solve(problem, SolverOptions(starts=8))
-    print(solution.sentence, solution.unidentified)
-    arm.write_urdf("calibrated.urdf", solution.values)
+    arm = ArmModel.from_urdf("arm.urdf", tip="tool0")
+    fitted = TrackedPoint.from_arrays(arm, q, position=p)
+    held_out = TrackedPoint.from_arrays(arm, q2, position=p2)
+    result = calibrate(arm, [fitted], validation=[held_out])
+    print(result.assessment)
+    result.write_urdf("calibrated.urdf")
 """
 
 import lazy_loader

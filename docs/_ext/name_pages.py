@@ -92,6 +92,7 @@ def api_index() -> Iterator[str]:
     """Every public name, by the package where it is described."""
     yield "# Python\n\nEverything documented here is public. Inside, all quantities are SI.\n\n"
     yield f"```python\n{first_code(suta_calib)}```\n\n"
+    yield "[Every name of `suta_calib` by task](../guides/python.md), with examples.\n\n"
     rows = (
         (f"[{module}](api/{module}.md)", ", ".join(f"`{name}`" for name in names))
         for module, names in documented().items()
