@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import inspect
+import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -11,14 +13,31 @@ import pytest
 from simulated import arm_named, dh_parameters
 from terms_cases import AVAILABLE, problem_of
 
-from suta_calib import ArmModel, InputError, Problem, SutaCalibError, solve
-from suta_calib.api import calibrate
+from suta_calib import (
+    ArmModel,
+    Artefact,
+    Calibration,
+    CalibrationJob,
+    Camera,
+    GivenPose,
+    InputError,
+    Landmark,
+    Noise,
+    ParameterSet,
+    Problem,
+    Selection,
+    SolverOptions,
+    SutaCalibError,
+    UnusableResultError,
+    calibrate,
+    read_artefact,
+    read_samples,
+    solve,
+)
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import UnusableResultError, UrdfError
+from suta_calib.errors import UrdfError
 from suta_calib.geometry.numbers import quaternion_from_rotation, register_points
-from suta_calib.job.calibration import Calibration, CalibrationJob
 from suta_calib.job.in_python import Free
-from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.terms import (
     KINDS,
     ArmPoses,
@@ -354,3 +373,48 @@ def test_positions_in_mm_are_refused() -> None:
     in_mm = TrackedPoint.from_arrays(ARM, term.poses.samples.q, position=position)
     with pytest.raises(InputError, match="is it another unit"):
         calibrate(ARM, in_mm)
+
+
+UNUSABLE: list[tuple[Callable[[], Any], str]] = [
+    (lambda: Noise(sigma=math.nan), "Noise: sigma: found nan; expected a number greater than"),
+    (lambda: Noise(huber="x"), "Noise: huber: found 'x'"),
+    (lambda: Selection("*.offset", prior_rad=0.0), "parameters: prior_rad: found 0.0"),
+    (lambda: Selection("*.offset", bound_rad=math.nan), "parameters: bound_rad: found nan"),
+    (lambda: Selection(5), "parameters: select: found 5"),
+    (lambda: SolverOptions(starts=1.5), "SolverOptions: starts: found 1.5; expected a whole"),
+    (lambda: SolverOptions(hessian="none"), "expected gauss-newton or exact"),
+    (lambda: GivenPose("here"), "GivenPose: position: found no array of numbers"),
+    (lambda: GivenPose([0, 0, 0], np.ones((3, 3))), "found a matrix that is not a rotation"),
+    (lambda: Landmark("A", [1, 2]), "landmark A: position: found shape (2,)"),
+    (lambda: Artefact("a", ["A"]), "artefact 'a': found 'A'; expected landmarks"),
+    (lambda: Camera(10, 10, [1.0]), "camera: intrinsics: found shape (1,)"),
+    (lambda: ArmPoses(ARM, SEEN), "ArmPoses: found ArmModel, ndarray; expected an ArmModel and"),
+    (lambda: Problem([SEEN]), "expected a term"),
+    (lambda: Problem([seen(9, 1)], "geometric"), "Problem: found 'geometric'; expected parameters"),
+    (lambda: FixedPoint.from_arrays(ARM, Q, point="A", given={"A": 1}), "expected GivenPose"),
+    (lambda: FixedPoint.from_arrays(ARM, Q, point="A", given=[1]), "given: found [1] (list)"),
+    (lambda: ARM.forward("x"), "found no readings"),
+    (lambda: read_samples("no.csv", (), TrackedPoint.columns), "no.csv: found no such file"),
+    (lambda: read_artefact("no.yaml"), "no.yaml: found no such file"),
+]
+
+
+@pytest.mark.parametrize(("make", "said"), UNUSABLE, ids=[said for _, said in UNUSABLE])
+def test_what_cannot_be_used_is_refused_where_it_is_made(
+    make: Callable[[], Any], said: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        make()
+    assert said in str(refused.value)
+
+
+def test_positions_that_never_move_are_refused() -> None:
+    still = TrackedPoint.from_arrays(ARM, Q, position=np.zeros((12, 3)))
+    with pytest.raises(InputError, match="positions 0 mm about their middle"):
+        calibrate(ARM, still)
+
+
+def test_a_landmark_artefact_and_pose_take_plain_lists() -> None:
+    artefact = Artefact("bar", [Landmark("A", [0, 0, 0]), Landmark("B", [0, 0, 0.1])])
+    assert [*artefact.landmarks] == ["A", "B"]
+    assert GivenPose([0, 0, 1], position_std=1e-3).position_std == pytest.approx([1e-3] * 3)

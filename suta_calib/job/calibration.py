@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 from suta_calib import plotting
 from suta_calib.arrays import FloatArray
@@ -401,7 +401,8 @@ class Calibration(Shown):
     @property
     def calibrated(self) -> Calibrated:
         """What there is to see of it."""
-        return Calibrated.of(self.examined, self.assessment, str(self.job.spec.path))
+        title = str(self.job.spec.path) if self.job.files else self.job.title
+        return Calibrated.of(self.examined, self.assessment, title)
 
     def view(self, port: int = 0, host: str = "127.0.0.1") -> Viewer:
         """Show it in 3-D, in the browser; in a notebook below the cell.

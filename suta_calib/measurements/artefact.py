@@ -97,7 +97,11 @@ class Artefact:
 
     def __post_init__(self) -> None:
         if not isinstance(self.landmarks, Mapping):
-            object.__setattr__(self, "landmarks", {mark.name: mark for mark in self.landmarks})
+            marks = [*self.landmarks]
+            if not all(isinstance(mark, Landmark) for mark in marks):
+                where = f"artefact {self.name!r}"
+                raise ArtefactError(repr(marks[0]), "landmarks", where=where)
+            object.__setattr__(self, "landmarks", {mark.name: mark for mark in marks})
         if not self.landmarks:
             raise ArtefactError("no landmarks", "at least one", where=f"artefact {self.name!r}")
         if pair := coincident_landmarks(self.landmarks.values()):

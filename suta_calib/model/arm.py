@@ -312,7 +312,10 @@ class ArmModel(Shown):
         Returns:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
         """
-        readings = np.asarray(q, dtype=float)
+        try:
+            readings = np.asarray(q, dtype=float)
+        except (TypeError, ValueError) as problem:
+            raise ParameterError(f"no readings ({problem})", "(n, joints) of numbers") from None
         # What is no geometry and stays as it is needs no masses, which it may not have.
         beside = self.nongeometric
         own = {

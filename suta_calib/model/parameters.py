@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import ItemsView, Iterable, Iterator, Mapping, Sequence, ValuesView
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from functools import cached_property
+from numbers import Real
 from typing import Any, Final, Literal
 
 import numpy as np
@@ -74,6 +75,8 @@ PLAUSIBLE: Final[dict[Unit, float]] = {
 }
 # The same of the placements of joints as built, as a standard deviation.
 USUAL_GEOMETRY: Final[dict[Unit, float]] = {"m": 2e-3, "rad": from_deg(0.5)}
+# Bounds and priors below it hold a parameter where it is, and their squares are lost in rounding.
+LEAST_SIZE: Final = 1e-12
 # A degree of eccentricity, or of play, would be seen with the naked eye.
 PLAUSIBLE_ECCENTRICITY: Final = from_deg(1.0)
 
@@ -250,8 +253,18 @@ class Selection:
     prior_per_k: float | None = None
 
     def __post_init__(self) -> None:
-        if isinstance(self.select, str):
-            object.__setattr__(self, "select", (self.select,))
+        given = (self.select,) if isinstance(self.select, str) else self.select
+        place: dict[str, Any] = {"line": self.line, "where": "parameters: select"}
+        if not isinstance(given, Iterable) or not all(isinstance(each, str) for each in given):
+            raise ParameterError(repr(given), "names, globs, or 'geometric'", **place)
+        object.__setattr__(self, "select", tuple(given))
+        for each in fields(self):
+            size = getattr(self, each.name)
+            if not each.name.startswith(("bound", "prior")) or size is None:
+                continue
+            if not (isinstance(size, Real) and float(size) >= LEAST_SIZE):
+                place["where"] = f"parameters: {each.name}"
+                raise ParameterError(repr(size), f"a number greater than {LEAST_SIZE:g}", **place)
 
     def sizes(self, unit: Unit) -> tuple[float | None, float | None]:
         """Bound and prior of what is measured in ``unit``."""

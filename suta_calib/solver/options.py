@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from numbers import Integral
+from typing import Final
 
 from suta_calib.errors import ParameterError, did_you_mean
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.ipopt import Ipopt
 from suta_calib.solver.solver import Solver
+
+HESSIANS: Final = ("gauss-newton", "exact")
 
 
 @dataclass(frozen=True)
@@ -56,11 +60,22 @@ class SolverOptions:
     confirm: bool = True
     solver: Solver | None = None
 
+    def __post_init__(self) -> None:
+        for name, least in (("starts", 1), ("seed", 0), ("max_iterations", 1)):
+            value = getattr(self, name)
+            if not isinstance(value, Integral) or value < least:
+                expected = f"a whole number from {least} on"
+                raise ParameterError(repr(value), expected, where=f"SolverOptions: {name}")
+        if self.hessian not in HESSIANS:
+            hint = did_you_mean(str(self.hessian), HESSIANS)
+            found = f"the Hessian {self.hessian!r}"
+            raise ParameterError(found, " or ".join(HESSIANS), hint=hint)
+
     def build_solver(self) -> Solver:
         """The solver that these options ask for; there is no other place that makes one.
 
         Raises:
-            ParameterError: an unknown Hessian, or something else than a solver.
+            ParameterError: something else than a solver.
         """
         if self.solver is not None:
             if not isinstance(self.solver, Solver):
@@ -68,8 +83,4 @@ class SolverOptions:
             return self.solver
         if self.hessian == "exact":
             return Ipopt(exact=True, max_iterations=self.max_iterations)
-        if self.hessian != "gauss-newton":
-            names = ("gauss-newton", "exact")
-            hint = did_you_mean(self.hessian, names)
-            raise ParameterError(f"the Hessian {self.hessian!r}", " or ".join(names), hint=hint)
         return GaussNewton(self.max_iterations, self.confirm)

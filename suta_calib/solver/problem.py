@@ -70,6 +70,12 @@ class Problem:
 
     def __init__(self, terms: Sequence[Term], parameters: ParameterSet | None = None) -> None:
         self.terms = tuple(terms)
+        for term in self.terms:
+            if not isinstance(term, Term):
+                raise ParameterError(repr(term), "a term", where="Problem")
+        if not isinstance(parameters, ParameterSet | None):
+            hint = "arm.select gives them"
+            raise ParameterError(repr(parameters), "parameters", where="Problem", hint=hint)
         if not self.terms:
             raise ParameterError("no observations", "at least one term")
         arms = [t.poses.arm for t in self.terms if isinstance(t.poses, ArmPoses)]

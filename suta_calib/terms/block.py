@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import compress
+from numbers import Real
 from typing import TYPE_CHECKING, Any, Final
 
 import casadi as ca
@@ -42,6 +43,10 @@ def pose_of(own: Symbol) -> Pose:
 Residual = Callable[[Sequence[Pose], Symbol, Symbol], Symbol]
 
 
+# Metres or radians below which nothing is measured, and whose squares are lost in rounding.
+LEAST_SIGMA: Final = 1e-12
+
+
 @dataclass(frozen=True)
 class Noise:
     """How a block's residuals scatter, and how much of a large one is believed.
@@ -59,8 +64,9 @@ class Noise:
 
     def __post_init__(self) -> None:
         for name, size in (("sigma", self.sigma), ("huber", self.huber)):
-            if not (size is None or size > 0.0):
-                raise ParameterError(f"{size}", "a number greater than 0", where=f"Noise: {name}")
+            if size is not None and not (isinstance(size, Real) and size >= LEAST_SIGMA):
+                expected = f"a number greater than {LEAST_SIGMA:g}"
+                raise ParameterError(repr(size), expected, where=f"Noise: {name}")
 
 
 # Numbers from which on a sparse product is worth importing SciPy's.

@@ -55,7 +55,7 @@ def check_unit(
             f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
             f"by {mm(moved):.4g} mm",
             expected,
-            hint=hint + (_or_a_length(term, size, extent) if size < moved else ""),
+            hint=hint + (_or_a_length(term, size, extent) if 0.0 < size < moved else ""),
         )
 
 

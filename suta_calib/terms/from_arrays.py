@@ -7,6 +7,7 @@ arrays, the fields of the class name the rest.
 from __future__ import annotations
 
 import math
+import re
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, fields
@@ -31,6 +32,8 @@ if TYPE_CHECKING:
 
 # Names that modules import for the type checker alone.
 _TYPES: Final = {"LengthScale": LengthScale, "GivenPose": GivenPose}
+# What types that are looked into have in common.
+_GENERIC: Final = re.compile(r"\[.*\]")
 T = TypeVar("T")
 _LABELS: Final = "a label for each row, or one for all"
 
@@ -175,6 +178,10 @@ def taken_from_arrays(
     chosen = {name: value for name, value in given.items() if name in attributes}
     for name, value in chosen.items():
         _check_type(kind, name, value)
+    for label, pose in (chosen.get("given") or {}).items():
+        if not isinstance(pose, GivenPose):
+            where = f"{kind.kind}: given[{label!r}]"
+            raise InputError(_shown(pose), "GivenPose", where=where)
     try:
         samples = _samples(kind.columns, arm, q, {n: v for n, v in given.items() if n in columns})
     except SamplesError as problem:
@@ -261,7 +268,8 @@ def _check_type(kind: Any, name: str, value: Any) -> None:
     base = next(b for b in kind.__mro__ if name in vars(b).get("__annotations__", {}))
     declared = str(vars(base)["__annotations__"][name])
     try:
-        expected = eval(declared, _TYPES | vars(sys.modules[base.__module__]))
+        plain = _GENERIC.sub("", declared)
+        expected = eval(plain, _TYPES | vars(sys.modules[base.__module__]))
         fits = isinstance(value, Real if expected is float else expected)
     except (NameError, TypeError):
         return  # Arrays and literals are looked at where they are used.

@@ -122,6 +122,9 @@ class ArmPoses(PoseSource):
     """
 
     def __init__(self, arm: ArmModel, samples: Samples) -> None:
+        if not isinstance(samples, Samples) or not hasattr(arm, "joints"):
+            found = f"{type(arm).__name__}, {type(samples).__name__}"
+            raise SamplesError(found, "an ArmModel and Samples", where="ArmPoses")
         if samples.joints != arm.joints:
             raise SamplesError(
                 f"readings of {', '.join(samples.joints) or 'no joints'}",

@@ -20,6 +20,7 @@ from suta_calib.job.schema import (
 )
 from suta_calib.model.parameters import Selection
 from suta_calib.trust import Rule
+from suta_calib.units import from_deg, from_mm
 
 EXAMPLE = """\
 arm: {urdf: arm.urdf, tip: tip}
@@ -78,9 +79,9 @@ def test_the_documented_example(folder: Path) -> None:
     assert read.path == folder / "job.yaml"
     assert read.arm == ArmSpec(folder / "arm.urdf", "tip", None)
     assert read.parameters == (
-        Selection(("joint_*.offset",), bound_rad=pytest.approx(math.radians(15)), line=3),
-        Selection(("joint_4.z", "tip.y"), bound_m=0.03, prior_m=pytest.approx(1e-4), line=4),
-        Selection(("geometric",), prior_rad=pytest.approx(math.radians(0.5)), line=5),
+        Selection(("joint_*.offset",), bound_rad=from_deg(15.0), line=3),
+        Selection(("joint_4.z", "tip.y"), bound_m=0.03, prior_m=from_mm(0.1), line=4),
+        Selection(("geometric",), prior_rad=from_deg(0.5), line=5),
         Selection(("joint_1.x",), fixed=True, line=6),
     )
     assert read.observations == (
