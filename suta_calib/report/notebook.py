@@ -70,13 +70,18 @@ DOCUMENTS: Final[dict[type, Callable[[Any], Document]]] = {
 
 def html_of(shown: ShowsItself) -> str:
     """HTML of an object, to stand in a page among others; every text in it is escaped."""
+    # To judge a solution takes solving, which showing it must not: only if somebody asked before.
+    if isinstance(shown, Solution):
+        assessment = vars(shown).get("assessment")
+    else:
+        assessment = getattr(shown, "assessment", None)
     return (
         environment()
         .get_template("notebook.html.j2")
         .render(
             kind=type(shown).__name__,
             said=shown.in_a_line,
-            assessment=getattr(shown, "assessment", None),
+            assessment=assessment,
             parts=parts_of(shown),
         )
     )
