@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from suta_calib.diagnostics.odd_readings import may_read_alike
 from suta_calib.errors import InputError, JobError, SamplesError, SutaCalibWarning
 from suta_calib.job.schema import JobSpec, ObservationSpec
 from suta_calib.measurements import (
@@ -21,6 +20,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.terms.poses import joint_ranges
+from suta_calib.trust.patterns import may_read_alike
 
 
 def read_arm_samples(arm: ArmModel, files: Sequence[Path], kind: str) -> Samples:
