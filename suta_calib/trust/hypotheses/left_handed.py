@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
-from typing import ClassVar
+from itertools import product
+from typing import Any, ClassVar
 
 import numpy as np
 
 from suta_calib.terms import Term
+from suta_calib.trust.pair_readings import MisreadPairs, Pairs, Reading
 from suta_calib.trust.sample_readings import Change, MisreadSamples, scaled
+from suta_calib.words import listed
 
 
 class LeftHanded(MisreadSamples):
@@ -32,3 +36,36 @@ class LeftHanded(MisreadSamples):
         if any(s.rotation is not None for s in samples):
             for axis, factors in (("x", [-1.0, 1.0, 1.0]), ("z", [1.0, 1.0, -1.0])):
                 yield f"{frame}: {axis} has the wrong sign", partial(scaled, np.array(factors))
+
+
+class PairAxes(MisreadPairs):
+    """Coordinates of the eye's positions have the wrong sign, or a frame is left-handed."""
+
+    name: ClassVar[str] = "signs of axes of pairs"
+    about: ClassVar[str] = "Axes of the eye have the wrong sign, or a frame is left-handed."
+
+    def readings(self, data: Any) -> Iterator[Reading]:
+        """One for each choice of axes, and one for a frame that is left-handed."""
+        for signs in product((1.0, -1.0), repeat=3):
+            axes = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0.0]
+            # All three are what a left-handed frame makes of them, turned.
+            if 0 < len(axes) < 3:
+                have = "have" if axes[1:] else "has"
+                sentence = f"if {listed(axes)} of the eye's positions {have} the wrong sign"
+                yield f"{sentence}, its rotations not", _signed(data, signs)
+        # That of the hand is the same, with X and Z mirrored.
+        yield "if the hand's or the eye's frame is left-handed", _mirrored(data)
+
+    def fault(self, pairs: Pairs) -> Pairs:
+        """The eye's x has the wrong sign."""
+        return _signed(pairs, (-1.0, 1.0, 1.0))
+
+
+def _signed(pairs: Pairs, signs: Sequence[float]) -> Pairs:
+    rotation, position = pairs.seen
+    return replace(pairs, seen=(rotation, position * np.array(signs)))
+
+
+def _mirrored(pairs: Pairs) -> Pairs:
+    (rotation, position), mirror = pairs.seen, np.array([-1.0, 1.0, 1.0])
+    return replace(pairs, seen=(rotation * np.outer(mirror, mirror), position * mirror))
