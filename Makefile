@@ -122,7 +122,7 @@ measured: $(INSTALLED) $(INSTALLED_FIGAROH)
 	$(BIN)/python benchmarks/measured.py $(FOLDERS) --figaroh $(VENV_FIGAROH)/bin/python
 
 clean:
-	rm -rf build dist docs/_build docs/generated ./*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
+	rm -rf build dist docs/_build docs/generated ./*.egg-info $(OUTSIDE)/build $(OUTSIDE)/*.egg-info .mypy_cache .pytest_cache .ruff_cache .hypothesis .coverage .coverage.*
 	rm -rf data/*/results data/*/results-* examples/*/results examples/*/results-*
 	find . -path "./.venv*" -prune -o -name __pycache__ -type d -exec rm -rf {} +
 

@@ -66,7 +66,7 @@ class Spread:
         return observed_parts(self.problem, self.x, self.sigmas, self.free)
 
     @property
-    def whole(self) -> FloatArray:
+    def total(self) -> FloatArray:
         """Covariance (n, n) of the estimate."""
         return np.asarray(self.within_scale + self.of_scale)
 
@@ -133,7 +133,7 @@ class CovarianceParts:
         return np.asarray(shift @ shift.T)
 
     @property
-    def whole(self) -> FloatArray:
+    def total(self) -> FloatArray:
         """(n, n) their sum."""
         return np.asarray(self.scatter + self.artefact + self.of_scale)
 
@@ -146,7 +146,7 @@ def observed_covariance(
     touches: Sequence[IntArray] | None = None,
 ) -> FloatArray:
     """Covariance (n, n) of the estimate at x: the sum of `observed_parts`."""
-    return observed_parts(problem, x, sigmas, free, touches).whole
+    return observed_parts(problem, x, sigmas, free, touches).total
 
 
 def observed_parts(

@@ -116,13 +116,13 @@ class Identification:
     Attributes:
         fixed: indices of the parameters that must stay at nominal.
         left_open: the directions for which they do: the arm's, then the terms' own.
-        told: information (n, n) in plausible units on the arm (on the own ones where there is
-            none).
+        arm_information: (n, n) in plausible units on the arm's parameters; on the own ones where
+            there is no arm.
     """
 
     fixed: IntArray
     left_open: tuple[_LeftOpen, ...]
-    told: FloatArray
+    arm_information: FloatArray
 
     @cached_property
     def combinations(self) -> tuple[Combination, ...]:
@@ -133,8 +133,8 @@ class Identification:
 
     @cached_property
     def singular_values(self) -> FloatArray:
-        """Of the root of what is `told`, descending."""
-        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.told)[::-1], 0.0)))
+        """Of the root of `arm_information`, descending."""
+        return np.asarray(np.sqrt(np.maximum(np.linalg.eigvalsh(self.arm_information)[::-1], 0.0)))
 
     def given(self, name: str) -> tuple[str, ...]:
         """Fixed parameters relative to which this one's value has its meaning."""
