@@ -27,13 +27,6 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers
 from suta_calib.terms.term import Term
 
-# The noise that weighs the landmarks' prior settles in so many rounds.
-ROUNDS: Final = 4
-# Share of the residuals' variance below which what they show of the artefact may count twice: half
-# of it is what a standard deviation is wrong by.
-NEGLIGIBLE: Final = 0.01
-# Step of the derivative by a scale, relative.
-STEP: Final = 1e-6
 # Share of the residuals' freedom that is left, whatever the landmarks take of it.
 LEAST_FREEDOM: Final = 0.1
 
@@ -75,6 +68,8 @@ def scale_rows(
     problem: Problem, x: FloatArray, sigmas: Sequence[float], rows: Sequence[Rows]
 ) -> ArtefactRows | None:
     """The part of the scales in the rows at x, also of exact ones; None where there are none."""
+    # Step of the derivative by a scale, relative.
+    step = 1e-6
     carriers = scale_carriers(problem.terms)
     if not carriers:
         return None
@@ -83,14 +78,14 @@ def scale_rows(
         key = carrier.what, carrier.name
         of_term = [scale_carrier(term) for term in problem.terms]
         longer = [
-            lengthened(term, 1.0 + STEP) if mine and (mine.what, mine.name) == key else term
+            lengthened(term, 1.0 + step) if mine and (mine.what, mine.name) == key else term
             for term, mine in zip(problem.terms, of_term, strict=True)
         ]
         before = [r.line.residual for r in rows]
         after = Problem(longer, problem.arm_parameters).linearise(x, sigmas)
         columns.append(
             [
-                ((line.residual - old) / STEP / r.line.sigma[:, None]).reshape(-1)
+                ((line.residual - old) / step / r.line.sigma[:, None]).reshape(-1)
                 for line, old, r in zip(after, before, rows, strict=True)
             ]
         )
@@ -164,7 +159,9 @@ def residuals_without_artefact(
         float(np.einsum("ij,j->", d**2, part.sigma**2)) / max(float(np.sum(w**2)), 1e-300)
         for d, w in zip(part.jacobian, whites, strict=True)
     ]
-    if max(shares) < NEGLIGIBLE:
+    # Share of the residuals' variance below which what they show of the artefact may count twice:
+    # half of it is what a standard deviation is wrong by.
+    if max(shares) < 0.01:
         return list(rows)
     counts = np.array([_equations(problem.terms, r, touches) for r in rows])
     residuals, taken = _joint_fit(problem, x, rows, part, free, counts[:, 0])
@@ -202,7 +199,8 @@ def _joint_fit(
     ]
     residuals = whites = [_white(r) for r in rows]
     levels, taken = np.array([float(np.mean(w**2)) for w in whites]), np.zeros(len(rows))
-    for _ in range(ROUNDS):
+    # The noise that weighs the landmarks' prior settles in so many rounds.
+    for _ in range(4):
         # Rows that share samples say less than their number.
         trust = equations / [w.size for w in whites] / np.maximum(levels, 1e-300)
         squares = [t * g.T @ g for t, g in zip(trust, gains, strict=True)]

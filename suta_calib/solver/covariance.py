@@ -42,8 +42,6 @@ from suta_calib.terms.block import grouped_rows, summed
 
 # Touches from which on none has leverage worth freeing residuals of.
 MANY_TOUCHES: Final = 2000
-# Eigenvalue of a covariance, relative to the largest, that is rounding.
-ROUNDING: Final = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,7 +233,9 @@ def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray
     unit = np.sqrt(np.maximum(np.diag(bread), 0.0))
     outer = np.outer(unit, unit)
     values, vectors = np.linalg.eigh(np.divide(bread, outer, where=outer > 0, out=0 * outer))
-    determined = values > ROUNDING * max(float(values[-1]), 1e-300)
+    # Eigenvalue of a covariance, relative to the largest, that is rounding.
+    rounding = 1e-14
+    determined = values > rounding * max(float(values[-1]), 1e-300)
     root = unit[:, None] * vectors[:, determined] * np.sqrt(values[determined])
     if not root.size or not root.any():
         return np.zeros_like(bread)

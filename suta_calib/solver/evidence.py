@@ -20,8 +20,6 @@ from suta_calib.solver.information import Rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.terms.block import Block
 
-# Noise that is always there, m or rad per component: rounding is no information.
-FINEST: Final = 1e-6
 # Change of a logarithm from which on it has settled.
 SETTLED: Final = 1e-3
 
@@ -69,7 +67,8 @@ def energies_of_rows(
         numbers = np.repeat(mine, size)
         root = np.sqrt(trust * np.repeat(weight[mine], size))
         r, j = root * residual[numbers], root[:, None] * jacobian[numbers]
-        least = float(root @ root) * (FINEST / sigma) ** 2
+        # Noise that is always there, m or rad per component: rounding is no information.
+        least = float(root @ root) * (1e-6 / sigma) ** 2
         parts.append(Energy(0.5 * (float(r @ r) + least), j.T @ r, j.T @ j))
     return parts[0], parts[1], int(np.sum(weight == 1.0))
 

@@ -30,19 +30,9 @@ from suta_calib.units import from_deg, from_mm
 
 # Information in units of the drawing's, below which the drawing alone says what a direction is.
 SILENT: Final = 0.1
-# Motion of the tip, m, that no arm shows.
-UNMOVED: Final = 1e-6
-# Part of the largest from which on a held parameter is named.
-MAIN: Final = 0.5
 # Cosine, in units of the tolerances, from which on a direction is a factor on all lengths: two that
 # do the same, such as a slide of a joint along its axis, share it and have 0.7.
 ALIKE: Final = 0.5
-# Of the tip's standard deviation by noise: then the whole is larger by a twentieth.
-NOTICEABLE: Final = 0.3
-# Part of a held parameter in a direction, m or rad, that is rounding.
-LEAST: Final = 1e-9
-# Samples at which it is looked at.
-MOST: Final = 500
 # Of one dimension, beside the common factor of the grade, as a standard deviation: a length in m
 # and an angle in rad. Machined: ISO 2768-f has limits of 0.05 mm for short lengths and of 0.1 mm
 # over 100 mm for angles. Printed: a layer, and a few tenths of a degree of warp.
@@ -82,7 +72,8 @@ class HeldGeometry:
     def carriers(self) -> tuple[str, ...]:
         """Which of them the tip hangs on most, by one standard deviation of the worst direction."""
         share = np.abs(self.of_held[:, int(np.argmax(self.tip))]) / self.tolerance
-        return tuple(self.names[k] for k in np.argsort(-share) if share[k] > MAIN * share.max())
+        # Part of the largest from which on a held parameter is named.
+        return tuple(self.names[k] for k in np.argsort(-share) if share[k] > 0.5 * share.max())
 
     @property
     def is_scale(self) -> bool:
@@ -96,7 +87,8 @@ class HeldGeometry:
     @property
     def matters(self) -> bool:
         """Whether the tip is less sure by it than by noise alone."""
-        return float(np.linalg.norm(self.tip)) > NOTICEABLE * self.tip_beside
+        # Of the tip's standard deviation by noise: then the whole is larger by a twentieth.
+        return float(np.linalg.norm(self.tip)) > 0.3 * self.tip_beside
 
 
 def held_geometry(
@@ -168,14 +160,16 @@ def held_geometry(
     motion = _registered_motion(wider, estimated, held, followed, silent)
     _, sizes, mixed = np.linalg.svd(motion, full_matrices=False)
     tip = sizes / math.sqrt(len(motion) / 3)
-    moving = tip > UNMOVED
+    # Motion of the tip, m, that no arm shows.
+    moving = tip > 1e-6
     if not moving.any():
         return None
     mix = mixed[moving].T
     of_estimate = np.zeros((len(x), int(moving.sum())))
     of_estimate[free] = -followed @ mix
     of_held = -silent @ mix
-    part = np.abs(of_held).max(axis=1) > LEAST
+    # Part of a held parameter in a direction, m or rad, that is rounding.
+    part = np.abs(of_held).max(axis=1) > 1e-9
     return HeldGeometry(
         tuple(name for name, taken in zip(names, part, strict=True) if taken),
         nominal[part],
@@ -233,7 +227,8 @@ def _registered_motion(
     """(3 s, k) motion of the tip at some samples by each direction, less that of the whole arm."""
     table, arm = problem.evaluation.table, problem.arm_count
     n = len(table.position)
-    rows: IntArray = np.unique(np.linspace(0, n - 1, min(n, MOST)).astype(np.intp))
+    # Samples at which it is looked at.
+    rows: IntArray = np.unique(np.linspace(0, n - 1, min(n, 500)).astype(np.intp))
     velocity = table.velocity.reshape(n, 6, -1)[rows, :3]
     of_arm: BoolArray = estimated < arm
     moved = velocity[:, :, estimated[of_arm]] @ followed[of_arm] + velocity[:, :, held] @ silent

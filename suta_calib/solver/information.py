@@ -27,11 +27,6 @@ from suta_calib.terms.block import summed
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.units import Unit
 
-# Weight that lets a direction count as noise-induced once half of its information is made by
-# residuals: noise may make up a hundredth (`identifiability.NOISE_INDUCED_SHARE`).
-RESIDUAL_MADE: Final = 0.02
-# Times the bound below which an eigenvalue is rounding, at which it surely is none.
-SURELY: Final = 1e-2
 # Noise of an orientation, rad, that no instrument of use exceeds.
 WORST_TURN: Final = float(np.radians(1.0))
 
@@ -261,7 +256,9 @@ def _by_residual_alone(problem: Problem, line: Linearised) -> FloatArray:
     turns = line.by_pose * line.pattern.angular / line.sigma[:, None, None]
     arm, _ = problem.evaluation.columns(line, turns, line.by_own)
     columns = np.hstack([arm, np.zeros((len(arm), problem.evaluation.own_count))])
-    return np.asarray(columns.T @ columns) * RESIDUAL_MADE
+    # Weight that lets a direction count as noise-induced once half of its information is made by
+    # residuals: noise may make up a hundredth (`identifiability.NOISE_INDUCED_SHARE`).
+    return np.asarray(columns.T @ columns) * 0.02
 
 
 def _jitter(
@@ -402,6 +399,7 @@ def _inverse(unit: FloatArray, rounding: float) -> FloatArray | None:
         inverse = np.linalg.inv(unit)
     except np.linalg.LinAlgError:
         return None
-    if not np.linalg.norm(inverse) * np.linalg.norm(unit) * rounding < SURELY:
+    # Times the bound below which an eigenvalue is rounding, at which it surely is none.
+    if not np.linalg.norm(inverse) * np.linalg.norm(unit) * rounding < 1e-2:
         return None
     return np.asarray(0.5 * (inverse + inverse.T))

@@ -22,10 +22,6 @@ from suta_calib.solver.descent import NEGLIGIBLE, Evaluate
 from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.solver import SETTLED, Answer, Minimum, Solver
 
-# Iterations that lower the cost by no more than this share in all are for nothing: what a robust
-# cost has for a slope at a fold never vanishes, and a line search there takes fifty evaluations.
-_IDLE: Final = 20
-_LOWERED: Final = 1e-8
 # Residuals up to which the cost is minimised as it is.
 _FULL_SIZE: Final = 2000
 STALLED: Final = "User_Requested_Stop"
@@ -219,11 +215,16 @@ class _Shared:
 
     def stalled(self, cost: float) -> bool:
         """Whether no iteration has lowered the cost for long; told the cost of each."""
-        if cost < self._least - _LOWERED * abs(self._least) or math.isinf(self._least):
+        # Iterations that lower the cost by no more than this share in all are for nothing: what a
+        # robust cost has for a slope at a fold never vanishes, and a line search there takes fifty
+        # evaluations.
+        idle = 20
+        lowered = 1e-8
+        if cost < self._least - lowered * abs(self._least) or math.isinf(self._least):
             self._least, self._idle = cost, 0
         else:
             self._idle += 1
-        return self._idle >= _IDLE
+        return self._idle >= idle
 
 
 class _Callback(ca.Callback):

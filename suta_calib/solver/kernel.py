@@ -24,10 +24,6 @@ from suta_calib.terms.block import Block, Pose, Residual, flat, summed
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
 
-# Multiplications of a normal matrix up to which it is made of an array: at the most that takes a
-# quarter longer than of a sparse matrix, some tenths of a millisecond, but SciPy would have to be
-# imported for that one, which takes hundreds of them.
-DENSE: Final = 6_000_000
 # Numbers up to which they are gathered: a sparse product is up to twice as fast, by less than a
 # millisecond, but SciPy would have to be imported for it, which takes a hundred of them.
 GATHERED: Final = 2_000_000
@@ -68,7 +64,10 @@ class RowPattern:
             return
         # A row that looks at one parameter twice needs the sum that a sparse matrix makes.
         once = bool(np.all(np.diff(np.sort(own_columns, axis=1), axis=1)))
-        if looked_at and once and rows * own_count**2 <= DENSE:
+        # Multiplications of a normal matrix up to which it is made of an array: at the most that
+        # takes a quarter longer than of a sparse matrix, some tenths of a millisecond, but SciPy
+        # would have to be imported for that one, which takes hundreds of them.
+        if looked_at and once and rows * own_count**2 <= 6_000_000:
             self._own = np.zeros((rows, own_count))
             columns = np.repeat(own_columns, block.size, axis=0)
             self._places = (np.arange(rows)[:, None] * own_count + columns).reshape(-1)

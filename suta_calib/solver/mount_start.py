@@ -29,14 +29,6 @@ if TYPE_CHECKING:
 
 # Half-widths from which on the descent from nominal may end elsewhere: 20°, and a tool's length, m.
 WIDE: Final = {"rad": np.radians(20.0), "m": 0.1}
-# What a turn counts beside a place, m per rad: the size of a tool.
-LEVER: Final = 0.25
-# Turns from which the mount's parameters are searched: nominal, and others all about it.
-TURNS: Final = 24
-# Share of the squared misfit that nominal values are worth: they decide where nothing else does.
-NOMINAL: Final = 1e-8
-# Half the squared misfit, with what being far from nominal adds to it, of a mount that is reached.
-REACHED: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,24 +100,29 @@ class FreeMount:
 
     def _reached(self, given: Mapping[str, float], mount: Mount) -> dict[str, float]:
         """Values of the mount's parameters with which the tip is as near as may be to a body."""
+        # What a turn counts beside a place, m per rad: the size of a tool.
+        lever = 0.25
         R, p = _pose(self.segments, given)
         target = R if mount.rotation is None else R @ mount.rotation
         place = R @ mount.position + p
         first = np.array([given[name] for name in self.names])
         turns = np.array([name.rpartition(".")[2] not in POSITION for name in self.names])
-        size = np.where(turns, 1.0, LEVER)
+        size = np.where(turns, 1.0, lever)
 
         def misfit(scaled: FloatArray) -> FloatArray:
             values = dict(zip(self.names, (scaled * size).tolist(), strict=True))
             R, p = _pose(self.segments, {**given, **values})
-            off = [(p - place) / LEVER, np.sqrt(NOMINAL) * (scaled - first / size)]
+            # Share of the squared misfit that nominal values are worth: they decide where nothing
+            # else does.
+            off = [(p - place) / lever, np.sqrt(1e-8) * (scaled - first / size)]
             if mount.rotation is not None:
                 off.append((R - target).reshape(-1))
             return np.concatenate(off)
 
         begins = [self._exact(given, target, place)]
         random, best = np.random.default_rng(0), None
-        for k in range(TURNS if turns.any() else 1):
+        # Turns from which the mount's parameters are searched: nominal, and others all about it.
+        for k in range(24 if turns.any() else 1):
             if k:
                 begins.append(first.copy())
                 begins[k][turns] = random.uniform(-np.pi, np.pi, int(turns.sum()))
@@ -135,7 +132,9 @@ class FreeMount:
             ended = least_squares(misfit, begin, bounds=(self.lower / size, self.upper / size))
             if best is None or ended.cost < (1.0 - 1e-6) * best.cost:
                 best = ended
-            if best.cost < REACHED:
+            # Half the squared misfit, with what being far from nominal adds to it, of a mount that
+            # is reached.
+            if best.cost < 1e-6:
                 break
         assert best is not None
         return dict(zip(self.names, (best.x * size).tolist(), strict=True))

@@ -16,8 +16,6 @@ from suta_calib.solver.symbolic import symbolic_cost
 
 # Whitened costs that differ by less are the same minimum.
 SAME_COST = 1e-3
-# Of that, what a start may lack that leads to a minimum which another one has found.
-_JOINS = 0.1
 
 
 class RobustNlp:
@@ -101,6 +99,8 @@ class RobustNlp:
             join: end early at a minimum that an earlier call found, over the same held values.
         """
         basins = [basin for held, basin in self._minima if np.array_equal(held, self.held)]
+        # Of that, what a start may lack that leads to a minimum which another one has found.
+        joins = 0.1
         there = descend(
             self.cost_gradient_hessian,
             z,
@@ -108,7 +108,7 @@ class RobustNlp:
             settled=settled,
             steps=steps,
             basins=basins if join else (),
-            joins=_JOINS * SAME_COST,
+            joins=joins * SAME_COST,
         )
         if join and there.basin is not None:
             self._minima.append((self.held, there.basin))

@@ -27,9 +27,6 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms.seating import is_seating
 from suta_calib.units import from_deg
 
-# Twice the gain in likelihood that chance exceeds once in a hundred where nothing is lacking: λ is
-# at its bound 0, so it is half a chi-squared of one degree of freedom.
-_SIGNIFICANT: Final = 5.41
 # Errors of machined arms beside each other, lengths and angles: what docs and shipped jobs give as
 # prior. Only their ratio counts.
 _TYPICAL: Final = {"m": 1e-3, "rad": from_deg(0.1)}
@@ -112,6 +109,9 @@ def _size(residual: FloatArray, left: FloatArray, fitted: int) -> float:
 
     costs = np.array([twice_cost(ratio) for ratio in _RATIOS])
     best = int(np.argmin(costs))
-    if twice_cost(0.0) - costs[best] < _SIGNIFICANT:
+    # Twice the gain in likelihood that chance exceeds once in a hundred where nothing is lacking: λ
+    # is at its bound 0, so it is half a chi-squared of one degree of freedom.
+    significant = 5.41
+    if twice_cost(0.0) - costs[best] < significant:
         return 0.0
     return float(_RATIOS[best] * noise(float(_RATIOS[best])))

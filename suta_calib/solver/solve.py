@@ -28,7 +28,6 @@ from suta_calib.threads import single_threaded
 if TYPE_CHECKING:
     from suta_calib.solver.weights import Weights
 
-MAX_REVISIONS = 4
 # Of the cost: a difference between ends of starts that is rounding.
 SAME: Final = 1e-9
 MORE_DATA: Final = "measure more, select fewer parameters, or give priors"
@@ -253,7 +252,8 @@ def _fit(
         if progress is not None:
             progress(done, len(starts))
 
-    for revision in range(MAX_REVISIONS):
+    max_revisions = 4
+    for revision in range(max_revisions):
         free = _asked(problem, fixed)
         nlp = RobustNlp(problem, free, sigmas)
         tried = solver.minimise_all(nlp, starts, tell if revision == 0 else lambda _: None)

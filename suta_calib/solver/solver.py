@@ -17,10 +17,6 @@ from suta_calib.solver.nlp import RobustNlp
 # Statuses of Gauss-Newton steps that come to a minimum, or to one that an earlier start has found.
 SETTLED: Final = "Gauss_Newton_Settled"
 JOINED: Final = "Joined_Earlier_Start"
-# Of the cost at the start: what rounding may add to it.
-_ROUNDING: Final = 1e-9
-# Share by which the costs of two ends that are no minimum differ at most to be the same.
-_SAME_DEAD_END: Final = 1e-4
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +159,8 @@ class Solver(ABC):
             raise SolverError("NaN or infinity", "finite numbers", where=f"{self._who}: z")
         there = np.clip(there, nlp.lower, nlp.upper)
         cost = nlp.cost(there)
-        if not cost <= before + _ROUNDING * abs(before):
+        # Of the cost at the start: what rounding may add to it.
+        if not cost <= before + 1e-9 * abs(before):
             raise SolverError(
                 f"a cost of {cost:.6g}",
                 f"at most {before:.6g}, that of the start",
@@ -182,4 +179,5 @@ def hopeless(ends: Sequence[Minimum]) -> bool:
     if len(ends) < 2 or any(end.converged for end in ends):
         return False
     lowest, next_ = sorted(end.cost for end in ends)[:2]
-    return next_ - lowest < _SAME_DEAD_END * next_
+    # Share by which the costs of two ends that are no minimum differ at most to be the same.
+    return next_ - lowest < 1e-4 * next_

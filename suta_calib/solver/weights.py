@@ -49,8 +49,6 @@ from suta_calib.terms.block import grouped_rows, summed
 
 # The group of what is known of a camera's intrinsics.
 CAMERA: Final = "camera"
-# Logarithmic standard deviation of what must stay.
-FIXED: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -163,8 +161,9 @@ def learn_weights(
     known_variance = [float(np.mean(block.known_sigma**2)) for block in blocks]
     given = np.concatenate([problem.assumed_sigmas(), np.ones(len(groups))])
     noise, factors = slice(0, len(blocks)), slice(len(blocks), None)
+    # Logarithmic standard deviation of what must stay.
     before = [
-        FIXED if b.noise.fixed else options.assumed if b.noise.sigma is None else options.stated
+        1e-6 if b.noise.fixed else options.assumed if b.noise.sigma is None else options.stated
         for b in blocks
     ]
     covariance = np.diag(np.square([*before, *[options.between] * len(groups)]))
