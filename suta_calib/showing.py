@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from importlib import import_module
 from typing import Any, Final
@@ -47,8 +47,18 @@ class Shown:
     @property
     def in_a_line(self) -> str:
         """What it is, in a few words: no arrays."""
-        names = [f.name for f in fields(self) if f.repr] if is_dataclass(self) else vars(self)
-        return "".join(_at_most(f"{name}={_brief(getattr(self, name))}" for name in names))
+        if not is_dataclass(self):
+            shown = {name: value for name, value in vars(self).items() if name[0] != "_"}
+        else:
+            # What is as it is by default is not worth a word.
+            values = {f.name: (getattr(self, f.name), f.default) for f in fields(self) if f.repr}
+            empty = (Mapping, tuple, list)
+            shown = {
+                name: value
+                for name, (value, usual) in values.items()
+                if value is not usual and not (isinstance(value, empty) and not value)
+            }
+        return "".join(_at_most(f"{name}={_brief(value)}" for name, value in shown.items()))
 
     def _repr_html_(self) -> str:
         """What Jupyter shows: the tables of the report, without its pictures."""
@@ -60,7 +70,7 @@ def _shown(self: Shown) -> str:
     return f"<{type(self).__name__}: {self.in_a_line}>"
 
 
-def _at_most(parts: Iterator[str]) -> Iterator[str]:
+def _at_most(parts: Iterable[str]) -> Iterator[str]:
     """The first parts of a text, with commas between them."""
     length = 0
     for part in parts:

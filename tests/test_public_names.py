@@ -9,22 +9,16 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from dataclasses import fields
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
 
 import pytest
-from shown_blocks import BLOCKS
+from shown_blocks import BLOCKS, PACKAGES
 
 import suta_calib
 
-# The command line is no library.
-PACKAGES = sorted(
-    module.name
-    for parent in ("suta_calib", "suta_calib.analysis")
-    for module in pkgutil.iter_modules(import_module(parent).__path__, f"{parent}.")
-    if module.ispkg and module.name != "suta_calib.cli"
-)
 # Single modules directly below the root are public as they are.
 MODULES = sorted(
     module.name
@@ -118,3 +112,23 @@ def test_inner_paths_are_seen() -> None:
     assert inner("from suta_calib.analysis.outliers.search import find_outliers") != []
     assert inner("from suta_calib.terms import nothing_of_this_name") != []
     assert inner("from suta_calib import ArmModel, solve\nfrom suta_calib.units import mm") == []
+
+
+# What a field may be of a dataclass that shows all of them.
+PLAIN = re.compile(r"(float|int|str|bool|Path|Unit|Literal\[.*\]|\w*Kind)( \| None)?")
+
+
+def test_every_public_object_is_short() -> None:
+    """A dataclass that holds arrays, sequences or other objects says how large they are."""
+    long = []
+    for package in ("suta_calib", *PACKAGES):
+        for name in getattr(import_module(package), "__all__", ()):
+            each = getattr(import_module(package), name)
+            # What a dataclass wrote is wrapped against recursion.
+            if isinstance(each, type) and hasattr(each.__repr__, "__wrapped__"):
+                long += [
+                    f"{package}.{name}.{f.name}: {f.type}"
+                    for f in fields(each)
+                    if not PLAIN.fullmatch(str(f.type))
+                ]
+    assert long == []

@@ -6,14 +6,16 @@ import io
 import re
 import shlex
 import shutil
+from collections.abc import Iterator, Mapping
 from contextlib import redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 import pytest
-from shown_blocks import BLOCKS, SHELL, Block, words
+from shown_blocks import BLOCKS, PACKAGES, SHELL, Block, words
 
 from suta_calib import ArmModel
 from suta_calib.cli._app import app, run
@@ -38,6 +40,14 @@ NOT_RUN = {
     "suta-calib tip-map": "8 s; tests/tracking/test_tip_uncertainty.py",
     "suta-calib calibrate examples": "tests/test_examples.py, tests/test_simulated_examples.py",
     "suta-calib observe examples": "what calibrate asks first; the same",
+}
+# Entries of a sequence that are looked at.
+MOST = 30
+PUBLIC = {
+    getattr(import_module(package), name)
+    for package in ("suta_calib", *PACKAGES)
+    for name in getattr(import_module(package), "__all__", ())
+    if isinstance(getattr(import_module(package), name), type)
 }
 COMMAND_LINES = list(dict.fromkeys(line for block in SHELL for line in block.commands))
 
@@ -64,6 +74,29 @@ def own_arrays() -> dict[str, Any]:
     return {"q": q, "seen_by_tracker": seen + 5e-5 * random.standard_normal(seen.shape)}
 
 
+def reached(values: list[Any]) -> Iterator[Any]:
+    """Objects of this package's public classes among values, and all that they hold."""
+    known, waiting = set[int](), values
+    while waiting:
+        value = waiting.pop()
+        if id(value) in known:
+            continue
+        known.add(id(value))
+        if isinstance(value, Mapping):
+            waiting += [*value.values()][:MOST]
+        elif isinstance(value, tuple | list):
+            waiting += value[:MOST]
+        elif type(value).__module__.startswith("suta_calib.") and not isinstance(value, type):
+            waiting += getattr(value, "__dict__", {}).values()
+            if not type(value).__name__.startswith("_") and type(value) in PUBLIC:
+                yield value
+
+
+def lines_of(value: object) -> int:
+    """How many lines of a console, 100 characters wide, an object takes to show itself."""
+    return sum(1 + len(line) // 100 for line in repr(value).splitlines())
+
+
 # The solver that this one shows is run by tests/solver/test_own_solver.py.
 OTHERS = {"docs/guides/extend.md"}
 PYTHON = sorted({block.page for block in BLOCKS if block.language == "python"} - OTHERS)
@@ -83,6 +116,7 @@ def test_python_runs_and_prints_what_its_comments_say(page: str, folder: Path) -
     for line, claim in zip(printed.getvalue().splitlines(), said, strict=True):
         assert line.startswith(claim.removesuffix("…").strip())
     assert (folder / "calibrated.urdf").is_file()
+    assert [type(each).__name__ for each in reached([*names.values()]) if lines_of(each) > 10] == []
     assert names.get("solution", names["result"].solution).converged
 
 

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import wrap
+from suta_calib.showing import Shown
 
 # Median absolute deviation to standard deviation of a normal distribution.
 NORMAL: Final = 1.4826
@@ -26,7 +27,7 @@ _OFTEN: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Average:
+class Average(Shown):
     """Many readings of an arm at rest as one.
 
     Attributes:

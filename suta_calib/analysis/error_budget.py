@@ -33,6 +33,7 @@ from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.showing import Shown
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
@@ -224,7 +225,7 @@ class TipBudget:
 
 
 @dataclass(frozen=True)
-class ErrorBudget:
+class ErrorBudget(Shown):
     """The budget of a calibration.
 
     Attributes:

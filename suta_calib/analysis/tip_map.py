@@ -40,7 +40,7 @@ _NOTHING: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class TipMapOptions:
+class TipMapOptions(Shown):
     """What is asked for.
 
     Attributes:

@@ -15,6 +15,7 @@ from suta_calib.analysis.planning.region import Region, turning_z_to
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solution import Solution
 
@@ -28,7 +29,7 @@ _MARGIN: Final = 1.02
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge:
+class Knowledge(Shown):
     """An arm as a calibration left it.
 
     Attributes:
@@ -127,7 +128,7 @@ class Slice:
 
 
 @dataclass(frozen=True, eq=False)
-class Walker:
+class Walker(Shown):
     """Postures for tip positions, each like its neighbours', so that the map is smooth."""
 
     knowledge: Knowledge

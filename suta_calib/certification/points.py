@@ -16,6 +16,7 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
+from suta_calib.showing import Shown
 
 FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
 HOLES: Final = 4
@@ -65,7 +66,7 @@ class Pillar:
 
 
 @dataclass(frozen=True, eq=False)
-class RawPoints:
+class RawPoints(Shown):
     """Everything in one file.
 
     Attributes:
@@ -211,7 +212,7 @@ def _spacers(rows: _Rows) -> Iterable[tuple[str, FloatArray]]:
 
 
 @dataclass(frozen=True, eq=False)
-class CertificationOptions:
+class CertificationOptions(Shown):
     """How to certify.
 
     Attributes:

@@ -21,6 +21,7 @@ from suta_calib.certification.over_ground import OverGround
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text
+from suta_calib.showing import Shown
 from suta_calib.units import deg, from_deg, mm, um
 
 # The tip points down when seated.
@@ -46,7 +47,7 @@ class Fault:
 
 
 @dataclass(frozen=True, eq=False)
-class CertifiedLandmark:
+class CertifiedLandmark(Shown):
     """One landmark in the artefact's frame.
 
     Attributes:
@@ -132,7 +133,7 @@ class SpacerLength:
 
 
 @dataclass(frozen=True, eq=False)
-class Certification:
+class Certification(Shown):
     """The artefact as it was measured.
 
     Attributes:

@@ -10,6 +10,7 @@ from typing import Final
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.measurements.fields import TEXT, Value, keyed, quantity, whole
 from suta_calib.measurements.yaml_file import YamlSection
+from suta_calib.showing import Shown
 
 # Of an encoder's word, and of a device that does not say.
 FRAME_COUNTS_PER_TURN: Final = 1 << 22
@@ -61,7 +62,7 @@ class JointSpec:
 
 
 @dataclass(frozen=True)
-class DeviceSpec:
+class DeviceSpec(Shown):
     """A device as ``device.yaml`` describes it.
 
     Attributes:

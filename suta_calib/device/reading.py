@@ -10,6 +10,7 @@ from typing import Final, Self
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.showing import Shown
 
 ERROR_MEANING: Final = "error: the encoder's position is not valid"
 WARNING_MEANING: Final = "warning: the position is valid, but the encoder is near its limits"
@@ -17,7 +18,7 @@ ERROR_ADVICE: Final = "check the magnet's (or scale's) distance and place, and t
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Reading:
+class Reading(Shown):
     """All joints at one moment.
 
     Attributes:
@@ -38,7 +39,7 @@ class Reading:
 
 
 @dataclass(eq=False)
-class Statistics:
+class Statistics(Shown):
     """What has passed since the device was opened; counts only grow.
 
     Attributes:

@@ -14,6 +14,7 @@ from scipy.special import chdtri, fdtri, stdtrit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import attempt
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.showing import Shown
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import whitened_rows
@@ -58,7 +59,7 @@ class Metrics:
 
 
 @dataclass(frozen=True, eq=False)
-class BlockErrors:
+class BlockErrors(Shown):
     """Errors of one block of a term.
 
     Attributes:
@@ -90,7 +91,7 @@ class BlockErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class TermAccuracy:
+class TermAccuracy(Shown):
     """One term, nominal arm against calibrated arm."""
 
     term: Term
@@ -188,7 +189,7 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class Accuracy:
+class Accuracy(Shown):
     """Errors of the fitted terms and of the held-out ones.
 
     Attributes:

@@ -21,6 +21,7 @@ from suta_calib.assessment import attempt
 from suta_calib.diagnostics.rich_data import LEVER, RichData
 from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
+from suta_calib.showing import Shown
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -42,7 +43,7 @@ Advice = tuple[str, Callable[[], FloatArray]]
 
 
 @dataclass(frozen=True)
-class Explanation:
+class Explanation(Shown):
     """Why one parameter is held at nominal.
 
     Attributes:

@@ -76,7 +76,7 @@ class Indices:
 
 
 @dataclass(frozen=True)
-class Prospect:
+class Prospect(Shown):
     """One parameter before the fit.
 
     Attributes:

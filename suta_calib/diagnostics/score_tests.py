@@ -24,6 +24,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.scores import Scores, curvature_of, scores_of
 from suta_calib.model.parameters import COUPLING, Family
+from suta_calib.showing import Shown
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem
@@ -37,7 +38,7 @@ SUPPORTED: Final = 0.05
 
 
 @dataclass(frozen=True)
-class ScoreTest:
+class ScoreTest(Shown):
     """One joint and one family of parameters.
 
     Attributes:

@@ -11,6 +11,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from suta_calib.errors import InputError, did_you_mean
+from suta_calib.showing import Shown
 
 WORDS: Final = {
     "corrupt=SHARE": "that share of all bytes is replaced by other ones",
@@ -51,7 +52,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Flag:
+class Flag(Shown):
     """A joint's encoder raises a flag: its name, and when."""
 
     joint: str
@@ -67,7 +68,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Faults:
+class Faults(Shown):
     """Everything that goes wrong; nothing by default. Times are s after the port was first opened.
 
     Attributes:

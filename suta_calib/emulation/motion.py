@@ -16,6 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
+from suta_calib.showing import Shown
 
 _TURN: Final = 2 * np.pi
 
@@ -34,7 +35,7 @@ class Motion(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Still(Motion):
+class Still(Shown, Motion):
     """An arm that nobody moves.
 
     Attributes:
@@ -49,7 +50,7 @@ class Still(Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class Stops(Motion):
+class Stops(Shown, Motion):
     """Rests on one place after the other, with minimum-jerk motions between them.
 
     The motions are those of Flash, Hogan (1985), doi:10.1523/JNEUROSCI.05-07-01688.1985, in joint
@@ -99,7 +100,7 @@ class Stops(Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep(Motion):
+class Sweep(Shown, Motion):
     """Every joint swings about a posture, faster and faster, and reverses its direction each swing.
 
     ``q = posture + amplitude · fade(t) · sin(2π pace ∫f + lag)``: ``f`` rises linearly in time, the
@@ -137,7 +138,7 @@ class Sweep(Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class Curve(Motion):
+class Curve(Shown, Motion):
     """A smooth curve through given readings.
 
     Attributes:
@@ -168,7 +169,7 @@ class Curve(Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class ThereAndBack(Motion):
+class ThereAndBack(Shown, Motion):
     """A path gone along to its end and back again, for as long as it is asked for.
 
     Attributes:

@@ -16,6 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.stream import Emulation, packets
 from suta_calib.emulation.terminal import PseudoTerminal
+from suta_calib.showing import Shown
 
 # How often somebody who opens the port, or asks to stop, is looked for, s.
 _LOOK: Final = 2e-3
@@ -192,7 +193,7 @@ def _sleep_until(due: float, end: float, stopped: Callable[[], bool]) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class TrueTrajectory:
+class TrueTrajectory(Shown):
     """True readings at the time stamps of the frames, sent or not.
 
     Attributes:

@@ -17,6 +17,7 @@ from suta_calib.device.formats import Sample, format_of
 from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
+from suta_calib.showing import Shown
 
 # Readings are computed this many frames ahead: 40 ms at 768 Hz.
 _BLOCK: Final = 32
@@ -30,7 +31,7 @@ _US: Final = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Emulation:
+class Emulation(Shown):
     """Everything about an emulated arm but the port.
 
     Attributes:

@@ -25,6 +25,7 @@ from suta_calib.measurements.camera import Camera, camera_text
 from suta_calib.measurements.csv_table import number_in, rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
+from suta_calib.showing import Shown
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
 from suta_calib.words import listed
@@ -44,7 +45,7 @@ GRID_HINT: Final = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Imported(ABC):
+class Imported(Shown, ABC):
     """A foreign file, read.
 
     Attributes:

@@ -25,6 +25,7 @@ from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.pose_calibration.eye_poses import FRAMES
+from suta_calib.showing import Shown
 from suta_calib.tracking.made_from import made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
@@ -38,7 +39,7 @@ RECORD: Final = "result.json"
 
 
 @dataclass(frozen=True, eq=False)
-class Transform:
+class Transform(Shown):
     """A pose that does not move: ``T_parent_child``.
 
     Attributes:
@@ -115,7 +116,7 @@ class CalibratedArm:
 
 
 @dataclass(frozen=True, eq=False)
-class Result:
+class Result(Shown):
     """An answer as it was written.
 
     Attributes:

@@ -14,6 +14,7 @@ from suta_calib.atomic import exchange_files
 from suta_calib.exchange.description import Described, formats_of, named
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
+from suta_calib.showing import Shown
 from suta_calib.words import listed
 
 # Behind the name of an exported file: what its format cannot hold.
@@ -58,7 +59,7 @@ class Writer(Described, ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Exported:
+class Exported(Shown):
     """A result in a foreign format.
 
     Attributes:

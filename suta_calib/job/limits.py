@@ -25,6 +25,7 @@ from suta_calib.measurements.fields import (
     read_as,
 )
 from suta_calib.measurements.yaml_file import Sign, YamlSection
+from suta_calib.showing import Shown
 from suta_calib.units import from_um
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]
@@ -104,7 +105,7 @@ class LengthLimit:
 
 
 @dataclass(frozen=True)
-class Limits:
+class Limits(Shown):
     """Maximum permissible errors, m; None where no limit is given.
 
     They are E_Uni,MPE or E_Bi,MPE of a length, L_Dia,MPE of a location, P_Size,MPE and P_Form,MPE
@@ -148,7 +149,7 @@ class StatedUncertainty:
 
 
 @dataclass(frozen=True)
-class DecisionRule:
+class DecisionRule(Shown):
     """How a value, its uncertainty and its limit become a decision; ISO 14253-1.
 
     Attributes:

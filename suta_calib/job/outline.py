@@ -8,12 +8,13 @@ from typing import Final
 
 from suta_calib.errors import JobError
 from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.showing import Shown
 
 _GROUPS: Final = ("observations", "validation")
 
 
 @dataclass(frozen=True)
-class PlannedObservation:
+class PlannedObservation(Shown):
     """One row of ``observations`` or ``validation``.
 
     Attributes:
@@ -43,7 +44,7 @@ class PlannedObservation:
 
 
 @dataclass(frozen=True)
-class JobOutline:
+class JobOutline(Shown):
     """What a ``calibration.yaml`` says beside its samples.
 
     Attributes:

@@ -38,6 +38,7 @@ from suta_calib.measurements.scale import GRADES, SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
+from suta_calib.showing import Shown
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
 from suta_calib.terms.given import POSE_KEYS
 from suta_calib.trust.evidence import Rule
@@ -49,7 +50,7 @@ Hessian = Literal["gauss-newton", "exact"]
 
 
 @dataclass(frozen=True)
-class ArmSpec:
+class ArmSpec(Shown):
     """The key ``arm`` of a job; ``section`` is where it stands, None for no job."""
 
     urdf: Path = keyed(URDF)
@@ -111,7 +112,7 @@ class ArmSpec:
 
 
 @dataclass(frozen=True)
-class ObservationSpec:
+class ObservationSpec(Shown):
     """One term: a row of a job's ``observations`` or ``validation`` (`keys.COMMON_KEYS`), in SI.
 
     Attributes:
@@ -144,7 +145,7 @@ class ObservationSpec:
 
 
 @dataclass(frozen=True)
-class SolverSpec:
+class SolverSpec(Shown):
     """How to solve: the key ``solver`` of a job."""
 
     # What has no minimum by the most has none: 8 starts and 200 iterations are usual.
@@ -266,7 +267,7 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
 
 
 @dataclass(frozen=True)
-class JobSpec:
+class JobSpec(Shown):
     """A whole ``calibration.yaml``, which is the file ``path``."""
 
     path: Path

@@ -37,11 +37,12 @@ from suta_calib.measurements.scale import (
 )
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
+from suta_calib.showing import Shown
 from suta_calib.units import deg, mm
 
 
 @dataclass(frozen=True, eq=False)
-class Landmark:
+class Landmark(Shown):
     """One place of the artefact that the tip can be brought to.
 
     Attributes:

@@ -42,6 +42,7 @@ from suta_calib.measurements.scale import (
 )
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
+from suta_calib.showing import Shown
 from suta_calib.units import deg, mm
 
 # Sizes of a whole board, m, beyond which its file is in another unit than mm.
@@ -55,7 +56,7 @@ _MARKER_CORNERS: Final = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0
 
 
 @dataclass(frozen=True, eq=False)
-class Board(ABC):
+class Board(Shown, ABC):
     """Numbered points on a rigid body.
 
     Attributes:
@@ -253,7 +254,7 @@ class Charuco(Board):
 
 
 @dataclass(frozen=True, eq=False)
-class Marker:
+class Marker(Shown):
     """One ArUco marker or AprilTag.
 
     Attributes:

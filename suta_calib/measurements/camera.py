@@ -17,6 +17,7 @@ from suta_calib.measurements.fields import TEXT, Field, Fields, Value, whole
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import finite
 from suta_calib.measurements.yaml_file import YamlSection, shown
+from suta_calib.showing import Shown
 
 _CORNERS: Final = "corners_sha256"
 # Others are ignored: whoever wrote the file has some of their own.
@@ -56,7 +57,7 @@ _FOCAL: Final = (0.1, 1000.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Camera:
+class Camera(Shown):
     """A pinhole camera with distortion: its picture, its intrinsics, and how well they are known.
 
     Attributes:

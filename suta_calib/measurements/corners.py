@@ -18,12 +18,13 @@ from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.files import write_text
+from suta_calib.showing import Shown
 
 _COLUMNS: Final = ("image", "point", "u", "v")
 
 
 @dataclass(frozen=True, eq=False)
-class Corners:
+class Corners(Shown):
     """Which point of a board was seen where, in which picture. Immutable.
 
     Attributes:

@@ -24,6 +24,7 @@ from suta_calib.errors import SamplesError, SutaCalibWarning, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
+from suta_calib.showing import Shown
 from suta_calib.units import FARTHEST, SHOWN, Unit, from_mm, stored
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
@@ -41,7 +42,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
-class CsvTable:
+class CsvTable(Shown):
     """A CSV file with a header row, its cells still text.
 
     Attributes:

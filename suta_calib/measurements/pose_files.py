@@ -23,6 +23,7 @@ from suta_calib.measurements.csv_table import (
     read_csv_table,
     rotations,
 )
+from suta_calib.showing import Shown
 from suta_calib.units import from_mm, mm
 
 # Different rows that any of these problems needs.
@@ -50,7 +51,7 @@ class _PoseRows:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ToolPoses(_PoseRows):
+class ToolPoses(Shown, _PoseRows):
     """``T_tracker_tool`` of a tool that pivots.
 
     Attributes:

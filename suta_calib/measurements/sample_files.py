@@ -34,6 +34,7 @@ from suta_calib.measurements.csv_table import (
 )
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import TEMPERATURES, Samples
+from suta_calib.showing import Shown
 from suta_calib.units import FARTHEST
 
 # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in
@@ -53,7 +54,7 @@ TEMPERATURE = "temperature"
 
 
 @dataclass(frozen=True)
-class JointRange:
+class JointRange(Shown):
     """What is known of a joint before its readings are read.
 
     Attributes:
@@ -75,7 +76,7 @@ class JointRange:
 
 
 @dataclass(frozen=True)
-class SampleColumns:
+class SampleColumns(Shown):
     """Columns that a kind of observation needs beside the joints.
 
     Attributes:

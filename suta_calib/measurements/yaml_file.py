@@ -20,6 +20,7 @@ from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements.files import expand, read_text
 from suta_calib.measurements.yaml_nodes import plain_data
+from suta_calib.showing import Shown
 from suta_calib.units import FARTHEST, from_deg, from_mm, mm
 
 KeyPath = tuple[str | int, ...]
@@ -34,7 +35,7 @@ SMALLEST: Final = 1e-9
 
 
 @dataclass(frozen=True)
-class YamlDocument:
+class YamlDocument(Shown):
     """A YAML file as plain data, with the line every key came from.
 
     Attributes:
@@ -70,7 +71,7 @@ def read_yaml(path: str | Path, error: type[InputError] = InputError) -> YamlDoc
 
 
 @dataclass(frozen=True)
-class YamlSection:
+class YamlSection(Shown):
     """A mapping inside a document.
 
     Attributes:

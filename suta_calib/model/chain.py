@@ -35,6 +35,7 @@ from suta_calib.model.urdf_tree import (
     suggestion,
     unexpanded,
 )
+from suta_calib.showing import Shown
 from suta_calib.units import FARTHEST
 from suta_calib.words import listed
 
@@ -63,7 +64,7 @@ class Mimic:
 
 
 @dataclass(frozen=True, eq=False)
-class ChainJoint:
+class ChainJoint(Shown):
     """One joint of the chain, moving or fixed.
 
     Attributes:
@@ -102,7 +103,7 @@ class ChainJoint:
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class Chain(Shown):
     """The joints from a base link to a tip, and where they were read.
 
     Attributes:

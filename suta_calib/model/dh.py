@@ -36,6 +36,7 @@ from suta_calib.geometry.numbers import (
     wrap,
 )
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 
 Convention = Literal["classic", "modified"]
 DhMotion = Literal["revolute", "prismatic", "fixed"]
@@ -47,7 +48,7 @@ _MEETING: Final = 1e-12
 
 
 @dataclass(frozen=True)
-class DhRow:
+class DhRow(Shown):
     """One row of a table.
 
     Attributes:
@@ -68,7 +69,7 @@ class DhRow:
 
 
 @dataclass(frozen=True)
-class DhTable:
+class DhTable(Shown):
     """A Denavit-Hartenberg table from the base to the tip.
 
     Attributes:

@@ -223,7 +223,7 @@ class ParameterSet(Shown, Mapping[str, Parameter]):
 
 
 @dataclass(frozen=True)
-class Selection:
+class Selection(Shown):
     """One row of a job's ``parameters``: which ones, and how far they may go.
 
     Attributes:

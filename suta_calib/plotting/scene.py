@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.look import MOST_DRAWN, round_down
+from suta_calib.showing import Shown
 
 # What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
 # seen, a frame or a point that stands outside, an error before and after a calibration; the floor,
@@ -22,7 +23,7 @@ Look = Literal["links", "axes", "tip", "touched", "place", "before", "after", "g
 
 
 @dataclass(frozen=True, eq=False)
-class Line:
+class Line(Shown):
     """A line from point to point.
 
     Attributes:
@@ -37,7 +38,7 @@ class Line:
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class Points(Shown):
     """Points, each with a label or none.
 
     Attributes:
@@ -54,7 +55,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class Arrows:
+class Arrows(Shown):
     """Vectors, drawn from their points on, so many times as long as they are.
 
     Attributes:
@@ -81,7 +82,7 @@ Part = Line | Points | Arrows
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(Shown):
     """Parts in the order in which they are drawn."""
 
     parts: tuple[Part, ...] = ()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.assessment import Assessment, attempt
 from suta_calib.report.listing import Json, Table, plain
+from suta_calib.showing import Shown as ShowsItself
 
 if TYPE_CHECKING:
     from suta_calib.plotting.scene import Scene
@@ -133,7 +134,7 @@ def entry(key: str, compute: Callable[[], Any]) -> Any:
 
 
 @dataclass(frozen=True, eq=False)
-class Document:
+class Document(ShowsItself):
     """An answer, ready to be shown.
 
     Attributes:

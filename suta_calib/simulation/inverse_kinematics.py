@@ -19,6 +19,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import vector_from_rotation, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.
@@ -52,7 +53,7 @@ _WIDEST_START: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Targets:
+class Targets(Shown):
     """Where the tip shall be.
 
     Attributes:
@@ -74,7 +75,7 @@ class Targets:
 
 
 @dataclass(frozen=True, eq=False)
-class Postures:
+class Postures(Shown):
     """The answer, whether or not the targets could be reached.
 
     Attributes:

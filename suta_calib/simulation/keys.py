@@ -32,6 +32,7 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.samples import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign, YamlSection
+from suta_calib.showing import Shown
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key
@@ -50,7 +51,7 @@ _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
 
 @dataclass(frozen=True, eq=False)
-class PoseSpec:
+class PoseSpec(Shown):
     """A rigid transform: rotation (3, 3) and position (3,), m; ``line`` says where it stands."""
 
     rotation: FloatArray

@@ -25,6 +25,7 @@ from suta_calib.measurements import (
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
+from suta_calib.showing import Shown
 from suta_calib.simulation.backlash import last_motions, readings_beside
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
@@ -45,7 +46,7 @@ _ROUNDS: Final = 20
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedFile:
+class SimulatedFile(Shown):
     """One samples file.
 
     Attributes:
@@ -68,7 +69,7 @@ class SimulatedFile:
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation:
+class Simulation(Shown):
     """Simulated samples and the truth behind them.
 
     Attributes:

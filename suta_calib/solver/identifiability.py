@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import OFFSET, ROTATION, ParameterSet
+from suta_calib.showing import Shown
 from suta_calib.solver.information import Information
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value
@@ -31,7 +32,7 @@ ROUNDING: Final = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Combination:
+class Combination(Shown):
     """A direction of the parameters that changes no observation.
 
     Attributes:
@@ -108,7 +109,7 @@ class _LeftOpen:
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class Identification(Shown):
     """The verdict on a set of parameters.
 
     What is fixed is all that a refit asks for, and half the work: the rest is done when asked for.

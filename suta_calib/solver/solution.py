@@ -38,7 +38,7 @@ INFORMED = 0.5
 
 
 @dataclass(frozen=True)
-class Estimate:
+class Estimate(Shown):
     """One parameter after the fit.
 
     Attributes:

@@ -12,6 +12,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SolverError, SutaCalibError
+from suta_calib.showing import Shown
 from suta_calib.solver.nlp import RobustNlp
 
 # Statuses of Gauss-Newton steps that come to a minimum, or to one that an earlier start has found.
@@ -20,7 +21,7 @@ JOINED: Final = "Joined_Earlier_Start"
 
 
 @dataclass(frozen=True, eq=False)
-class Answer:
+class Answer(Shown):
     """Where a solver ended.
 
     Attributes:
@@ -41,7 +42,7 @@ class Answer:
 
 
 @dataclass(frozen=True, eq=False)
-class Minimum:
+class Minimum(Shown):
     """Where a start ended.
 
     Attributes:

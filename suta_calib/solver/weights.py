@@ -31,6 +31,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
+from suta_calib.showing import Shown
 from suta_calib.solver.evidence import (
     SETTLED,
     MarginalLikelihood,
@@ -81,7 +82,7 @@ class Learned:
 
 
 @dataclass(frozen=True, eq=False)
-class Weights:
+class Weights(Shown):
     """Noise levels and prior factors, with how well the data tell them.
 
     Attributes:

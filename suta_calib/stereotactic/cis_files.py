@@ -23,6 +23,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.measurements.files import read_text
 from suta_calib.measurements.pose_files import OTHER_UNIT
+from suta_calib.showing import Shown
 from suta_calib.units import from_mm, mm
 
 # mm; beyond this it is no position of a marker, and its square must stay a number.
@@ -148,7 +149,7 @@ class NavigationData:
 
 
 @dataclass(frozen=True, eq=False)
-class StereotacticData:
+class StereotacticData(Shown):
     """The given files.
 
     Attributes:

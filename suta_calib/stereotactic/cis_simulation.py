@@ -15,6 +15,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.showing import Shown
 from suta_calib.stereotactic.cis_files import (
     CalibrationMarkers,
     NavigationData,
@@ -50,7 +51,7 @@ class StereotacticTruth(Output1):
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedSet:
+class SimulatedSet(Shown):
     """Simulated data and what they were made from."""
 
     data: StereotacticData

@@ -28,6 +28,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
+from suta_calib.showing import Shown
 from suta_calib.stereotactic.left_out import robust_predicts_better
 from suta_calib.threads import single_threaded
 
@@ -58,7 +59,7 @@ INVERSIONS: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
-class DistortionCorrection:
+class DistortionCorrection(Shown):
     """A fitted correction.
 
     Attributes:

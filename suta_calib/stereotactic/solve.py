@@ -21,6 +21,7 @@ from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
+from suta_calib.showing import Shown
 from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
     Output1,
@@ -76,7 +77,7 @@ USES: Final = {
 
 
 @dataclass(frozen=True, eq=False)
-class StereotacticResult:
+class StereotacticResult(Shown):
     """Answer to the assignments.
 
     Attributes:
@@ -409,7 +410,7 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
 
 
 @dataclass(frozen=True, eq=False)
-class StereotacticErrors:
+class StereotacticErrors(Shown):
     """Distances of the answer from the given one; None where that file is not there.
 
     Attributes:

@@ -17,6 +17,7 @@ from scipy.sparse import csc_array
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.showing import Shown
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
@@ -118,7 +119,7 @@ class Certified:
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class Block(Shown):
     """Residuals of one unit and dimension, one row an observation.
 
     Attributes:

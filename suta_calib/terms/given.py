@@ -22,6 +22,7 @@ from suta_calib.measurements.fields import ANGLE, RPY_DEG, Value, fields_of, key
 from suta_calib.measurements.fields import POSITION as POSITION_MM
 from suta_calib.measurements.samples import finite, numbers_of, rotation_matrix
 from suta_calib.model.parameters import POSITION, ROTATION, Parameter
+from suta_calib.showing import Shown
 from suta_calib.units import from_mm, mm
 
 _STD_MM: Final = Value(
@@ -41,7 +42,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenPose:
+class GivenPose(Shown):
     """Where something stands, as far as that is known.
 
     Attributes:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.showing import Shown
 from suta_calib.terms.poses import PoseSource
 
 if TYPE_CHECKING:
@@ -36,7 +37,7 @@ class TrueFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Observed:
+class Observed(Shown):
     """What an ideal instrument would report, or where a tip that touches ideally would be.
 
     Attributes:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
+from suta_calib.showing import Shown
 from suta_calib.terms.outside import point_named, pose_named
 from suta_calib.terms.term import Term
 
@@ -50,7 +51,7 @@ class PoseNoise:
 
 
 @dataclass(frozen=True)
-class OutlierModel:
+class OutlierModel(Shown):
     """Gross errors.
 
     Attributes:
@@ -84,7 +85,7 @@ NO_OUTLIERS: Final = OutlierModel()
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated(Generic[SimulatedTerm]):
+class Simulated(Shown, Generic[SimulatedTerm]):
     """Measurements that were simulated, and what is true.
 
     Attributes:

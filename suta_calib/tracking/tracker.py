@@ -22,6 +22,7 @@ from suta_calib.device.description import columns_of
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
 from suta_calib.units import from_mm
 
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class TrackedPose:
+class TrackedPose(Shown):
     """``T_base_tip`` of one reading; with a tool, the position is that of the tool's tip.
 
     Attributes:
@@ -74,7 +75,7 @@ _LARGEST = 10.0
 
 
 @dataclass(frozen=True, eq=False)
-class Tool:
+class Tool(Shown):
     """Where a tool's tip is.
 
     Attributes:

@@ -18,12 +18,13 @@ from suta_calib.measurements.csv_table import (
     rotations,
 )
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 
 LEAST_ROWS: Final = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory:
+class Trajectory(Shown):
     """A motion of the tip.
 
     Attributes:

@@ -32,6 +32,7 @@ from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
+from suta_calib.showing import Shown
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.staging import recover
 from suta_calib.units import FARTHEST
@@ -50,7 +51,7 @@ _POSTURES: Final = 96
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationUncertainty:
+class CalibrationUncertainty(Shown):
     """Covariance of the arm's parameters as a calibration estimated them.
 
     Attributes:

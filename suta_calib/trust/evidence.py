@@ -36,6 +36,7 @@ from scipy.special import fdtrc
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.measurements.fields import Value, keyed, quantity
 from suta_calib.measurements.yaml_file import YamlSection
+from suta_calib.showing import Shown
 from suta_calib.solver.information import scaled_inverse
 from suta_calib.terms.block import grouped_rows, summed
 
@@ -87,7 +88,7 @@ class Rule:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearFit:
+class LinearFit(Shown):
     """A converged fit, linear about its solution.
 
     Only `jacobian` and `residual` are needed. The rest are options.
@@ -224,7 +225,7 @@ class LinearFit:
 
 
 @dataclass(frozen=True, eq=False)
-class Stretches(Sequence[FloatArray]):
+class Stretches(Shown, Sequence[FloatArray]):
     """Windows that are runs of samples: 1 from one sample up to another, 0 elsewhere.
 
     Sums over the rows between any two edges serve all of them, so that every time at which
@@ -267,7 +268,7 @@ class Stretches(Sequence[FloatArray]):
 
 
 @dataclass(frozen=True, eq=False)
-class Effect:
+class Effect(Shown):
     """Something that no parameter of the fit describes, such as a base that moved.
 
     Attributes:
@@ -300,7 +301,7 @@ class Effect:
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence:
+class Evidence(Shown):
     """What the data say of one effect.
 
     Attributes:

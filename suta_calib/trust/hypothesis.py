@@ -14,6 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level, attempt
 from suta_calib.registry import all_classes
+from suta_calib.showing import Shown
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
@@ -25,7 +26,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Spoilt:
+class Spoilt(Shown):
     """Data with a fault of known size.
 
     Attributes:
@@ -184,7 +185,7 @@ class Pattern(Hypothesis):
 
 
 @dataclass(frozen=True, eq=False)
-class Finding:
+class Finding(Shown):
     """A hypothesis that the data support.
 
     Attributes:

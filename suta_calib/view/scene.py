@@ -13,6 +13,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
+from suta_calib.showing import Shown
 from suta_calib.view.drawn_arm import DrawnArm
 
 # Red, green and blue, 0 to 255.
@@ -192,7 +193,7 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Scene(Shown):
     """All of it.
 
     Attributes:

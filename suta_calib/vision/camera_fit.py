@@ -18,6 +18,7 @@ from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners
+from suta_calib.showing import Shown
 from suta_calib.vision.opencv import opencv
 
 # Corners of a picture from which a pose and more can be told.
@@ -58,7 +59,7 @@ class CameraFitOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraFit:
+class CameraFit(Shown):
     """A camera that pictures of a board determined.
 
     Attributes:

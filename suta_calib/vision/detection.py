@@ -19,6 +19,7 @@ from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.processes import usable_cores
+from suta_calib.showing import Shown
 from suta_calib.vision.camera_fit import (
     CameraFit,
     CameraFitOptions,
@@ -40,7 +41,7 @@ _NEARLY_ALL: Final = 0.9
 
 
 @dataclass(frozen=True)
-class DetectionOptions:
+class DetectionOptions(Shown):
     """How pictures are searched, and when a word is said.
 
     Attributes:
@@ -58,7 +59,7 @@ class DetectionOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class View(Shown):
     """What became of one picture.
 
     Attributes:
@@ -81,7 +82,7 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Detection:
+class Detection(Shown):
     """Corners found in pictures.
 
     Attributes:

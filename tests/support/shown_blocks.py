@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import pkgutil
 import re
 import shlex
+from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
+# Packages with public names; the command line is no library.
+PACKAGES = sorted(
+    module.name
+    for parent in ("suta_calib", "suta_calib.analysis")
+    for module in pkgutil.iter_modules(import_module(parent).__path__, f"{parent}.")
+    if module.ispkg and module.name != "suta_calib.cli"
+)
 ROOT = Path(__file__).resolve().parents[2]
 # What people read: the README, and the pages of the site that are written by hand.
 PAGES = (

@@ -32,6 +32,7 @@ from suta_calib.job.limits import (
     StatedUncertainty,
     worst,
 )
+from suta_calib.showing import Shown
 from suta_calib.units import mm
 
 # What the standard asks for: touches of a sphere, articulations of a point and touches in each,
@@ -49,7 +50,7 @@ GUARDED: Final = DecisionRule()
 
 
 @dataclass(frozen=True, eq=False)
-class AcceptanceMeasurements:
+class AcceptanceMeasurements(Shown):
     """What was measured; empty or None where a test was not made.
 
     Attributes:
@@ -103,7 +104,7 @@ class AcceptanceMeasurements:
 
 
 @dataclass(frozen=True)
-class Characteristic:
+class Characteristic(Shown):
     """One figure of the test: the worst of those that were measured.
 
     Attributes:
@@ -154,7 +155,7 @@ class Characteristic:
 
 
 @dataclass(frozen=True, eq=False)
-class AcceptanceTest:
+class AcceptanceTest(Shown):
     """What was found.
 
     Attributes:

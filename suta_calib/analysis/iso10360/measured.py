@@ -14,6 +14,7 @@ from scipy.optimize import least_squares
 from suta_calib.analysis.repeatability import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
+from suta_calib.showing import Shown
 from suta_calib.terms import Term
 from suta_calib.terms.block import grouped
 
@@ -24,7 +25,7 @@ _FLAT: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class Sphere:
+class Sphere(Shown):
     """A sphere.
 
     Attributes:
@@ -111,7 +112,7 @@ def best_sphere(points: FloatArray, where: str = "") -> Sphere:
 
 
 @dataclass(frozen=True, eq=False)
-class LengthErrors:
+class LengthErrors(Shown):
     """Measured minus calibrated length of every pair of landmarks of one placement and repeat.
 
     Attributes:
@@ -180,7 +181,7 @@ class LengthErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class Articulation:
+class Articulation(Shown):
     """One point found from several articulations of the arm; lengths in m.
 
     Attributes:
@@ -269,7 +270,7 @@ def articulations(
 
 
 @dataclass(frozen=True, eq=False)
-class SphereProbing:
+class SphereProbing(Shown):
     """One sphere probed in one place; lengths in m.
 
     Attributes:
@@ -309,7 +310,7 @@ def probings(
 
 
 @dataclass(frozen=True, eq=False)
-class Repeats:
+class Repeats(Shown):
     """Repeated visits to one point; lengths in m.
 
     Attributes:

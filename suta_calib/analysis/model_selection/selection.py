@@ -36,6 +36,7 @@ from suta_calib.diagnostics.score_tests import Residuals, ScoreTest
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
+from suta_calib.showing import Shown
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -78,7 +79,7 @@ EXPECTED: Final = 30
 
 
 @dataclass(frozen=True, eq=False)
-class ModelSelection:
+class ModelSelection(Shown):
     """What was tried, and what is worth having.
 
     Attributes:

@@ -79,7 +79,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True, eq=False)
-class Displacement:
+class Displacement(Shown):
     """How far a landmark lies from where it is certified, in the artefact's frame.
 
     Attributes:
@@ -92,7 +92,7 @@ class Displacement:
 
 
 @dataclass(frozen=True, eq=False)
-class Group:
+class Group(Shown):
     """One landmark, placement, set, point or row.
 
     Attributes:
@@ -122,7 +122,7 @@ class Group:
 
 
 @dataclass(frozen=True, eq=False)
-class Level:
+class Level(Shown):
     """All groups of one sort (``landmarks``, ``rows``, …) in the order of the file.
 
     ``thresholds`` are those of each metric for so many groups.
@@ -199,7 +199,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, eq=False)
-class TermOutliers:
+class TermOutliers(Shown):
     """One observation of the job.
 
     Attributes:

@@ -22,7 +22,7 @@ _USELESS: Final = 0.01
 
 
 @dataclass(frozen=True)
-class PlanOptions:
+class PlanOptions(Shown):
     """What is asked for.
 
     Attributes:
@@ -50,7 +50,7 @@ class PlanOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class Choice:
+class Choice(Shown):
     """One candidate of the plan, in the order of what they bring.
 
     Attributes:
@@ -69,7 +69,7 @@ class Choice:
 
 
 @dataclass(frozen=True, eq=False)
-class Best:
+class Best(Shown):
     """The best that as many samples as the present ones could tell, from the candidates.
 
     Attributes:
@@ -102,7 +102,7 @@ class Expected:
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast:
+class Forecast(Shown):
     """All of them, and the tip in a region after registration.
 
     Attributes:
@@ -119,7 +119,7 @@ class Forecast:
 
 
 @dataclass(frozen=True)
-class Remedy:
+class Remedy(Shown):
     """A parameter the present data cannot tell.
 
     Attributes:
@@ -140,7 +140,7 @@ class Remedy:
 
 
 @dataclass(frozen=True)
-class Stop:
+class Stop(Shown):
     """When to stop.
 
     Attributes:

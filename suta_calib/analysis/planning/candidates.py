@@ -30,6 +30,7 @@ from suta_calib.measurements.fields import (
     whole,
 )
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
@@ -93,7 +94,7 @@ KEYS: Final = Fields(
 
 
 @dataclass(frozen=True, eq=False)
-class Placement:
+class Placement(Shown):
     """An artefact put down somewhere: ``T_base_artefact``.
 
     ``line`` is that of the candidates file, as of the other places.
@@ -112,7 +113,7 @@ class Placement:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class Point(Shown):
     """One point, or another place without an artefact, touched from many directions.
 
     Attributes:
@@ -134,7 +135,7 @@ class Point:
 
 
 @dataclass(frozen=True, eq=False)
-class Posture:
+class Posture(Shown):
     """One posture, (joints,) rad or m, in which an instrument or the camera takes a reading."""
 
     name: str
@@ -147,7 +148,7 @@ Place = Placement | Point | Posture
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class Candidate(Shown):
     """A place the arm can reach.
 
     Attributes:
@@ -193,7 +194,7 @@ class Unreachable:
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateFile:
+class CandidateFile(Shown):
     """What the file says, grids written out; ``repeats`` of a placement's landmarks, or None."""
 
     path: Path

@@ -27,6 +27,7 @@ from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.showing import Shown
 from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -45,7 +46,7 @@ _ESTIMATED: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Space:
+class Space(Shown):
     """The unknowns that data from different places have in common.
 
     They are the arm's free ones, ``arm_count`` of them, then those of instruments and of seats.
@@ -195,7 +196,7 @@ def _shared_information(
 
 
 @dataclass(frozen=True, eq=False)
-class Design:
+class Design(Shown):
     """Candidates to choose from, and what a choice is worth.
 
     Matrices are kept in coordinates in which everything is uncorrelated and of variance one before

@@ -29,6 +29,7 @@ from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
+from suta_calib.showing import Shown
 from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
@@ -53,7 +54,7 @@ class Reached:
 
 
 @dataclass(frozen=True, eq=False)
-class Reach:
+class Reach(Shown):
     """Finds postures for places, near those the arm had."""
 
     situation: Situation

@@ -25,6 +25,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.showing import Shown
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.units import deg, from_deg, from_mm, mm
 
@@ -49,7 +50,7 @@ _AT_ONCE: Final = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Region:
+class Region(Shown):
     """A box and a cone of directions.
 
     Attributes:

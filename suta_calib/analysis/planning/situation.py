@@ -14,6 +14,7 @@ from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA, Problem
 from suta_calib.solver.solution import Solution
@@ -21,7 +22,7 @@ from suta_calib.terms import ArmPoses, Setup, Term, first_kind
 
 
 @dataclass(frozen=True, eq=False)
-class Situation:
+class Situation(Shown):
     """The present data at the parameters they give.
 
     Attributes:

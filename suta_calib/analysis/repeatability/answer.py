@@ -8,10 +8,11 @@ from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.touches import RepeatedTouches
 from suta_calib.analysis.repeatability.visits import Repeatability
 from suta_calib.assessment import Assessment, judged
+from suta_calib.showing import Shown
 
 
 @dataclass(frozen=True, eq=False)
-class RepeatabilityTest:
+class RepeatabilityTest(Shown):
     """Visits to one point, repeats of many, encoders at rest; None for what was not looked at."""
 
     visits: Repeatability | None = None

@@ -24,6 +24,7 @@ from suta_calib.atomic import note_input
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
+from suta_calib.showing import Shown
 from suta_calib.units import Unit, from_deg
 
 _PER_DECADE: Final = 8
@@ -57,7 +58,7 @@ _LARGEST_ANGLE: Final = 8 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
-class AllanDeviation:
+class AllanDeviation(Shown):
     """Overlapping Allan deviation of readings at a steady rate.
 
     Attributes:
@@ -111,7 +112,7 @@ def overlapping(sums: FloatArray, size: int) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class JointNoise:
+class JointNoise(Shown):
     """One joint at rest, rad (m for a prismatic joint).
 
     Attributes:
@@ -163,7 +164,7 @@ class JointNoise:
 
 
 @dataclass(frozen=True, eq=False)
-class Stationary:
+class Stationary(Shown):
     """A stationary stream, joint by joint.
 
     Attributes:
@@ -302,7 +303,7 @@ def _drift(time: FloatArray, away: FloatArray) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class Stream(Shown):
     """Readings over time.
 
     Attributes:

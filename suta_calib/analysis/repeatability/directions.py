@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from suta_calib.analysis.repeatability.scatter import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.showing import Shown
 from suta_calib.terms.block import grouped
 from suta_calib.units import Unit
 
@@ -188,7 +189,7 @@ def _inverse(covariance: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class JointPush:
+class JointPush(Shown):
     """What the direction of the push does to one joint, rad (m for a prismatic joint).
 
     Attributes:
@@ -224,7 +225,7 @@ class JointPush:
 
 
 @dataclass(frozen=True)
-class DirectionalForce:
+class DirectionalForce(Shown):
     """The directions compared.
 
     Attributes:

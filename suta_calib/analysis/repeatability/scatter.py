@@ -20,6 +20,7 @@ from scipy.special import stdtrit
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95
@@ -134,7 +135,7 @@ def _factor(confidence: float, freedom: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class PositionScatter:
+class PositionScatter(Shown):
     """Position repeatability of the tip, ISO 9283:1998, 7.2.2: all lengths in m.
 
     Attributes:
@@ -212,7 +213,7 @@ class OrientationScatter:
 
 
 @dataclass(frozen=True)
-class JointScatter:
+class JointScatter(Shown):
     """How far one joint's readings scatter, rad (m for a prismatic joint).
 
     Attributes:
@@ -267,7 +268,7 @@ def median_angle(readings: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class ScatterChange:
+class ScatterChange(Shown):
     """One figure under two protocols.
 
     Attributes:
@@ -293,7 +294,7 @@ class ScatterChange:
 
 
 @dataclass(frozen=True)
-class ProtocolComparison:
+class ProtocolComparison(Shown):
     """Two protocols, visits of each about their own barycentre.
 
     Attributes:

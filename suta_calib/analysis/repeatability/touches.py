@@ -27,6 +27,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.terms import ArmPoses
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
@@ -38,7 +39,7 @@ POINT: Final = ("placement", "landmark")
 
 
 @dataclass(frozen=True)
-class JointRepeats:
+class JointRepeats(Shown):
     """How far one joint's readings scatter among repeats of a touch, rad (m if prismatic).
 
     Attributes:
@@ -61,7 +62,7 @@ class JointRepeats:
 
 
 @dataclass(frozen=True, eq=False)
-class RepeatedTouches:
+class RepeatedTouches(Shown):
     """Repeats of many points.
 
     Attributes:

@@ -36,6 +36,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
+from suta_calib.showing import Shown
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
 from suta_calib.trust.serial_correlation import correlation_length
@@ -109,7 +110,7 @@ def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tup
 
 
 @dataclass(frozen=True, eq=False)
-class Repeatability:
+class Repeatability(Shown):
     """Visits to one point.
 
     Attributes:

@@ -21,6 +21,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.accuracy import block_residuals, fit_own
 from suta_calib.errors import ParameterError, SamplesError
+from suta_calib.showing import Shown
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import Term
@@ -81,7 +82,7 @@ class DriftPoint:
 
 
 @dataclass(frozen=True)
-class DriftStudy:
+class DriftStudy(Shown):
     """How held-out errors grow.
 
     Attributes:

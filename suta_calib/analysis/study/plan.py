@@ -25,6 +25,7 @@ from suta_calib.analysis.study.trial import (
 )
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.showing import Shown
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -36,7 +37,7 @@ MOST_DRAWN: Final = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class StudyPlan:
+class StudyPlan(Shown):
     """Which trials to run.
 
     Attributes:
@@ -65,7 +66,7 @@ class StudyPlan:
 
 
 @dataclass(frozen=True)
-class Request:
+class Request(Shown):
     """What the user asked for.
 
     Attributes:

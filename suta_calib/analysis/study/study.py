@@ -22,6 +22,7 @@ from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nomi
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.job.calibration import CalibrationJob
+from suta_calib.showing import Shown
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import Progress
 from suta_calib.units import shown
@@ -40,7 +41,7 @@ RIGHT: Final = (0.8, 1.25)
 
 
 @dataclass(frozen=True, eq=False)
-class SizeResult:
+class SizeResult(Shown):
     """All trials with one number of sets.
 
     Attributes:
@@ -79,7 +80,7 @@ class SizeResult:
 
 
 @dataclass(frozen=True, eq=False)
-class SizeStudy:
+class SizeStudy(Shown):
     """Error on held-out data by number of sets.
 
     Attributes:
@@ -169,7 +170,7 @@ class SizeStudy:
 
 
 @dataclass(frozen=True, eq=False)
-class TrialScatter:
+class TrialScatter(Shown):
     """One quantity, (told,) m or rad, over the trials that told it."""
 
     values: FloatArray
@@ -199,7 +200,7 @@ class TrialScatter:
 
 
 @dataclass(frozen=True, eq=False)
-class ParameterSpread:
+class ParameterSpread(Shown):
     """One parameter of the arm.
 
     Attributes:
@@ -239,7 +240,7 @@ class ParameterSpread:
 
 
 @dataclass(frozen=True, eq=False)
-class SpreadStudy:
+class SpreadStudy(Shown):
     """Scatter of a calibration's answer.
 
     Attributes:

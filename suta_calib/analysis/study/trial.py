@@ -25,6 +25,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.showing import Shown
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations, stream
 from suta_calib.solver.kernel import TermErrors
@@ -102,7 +103,7 @@ class StudyData:
 
 
 @dataclass(frozen=True)
-class Trial:
+class Trial(Shown):
     """What came of one calibration.
 
     Attributes:
