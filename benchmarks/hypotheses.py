@@ -48,8 +48,8 @@ PARTS: Final = (0.7, 0.5, 0.35, 0.25, 0.18, 0.125, 0.09, 0.06, 0.045, 0.03)
 NAMED: Final = 0.9
 
 
-def is_named(hypothesis: Hypothesis, sound: Sound, term: Term) -> bool:
-    """Whether a hypothesis is what is said first of data."""
+def is_named(hypothesis: Hypothesis, sound: Sound, term: Term) -> bool | None:
+    """Whether a hypothesis is what is said first of data; None where nothing can be solved."""
     try:
         if isinstance(hypothesis, Reinterpretation) and not hypothesis.needs_arm:
             return is_refused(sound, term)
@@ -61,7 +61,9 @@ def is_named(hypothesis: Hypothesis, sound: Sound, term: Term) -> bool:
             return any(True for _ in hypothesis.matches(answer))
         reading = explaining_reading(answer)
         return reading is not None and reading.hypothesis is hypothesis
-    except (SutaCalibError, AssertionError):
+    except SutaCalibError:
+        return None
+    except AssertionError:
         return False
 
 
@@ -121,6 +123,8 @@ def power(hypothesis: Hypothesis, sets: int) -> dict[str, Any]:
             if term is None:
                 return None
             yes = is_named(hypothesis, sound, term)
+            if yes is None:
+                return None
             count, missed = count + yes, missed + (not yes)
             if missed > (1.0 - enough) * sets:
                 break

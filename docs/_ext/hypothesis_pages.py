@@ -51,9 +51,9 @@ def hypotheses_page() -> Iterator[str]:
         "## How the figures were measured\n\n"
         "`benchmarks/hypotheses.py` puts the fault of each hypothesis into sound simulated data "
         "and counts how often the hypothesis is what is named first. For effects it also makes "
-        "the fault smaller, down to the smallest part that is still named in 90 % of the sets. "
-        f"False alarms in {sets} sound sets of all sorts: {said}.\n"
+        "the fault smaller, down to the smallest part that is still named in 90 % of the sets."
     )
+    yield f" False alarms in {sets} sound sets of all sorts: {said}.\n" if sets else "\n"
 
 
 def of_effects(rule: Rule) -> str:
