@@ -15,19 +15,14 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import wrap
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 # Median absolute deviation to standard deviation of a normal distribution.
 NORMAL: Final = 1.4826
-# Farther from the median than this many standard deviations no honest reading lies.
-_GROSS: Final = 6.0
-# A column with at most this many distinct values shows the encoder's steps rather than noise.
-_FEW_STEPS: Final = 5
-_OFTEN: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Average(Shown):
+class Average(Displayable):
     """Many readings of an arm at rest as one.
 
     Attributes:
@@ -70,12 +65,15 @@ def steps(deviations: FloatArray) -> FloatArray:
     A coarse encoder at rest reports two or three neighbouring values. Its scatter then says nothing
     below the step between them.
     """
+    # A column with at most this many distinct values shows the encoder's steps rather than noise.
+    few_steps = 5
+    often = 0.05
     smallest = np.zeros(deviations.shape[1])
     for k, column in enumerate(deviations.T.round(12)):
         values, counts = np.unique(column, return_counts=True)
         # A value that hardly ever occurs is an error, not a neighbouring step.
-        values = values[counts >= max(2, _OFTEN * len(column))]
-        if 2 <= len(values) <= _FEW_STEPS:
+        values = values[counts >= max(2, often * len(column))]
+        if 2 <= len(values) <= few_steps:
             smallest[k] = np.diff(values).min()
     return smallest
 
@@ -94,7 +92,9 @@ def average(angles: ArrayLike, seconds: float = 0.0) -> Average:
     if not angles.size:
         raise SamplesError("no readings", "at least one to average")
     centre, deviation = unwrapped_about_median(angles)
-    limit = np.maximum(_GROSS * spread(deviation), 2 * steps(deviation) + 1e-9)
+    # Farther from the median than this many standard deviations no honest reading lies.
+    gross = 6.0
+    limit = np.maximum(gross * spread(deviation), 2 * steps(deviation) + 1e-9)
     inliers = np.abs(deviation) <= limit
     mean = np.mean(deviation, axis=0, where=inliers)
     left = inliers.sum(axis=0)

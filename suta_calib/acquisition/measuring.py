@@ -37,7 +37,7 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.errors import InputError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS
 from suta_calib.units import deg
 
@@ -51,7 +51,7 @@ Status = Literal["complete", "incomplete", "interrupted"]
 
 
 @dataclass(frozen=True)
-class MeasureOptions(Shown):
+class MeasureOptions(Displayable):
     """What is to be measured, and how: one label, or ``free``.
 
     Attributes:
@@ -116,7 +116,7 @@ class MeasureOptions(Shown):
 
 
 @dataclass(frozen=True)
-class Measured(Shown):
+class Measured(Displayable):
     """What one call of `measure` left behind.
 
     Attributes:

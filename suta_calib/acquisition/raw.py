@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -17,9 +17,6 @@ from suta_calib.extras import load
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
-
-_ROWS: Final = 4096
-_EVERY_S: Final = 1.0
 
 
 class RawRecorder:
@@ -85,7 +82,9 @@ class RawRecorder:
             OutputError: the disk refuses them.
         """
         self._readings += readings
-        if len(self._readings) >= _ROWS or time.monotonic() - self._flushed > _EVERY_S:
+        rows = 4096
+        every_s = 1.0
+        if len(self._readings) >= rows or time.monotonic() - self._flushed > every_s:
             with self._telling():
                 self._flush()
 

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
 
 
-_RARE: Final = 4.5
-_GROSS: Final = 6.0
 # Readings after which the window is looked at, whatever their clock says; looks that tell noise.
 _MOST_FRESH: Final = 400
 _MOST_LOOKS: Final = 400
@@ -160,11 +158,13 @@ class RestDetector:
         s, scatter = self._settings, spread(deviation)
         least, factor = 1.5 * steps(deviation), s.hysteresis if self._resting else 1.0
         tremble = np.maximum(s.tremble, np.maximum(s.noises * self.noise, least))
+        rare = 4.5
         # Two means of half the window each differ by this much, one time in 100 000.
-        chance = _RARE * 2 * self.noise / np.sqrt(len(deviation))
+        chance = rare * 2 * self.noise / np.sqrt(len(deviation))
         drift = np.maximum(s.drift, np.maximum(chance, least))
+        gross = 6.0
         # A single gross error must not move a mean.
-        most = np.maximum(_GROSS * scatter, 2 * drift)
+        most = np.maximum(gross * scatter, 2 * drift)
         clipped, half = np.clip(deviation, -most, most), len(deviation) // 2
         change = clipped[-half:].mean(axis=0) - clipped[:half].mean(axis=0)
         return np.asarray((scatter > factor * tremble) | (np.abs(change) > factor * drift))

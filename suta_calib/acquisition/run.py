@@ -29,7 +29,6 @@ from suta_calib.units import deg, mm
 Say = Callable[[str], None]
 # Labels and readings (n,), rad.
 Sample = tuple[Mapping[str, str], FloatArray]
-_MOST_DISTANCES: Final = 4
 TWISTS: Final = {"ccw": "counter-clockwise", "cw": "clockwise"}
 
 
@@ -156,7 +155,8 @@ class Run:
         if self.seating is not None:
             landmark = self.station.labels["landmark"]
             errors = self.seating.distances(landmark, average.angles)
-            largest = sorted(errors, key=lambda other: -abs(errors[other]))[:_MOST_DISTANCES]
+            most_distances = 4
+            largest = sorted(errors, key=lambda other: -abs(errors[other]))[:most_distances]
             text = ", ".join(f"to {other} {mm(errors[other]):+.2f} mm" for other in largest)
             if more := len(errors) - len(largest):
                 rms = mm(float(np.sqrt(np.mean(np.square(list(errors.values()))))))

@@ -18,12 +18,6 @@ from suta_calib.geometry.numbers import register_points, rms_length
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 
-# An arm before its calibration may be off by this much without anything being wrong, m.
-_NOMINAL_ERROR: Final = 10e-3
-_OUTSTANDING: Final = 4.0
-# And among so many landmarks never by so much, however bad the other distances are, m.
-_MANY: Final = 4
-_NEVER_USUAL: Final = 30e-3
 # From here on a landmark is another one rather than badly measured, m and as a ratio.
 ANOTHER: Final = 15e-3
 _BETTER: Final = 3.0
@@ -65,13 +59,19 @@ class SeatingCheck:
 
     def suspicious(self, landmark: str, angles: FloatArray) -> bool:
         """Whether these distances stand out from those between the others."""
+        # An arm before its calibration may be off by this much without anything being wrong, m.
+        nominal_error = 10e-3
+        outstanding = 4.0
+        # And among so many landmarks never by so much, however bad the other distances are, m.
+        many = 4
+        never_usual = 30e-3
         errors = self.distances(landmark, angles)
         if not errors:
             return False
         usual = [abs(self._error(a, self.tips[a], b)) for a, b in combinations(errors, 2)]
-        limit = max(_NOMINAL_ERROR, _OUTSTANDING * float(np.median(usual)) if usual else 0.0)
-        if len(errors) >= _MANY:
-            limit = min(limit, _NEVER_USUAL)
+        limit = max(nominal_error, outstanding * float(np.median(usual)) if usual else 0.0)
+        if len(errors) >= many:
+            limit = min(limit, never_usual)
         return float(np.median(np.abs(list(errors.values())))) > limit
 
     def same_place(self, angles: FloatArray, other: FloatArray) -> bool:

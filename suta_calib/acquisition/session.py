@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     # What makes events of readings, and who decides which stop is which sample.
     Finder: TypeAlias = StopFinder | Continuous
     Sampler: TypeAlias = Guided | Unattended | Continuous
-
-_READ_TIMEOUT: Final = 0.05
 
 
 class ArmReadings:
@@ -96,8 +94,9 @@ def run_session(
     since = time.monotonic()
     first: Reading | None = None
     last: Reading | None = None
+    read_timeout = 0.05
     while not sampler.done:
-        readings = source.read(_READ_TIMEOUT)
+        readings = source.read(read_timeout)
         now = time.monotonic()
         record(readings)
         stop_events = finder.feed(choose(readings))

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -26,10 +26,6 @@ from suta_calib.geometry.numbers import wrap
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
-
-
-# How far back the way to a rest is looked at, s: seating a plug and turning it takes no longer.
-_APPROACH_S: Final = 3.0
 
 
 @dataclass(frozen=True)
@@ -178,7 +174,9 @@ class StopFinder:
                 self._window.suspended = self._window.interrupted = True
         if look.readings:
             self._way.append((look.readings[-1].time, look.angles))
-            while look.readings[-1].time - self._way[0][0] > _APPROACH_S:
+            # How far back the way to a rest is looked at, s: seating a plug and turning it takes no
+            # longer.
+            while look.readings[-1].time - self._way[0][0] > 3.0:
                 self._way.popleft()
         if self._reference is not None:
             away = float(np.max(np.abs(wrap(look.angles - self._reference))))

@@ -38,7 +38,7 @@ class Station:
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class ObservationRow:
     """One observation of a job.
 
     Attributes:
@@ -107,7 +107,7 @@ def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
     return read_arm_of_job(read_outline(job).top, urdf).model()
 
 
-def read_row(job: Path, which: str | None, usable: Sequence[str]) -> Row:
+def read_row(job: Path, which: str | None, usable: Sequence[str]) -> ObservationRow:
     """The observation that samples are taken for: the first of a kind that is ``usable``.
 
     Or the one that ``which`` names: ``1``, ``observations[1]``, ``validation[0]`` or a kind.
@@ -123,7 +123,7 @@ def read_row(job: Path, which: str | None, usable: Sequence[str]) -> Row:
     if file is None and row.kind in KINDS and KINDS[row.kind].needs_artefact:
         raise row.section.refuse("no such key", "the artefact's file", at=("artefact",))
     artefact = None if file is None else read_artefact(file)
-    return Row(job, name, row.kind, artefact, row.samples[0], "seating" in row.section)
+    return ObservationRow(job, name, row.kind, artefact, row.samples[0], "seating" in row.section)
 
 
 def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, usable: Sequence[str]) -> str:
@@ -150,7 +150,7 @@ def _chosen(job: Path, kinds: Mapping[str, str], which: str | None, usable: Sequ
 
 
 def touched(
-    arm: ArmModel, row: Row, placement: str, repeat: str, sequence: Sequence[str] | None
+    arm: ArmModel, row: ObservationRow, placement: str, repeat: str, sequence: Sequence[str] | None
 ) -> TouchSequence:
     """The landmarks of one placement, in the artefact's order or another one.
 

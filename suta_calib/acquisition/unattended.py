@@ -35,12 +35,6 @@ if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
 
 
-# A rest cut short counts if it lasted this part of what was asked for.
-_ENOUGH: Final = 0.5
-# And this part, if the stream left out some of it, or began during it.
-_ENOUGH_INTERRUPTED: Final = 0.05
-# As many landmarks tell where the artefact stands.
-_TELLING: Final = 3
 # As many that agree to this leave no doubt where the others are, m; and nobody seats so badly, m.
 _SURE: Final = 5
 _AGREED: Final = 10e-3
@@ -128,7 +122,11 @@ class Unattended:
         average = event.average
         if not self._is_next(average):
             return
-        share = _ENOUGH_INTERRUPTED if event.interrupted else _ENOUGH
+        # A rest cut short counts if it lasted this part of what was asked for.
+        enough = 0.5
+        # And this part, if the stream left out some of it, or began during it.
+        enough_interrupted = 0.05
+        share = enough_interrupted if event.interrupted else enough
         if average.seconds < share * self._seconds:
             self._doubt = True
             if average.seconds > 0:
@@ -153,7 +151,8 @@ class Unattended:
             if near or (seating and seating.same_place(short.angles, following.angles)):
                 self._run.say("back where it rested before: one rest, recorded again")
                 return
-        recognisable = seating is not None and len(seating.tips) >= _TELLING
+        # As many landmarks tell where the artefact stands.
+        recognisable = seating is not None and len(seating.tips) >= 3
         if recognisable and self._farthest_off(short) > ANOTHER:
             self._doubt = True
             self._run.say(f"rested {short.seconds:.1f} s on no landmark: taken for a pause")
@@ -226,10 +225,6 @@ def _away(angles: FloatArray, other: FloatArray) -> float:
 
 # So many readings in a row give one sample: a single wrong one among them does no harm.
 _MEDIAN_OF: Final = 5
-# Spread over more time than this they are different postures, s.
-_SIMULTANEOUS: Final = 0.02
-# Samples in one posture tell nothing new, rad.
-_NEW_POSTURE: Final = from_deg(0.5)
 
 
 class Continuous:
@@ -295,9 +290,12 @@ class Continuous:
     def _sample(self) -> None:
         self._due = self._elapsed + self._every
         latest = list(self._latest)
-        if latest[-1].time - latest[0].time > _SIMULTANEOUS:
+        # Spread over more time than this they are different postures, s.
+        if latest[-1].time - latest[0].time > 0.02:
             latest = [latest[len(latest) // 2]]
         angles = unwrapped_about_median(np.array([r.angles for r in latest]))[0]
-        if self._last is None or np.max(np.abs(wrap(angles - self._last))) > _NEW_POSTURE:
+        # Samples in one posture tell nothing new, rad.
+        new_posture = from_deg(0.5)
+        if self._last is None or np.max(np.abs(wrap(angles - self._last))) > new_posture:
             self._waiting.append(angles)
             self._last = angles

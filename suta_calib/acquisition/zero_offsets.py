@@ -30,17 +30,10 @@ from suta_calib.solver.problem import DEFAULT_SIGMA
 from suta_calib.units import deg, from_deg, mm
 from suta_calib.words import listed
 
-# Starts of the inverse kinematics, and how many of what they find are tried on all poses.
-_STARTS: Final = 240
-_TRIED: Final = 80
 # Offsets closer than this are the same answer, rad or m.
 _SAME: Final = 1e-3
 # And readings closer than this the same posture, rad or m.
 _SAME_POSTURE: Final = 0.02
-# A branch fits if its residuals are within the assumed noise, or not much worse than the best.
-_NOT_MUCH_WORSE: Final = 3.0
-# Chance of naming a pose where all are as good.
-_FALSE_ALARM: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,7 +292,8 @@ def _contradicted(
     without = fit_without.refined(offsets, free)
     cost = fit_without.cost(without)
     ratio = (fit.cost(offsets) - cost) / size / max(cost / freedom, np.finfo(float).tiny)
-    if count * float(fdtrc(size, freedom, ratio)) > _FALSE_ALARM:
+    # Chance of naming a pose where all are as good.
+    if count * float(fdtrc(size, freedom, ratio)) > 1e-3:
         return None
     distance = fit.branch(without, free).distances[worst]
     rms = fit_without.branch(without, free).rms
@@ -308,21 +302,22 @@ def _contradicted(
 
 def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:
     """Offsets to begin from: those that explain the first row, in whichever posture."""
+    # Starts of the inverse kinematics, and how many of what they find are tried on all poses.
+    starts = 240
+    tried = 80
     assert samples.position is not None
     inverse = InverseKinematics(arm, {})
-    postures = np.vstack([samples.q[0], inverse.random_readings(rng, _STARTS - 1)])
+    postures = np.vstack([samples.q[0], inverse.random_readings(rng, starts - 1)])
     rotation = np.eye(3) if samples.rotation is None else samples.rotation[0]
     targets = Targets(
-        np.tile(samples.position[0], (_STARTS, 1)),
-        np.tile(rotation, (_STARTS, 1, 1)),
+        np.tile(samples.position[0], (starts, 1)),
+        np.tile(rotation, (starts, 1, 1)),
         "position" if samples.rotation is None else "pose",
     )
     postures_found = inverse.solve(targets, postures, rng, starts=1)
     order = np.argsort(~postures_found.reached, kind="stable")
     offsets = [wrapped_offsets(arm, postures_found.q[k] - samples.q[0]) for k in order]
-    return [np.zeros(len(arm.joints)), *(offsets[k] for k in _first_of_alike(arm, offsets))][
-        :_TRIED
-    ]
+    return [np.zeros(len(arm.joints)), *(offsets[k] for k in _first_of_alike(arm, offsets))][:tried]
 
 
 def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
@@ -353,7 +348,8 @@ def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray], free: IntArray) ->
     """The answers that fit, each once, the smallest offsets first."""
     costs = np.array([fit.cost(answer) for answer in answers])
     # Every residual may be as large as the noise assumed.
-    limit = max(len(fit.rows(answers[0])[0]), _NOT_MUCH_WORSE**2 * float(costs.min()))
+    # A branch fits if its residuals are within the assumed noise, or not much worse than the best.
+    limit = max(len(fit.rows(answers[0])[0]), 3.0**2 * float(costs.min()))
     good = [answers[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
     different = [good[k] for k in _first_of_alike(fit.arm, good)]
     return tuple(
