@@ -12,12 +12,7 @@ from typing import Final
 
 from suta_calib.device.reading import Reading, Statistics
 
-_SEQUENCES: Final = 1 << 16
-_CLOCK: Final = 1 << 32
 _MICRO: Final = 1e-6
-# A pause has to be this long before its wraps are counted: no device sends 65,536 frames in it.
-_LONG_PAUSE_S: Final = 1.0
-_ENOUGH_FRAMES: Final = 100
 
 
 class DeviceClock:
@@ -72,13 +67,19 @@ class DeviceClock:
         self._anchor = (sequence, time, arrival)
 
     def _advance(self, sequence: int, time_us: int, arrival: float) -> int:
-        elapsed = (time_us - self._raw_time) % _CLOCK
+        sequences = 1 << 16
+        clock = 1 << 32
+        # A pause has to be this long before its wraps are counted: no device sends 65,536 frames in
+        # it.
+        long_pause_s = 1.0
+        enough_frames = 100
+        elapsed = (time_us - self._raw_time) % clock
         # Never fewer than none: what comes in one piece has one time of arrival.
-        elapsed += _CLOCK * max(0, round(((arrival - self._arrival) / _MICRO - elapsed) / _CLOCK))
-        step = (sequence - self._raw_sequence) % _SEQUENCES
-        if elapsed * _MICRO > _LONG_PAUSE_S and self._frames >= _ENOUGH_FRAMES:
+        elapsed += clock * max(0, round(((arrival - self._arrival) / _MICRO - elapsed) / clock))
+        step = (sequence - self._raw_sequence) % sequences
+        if elapsed * _MICRO > long_pause_s and self._frames >= enough_frames:
             expected = elapsed * self._steps / max(self._span, 1)
-            step += _SEQUENCES * max(0, round((expected - step) / _SEQUENCES))
+            step += sequences * max(0, round((expected - step) / sequences))
         self._sequence += step
         self._microseconds += elapsed
         self._frames += 1
@@ -87,18 +88,10 @@ class DeviceClock:
         return max(step - 1, 0)
 
 
-# The device's clock runs with this computer's if, over the window, the two agree this closely:
-# drivers hand bytes over up to 16 ms late, and a busy computer reads them late.
-_LATENESS_S: Final = 0.02
-_TOLERANCE: Final = 0.1
-# What a cache held comes too fast, never too slowly: a clock may be this much slower, if it is one.
-_SLOWER: Final = 0.7
 # No cache holds so much that it would come this much too fast for so long: a bad clock then.
 _LONG_S: Final = 2.0
 _FASTER: Final = 1.0
 _FEWEST: Final = 3
-# A clock that leaps this far from one frame to the next is another clock, or a cache's end.
-_LEAP_S: Final = 1.0
 
 
 class Freshness:
@@ -165,6 +158,8 @@ class Freshness:
 
     def _leap(self, reading: Reading) -> float:
         """How far the clock leapt from the reading before; 0 where it went on."""
+        # A clock that leaps this far from one frame to the next is another clock, or a cache's end.
+        leap_s = 1.0
         before, ahead = self._newest, reading.time - reading.arrival
         if before is None or reading.sequence == before.sequence + 1:
             self._ahead = max(self._ahead, ahead)
@@ -174,9 +169,9 @@ class Freshness:
             # where it was at its most punctual.
             leap = ahead - self._ahead
             self._ahead = max(self._ahead, ahead)
-            return leap if leap > _LEAP_S else 0.0
+            return leap if leap > leap_s else 0.0
         leap = ahead - (before.time - before.arrival)
-        return leap if abs(leap) > _LEAP_S else 0.0
+        return leap if abs(leap) > leap_s else 0.0
 
     def _leapt(self, leap: float, left_out: list[Reading]) -> None:
         """Readings from the leap on were decoded with a clock that does not go on; so was a gap."""
@@ -192,6 +187,10 @@ class Freshness:
         self._dropped += len(left_out)
 
     def _settles(self, reading: Reading) -> bool:
+        # The device's clock runs with this computer's if, over the window, the two agree this
+        # closely: drivers hand bytes over up to 16 ms late, and a busy computer reads them late.
+        lateness_s = 0.02
+        tolerance = 0.1
         points = self._points
         points.append((reading.time, reading.arrival))
         while len(points) > _FEWEST and reading.arrival - points[1][1] >= self._window:
@@ -199,9 +198,11 @@ class Freshness:
         host = reading.arrival - points[0][1]
         device = reading.time - points[0][0]
         self._since = reading.arrival if self._since is None else self._since
-        faster = _TOLERANCE if reading.arrival - self._since < _LONG_S else _FASTER
+        faster = tolerance if reading.arrival - self._since < _LONG_S else _FASTER
         ahead = device - host
-        agree = -_LATENESS_S - _SLOWER * host <= ahead <= _LATENESS_S + faster * host
+        # What a cache held comes too fast, never too slowly: a clock may be this much slower, if it
+        # is one.
+        agree = -lateness_s - 0.7 * host <= ahead <= lateness_s + faster * host
         if len(points) < _FEWEST or host < self._window or not agree:
             self._dropped += 1
             return False

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import InputError, did_you_mean
-from suta_calib.measurements.fields import TEXT, Value, keyed, quantity, whole
+from suta_calib.measurements.fields import TEXT, Value, keyed, quantity, whole_number
 from suta_calib.measurements.yaml_file import YamlSection
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 # Of an encoder's word, and of a device that does not say.
 FRAME_COUNTS_PER_TURN: Final = 1 << 22
@@ -20,7 +20,7 @@ UNASKED: Final = ("frames", "lines")
 
 
 # No encoder has more than 32 bits.
-COUNTS_PER_TURN: Final = whole(2, 1 << 32)
+COUNTS_PER_TURN: Final = whole_number(2, 1 << 32)
 
 
 def _read_sign(section: YamlSection, key: str) -> int:
@@ -54,7 +54,7 @@ class JointSpec:
         COUNTS_PER_TURN, "Of this joint's encoder, where it differs.", None
     )
     number: int | None = keyed(
-        whole(0),
+        whole_number(0),
         "Of a servo: its number on the bus; without it, the joint's place in the list, from 1.",
         None,
         "id",
@@ -62,7 +62,7 @@ class JointSpec:
 
 
 @dataclass(frozen=True)
-class DeviceSpec(Shown):
+class DeviceSpec(Displayable):
     """A device as ``device.yaml`` describes it.
 
     Attributes:

@@ -28,12 +28,11 @@ from suta_calib.measurements.fields import (
     choice,
     fields_of,
     read_as,
-    whole,
+    whole_number,
 )
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml, shown
 
 _DEFAULT_BAUDRATE: Final = 921600
-_MOST_SERVOS: Final = 253
 DEVICE_KEYS: Final = Fields(
     Field(
         "port",
@@ -46,7 +45,7 @@ DEVICE_KEYS: Final = Fields(
     ),
     Field(
         "baudrate",
-        whole(1),
+        whole_number(1),
         f"Bits per second; {_DEFAULT_BAUDRATE} without it, 1000000 for servos.",
     ),
     Field(
@@ -153,6 +152,7 @@ def _beside(path: Path, port: str) -> str:
 
 
 def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
+    most_servos = 253
     sections = top.sections("joints")
     if form.most_joints is not None and len(sections) > form.most_joints:
         raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
@@ -174,8 +174,8 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
             raise section.refuse(str(joint.number), expected, at=("id",))
         if form.asked:
             place = len(joints) + 1 if joint.number is None else joint.number
-            if place >= _MOST_SERVOS or place in (before.number for before in joints):
-                expected = f"a number below {_MOST_SERVOS}, another for each servo"
+            if place >= most_servos or place in (before.number for before in joints):
+                expected = f"a number below {most_servos}, another for each servo"
                 raise section.refuse(str(place), expected, at=("id",))
             joint = replace(joint, number=place)
         joints.append(joint)

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from typing import Final
 
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats import FORMATS, format_of
 from suta_calib.device.formats.base import is_text
 from suta_calib.device.reading import ERROR_ADVICE, ERROR_MEANING, WARNING_MEANING, Statistics
 from suta_calib.errors import DeviceSilentError, WrongFormatError
-
-_QUOTED: Final = 40
-_BYTES_SHOWN: Final = 16
-# So few different bytes are what a line sampled at the wrong speed gives.
-_FEW_VALUES: Final = 6
 
 
 def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
@@ -36,11 +30,13 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         lines = [line for line in re.split(rb"[\r\n]+", data) if line.strip()]
         # The first may have been cut off at its beginning.
         line = lines[1] if len(lines) > 1 else b"".join(lines)
-        description = f"text such as {line[:_QUOTED].decode('ascii')!r}"
+        quoted = 40
+        description = f"text such as {line[:quoted].decode('ascii')!r}"
     else:
         # From the beginning of a frame, where one is recognised.
         start = 0 if other is None else max(data.find(other.header), 0)
-        description = f"bytes such as {data[start : start + _BYTES_SHOWN].hex(' ').upper()}"
+        bytes_shown = 16
+        description = f"bytes such as {data[start : start + bytes_shown].hex(' ').upper()}"
     baud = f"baudrate ({spec.baudrate}) in {spec.path}"
     if other is not None:
         hint = f"set 'format: {other.name}' in {spec.path}"
@@ -48,7 +44,8 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         description, hint = form.near_miss, f"check the cable, its shield and {baud}"
     else:
         hint = f"check {baud}"
-        if len(set(data)) <= _FEW_VALUES and not text:
+        # So few different bytes are what a line sampled at the wrong speed gives.
+        if len(set(data)) <= 6 and not text:
             hint += " (so few different values: most likely another speed)"
     return f"found {description}; expected {form.expected(len(spec.joints))}; {hint}"
 
@@ -85,13 +82,6 @@ def remarks(statistics: Statistics, spec: DeviceSpec) -> list[str]:
 def _share(part: int, total: int) -> str:
     percent = 100.0 * part / max(total, 1)
     return f"{percent:.2g} %" if percent < 99.5 else "100 %"
-
-
-_SAMPLE_BYTES: Final = 4096
-# Many boards restart when their port is opened.
-_START_FACTOR: Final = 2.0
-# Less than this is no evidence against the format.
-_FEWEST_BYTES: Final = 16
 
 
 class Watch:
@@ -133,7 +123,8 @@ class Watch:
         if self._unread_since is None:
             self._unread_since = now
         self._bytes += len(data)
-        self._sample = (self._sample + data)[-_SAMPLE_BYTES:]
+        sample_bytes = 4096
+        self._sample = (self._sample + data)[-sample_bytes:]
 
     def check(self, now: float) -> None:
         """Say or raise what is wrong by now.
@@ -142,9 +133,13 @@ class Watch:
             DeviceSilentError: no byte for too long.
             WrongFormatError: bytes, but no frame for too long.
         """
+        # Less than this is no evidence against the format.
+        fewest_bytes = 16
         starting = not (self._any_byte or self._seen)
         spec, pause = self._spec, now - self._last_byte
-        if pause > self._silence * (_START_FACTOR if starting else 1.0):
+        # Many boards restart when their port is opened.
+        start_factor = 2.0
+        if pause > self._silence * (start_factor if starting else 1.0):
             hint = f"check its power, its cable and 'port' in {spec.path}"
             if not self._seen:
                 hint = (
@@ -155,7 +150,7 @@ class Watch:
                 f"expected {spec.format} at {spec.baudrate} baud; {hint}"
             )
             self._report(DeviceSilentError(silent), "silent")
-        elif self._unread_since is not None and self._bytes >= _FEWEST_BYTES:
+        elif self._unread_since is not None and self._bytes >= fewest_bytes:
             pause = now - self._unread_since
             if pause > self._silence:
                 unreadable = (

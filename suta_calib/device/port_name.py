@@ -33,7 +33,6 @@ PORT_FORMS: Final = (
     "the name of a port (/dev/ttyACM0, COM3, a pseudo-terminal, a link to one) or a URL: "
     + ", ".join(f"{scheme}://" for scheme in URLS)
 )
-_LARGEST_SERVER_PORT: Final = 65535
 
 
 def expected_name(port: str) -> str | None:
@@ -54,7 +53,8 @@ def expected_name(port: str) -> str | None:
         return PORT_FORMS
     pattern, expected = URLS[scheme.lower()]
     match = re.fullmatch(pattern, rest, re.IGNORECASE | re.ASCII)
-    if match is None or (match.groups() and int(match[1]) > _LARGEST_SERVER_PORT):
+    largest_server_port = 65535
+    if match is None or (match.groups() and int(match[1]) > largest_server_port):
         return expected
     return None
 

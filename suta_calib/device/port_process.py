@@ -45,8 +45,6 @@ _DATA: Final = b"D"
 _FAILED: Final = b"F"
 # How often the child looks whether its parent is still there while nothing arrives, s.
 _LOOK_S: Final = 0.05
-# A port whose last reader was killed a moment ago is busy for so long, s.
-_BUSY_S: Final = 0.5
 # A parent that has not asked for so many bytes will not ask any more.
 _LARGEST_BACKLOG: Final = 1 << 28
 _AT_ONCE: Final = 1 << 20
@@ -267,7 +265,8 @@ class _Child:
 
             return format_of(self._spec).port(self._spec)
 
-        give_up = time.perf_counter() + _BUSY_S
+        # A port whose last reader was killed a moment ago is busy for so long, s.
+        give_up = time.perf_counter() + 0.5
         while True:
             try:
                 return opened()

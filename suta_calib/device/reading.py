@@ -10,7 +10,7 @@ from typing import Final, Self
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 ERROR_MEANING: Final = "error: the encoder's position is not valid"
 WARNING_MEANING: Final = "warning: the position is valid, but the encoder is near its limits"
@@ -18,7 +18,7 @@ ERROR_ADVICE: Final = "check the magnet's (or scale's) distance and place, and t
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Reading(Shown):
+class Reading(Displayable):
     """All joints at one moment.
 
     Attributes:
@@ -39,7 +39,7 @@ class Reading(Shown):
 
 
 @dataclass(eq=False)
-class Statistics(Shown):
+class Statistics(Displayable):
     """What has passed since the device was opened; counts only grow.
 
     Attributes:

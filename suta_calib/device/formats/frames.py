@@ -35,7 +35,6 @@ FIELDS_AT: Final = len(HEADER)
 WORDS_AT: Final = FIELDS_AT + FIELDS.size
 COUNT_AT: Final = WORDS_AT - 1
 SEQUENCES: Final = 1 << 16
-MICROSECONDS: Final = 1 << 32
 # A frame says how many words it has in one byte.
 MOST_JOINTS: Final = 255
 
@@ -73,12 +72,9 @@ def encode_frame(
     if len(counts) > MOST_JOINTS:
         raise ValueError(f"at most {MOST_JOINTS} joints expected, found {len(counts)}")
     words = pack_words(counts, error, warning).astype("<u4").tobytes()
-    body = FIELDS.pack(sequence % SEQUENCES, time_us % MICROSECONDS, len(counts)) + words
+    microseconds = 1 << 32
+    body = FIELDS.pack(sequence % SEQUENCES, time_us % microseconds, len(counts)) + words
     return HEADER + body + CRC.pack(frame_crc()(body))
-
-
-# Once a device has sent frames of the right count, damage is likelier than a change of device.
-_ENOUGH_LATER: Final = 3
 
 
 class OtherCount:
@@ -94,7 +90,9 @@ class OtherCount:
         """Take the next bytes; ``expected_seen``: frames of the right number ended among them."""
         if expected_seen:
             self._buffer.clear()
-            self._enough, self._in_a_row = _ENOUGH_LATER, 0
+            # Once a device has sent frames of the right count, damage is likelier than a change of
+            # device.
+            self._enough, self._in_a_row = 3, 0
         else:
             self._buffer += data
             del self._buffer[: self._search()]

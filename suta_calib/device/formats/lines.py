@@ -16,9 +16,6 @@ from suta_calib.errors import WrongFormatError
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
 _VALUES: Final = re.compile(_NUMBER + rb"(?:," + _NUMBER + rb")*")
-_LONGEST_VALUE: Final = 40
-# A damaged line may have any number of values, or any value; one after the other they do not.
-_ENOUGH: Final = 3
 
 
 def encode_line(values: ArrayLike, spec: DeviceSpec) -> bytes:
@@ -46,7 +43,8 @@ class LinesDecoder(Decoder):
         self._turns, self._zeros = turns(spec), zeros(spec)
         # A counter of several turns may be anywhere within a turn of the joint, about its zero.
         self._most = ONE_TURN * np.abs(self._turns) + np.abs(self._zeros)
-        self._longest = _LONGEST_VALUE * len(spec.joints)
+        longest_value = 40
+        self._longest = longest_value * len(spec.joints)
         self._none_raised = np.zeros(len(spec.joints), dtype=np.bool_)
         self._none_raised.setflags(write=False)
         self._whole = False  # the buffer begins where a line begins
@@ -100,7 +98,9 @@ class LinesDecoder(Decoder):
 
     def _refuse(self, row: list[float], text: bytearray) -> None:
         self._unfit += 1
-        if self._unfit < _ENOUGH:
+        # A damaged line may have any number of values, or any value; one after the other they do
+        # not.
+        if self._unfit < 3:
             return
         spec, self._unfit = self._spec, 0
         place = f"{spec.port}: found lines such as '{bytes(text[:60]).decode('ascii')}'"

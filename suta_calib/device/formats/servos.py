@@ -18,13 +18,8 @@ from suta_calib.errors import DeviceSilentError, DisconnectedError
 from suta_calib.extras import load
 
 EXTRA: Final = "servo"
-# How long bytes of an answer may be waited for at once, s; what the library does else is to look
-# again and again.
-_WAIT_S: Final = 0.002
 # So long one may be silent before it is gone, s: a packet is lost now and then.
 _SILENT_S: Final = 1.0
-# Attempts to hear a servo at first.
-_TRIES: Final = 3
 
 
 class ServoPort(Port):
@@ -47,7 +42,9 @@ class ServoPort(Port):
         self._numbers = [
             k if joint.number is None else joint.number for k, joint in enumerate(spec.joints, 1)
         ]
-        self._serial.timeout = _WAIT_S
+        # How long bytes of an answer may be waited for at once, s; what the library does else is to
+        # look again and again.
+        self._serial.timeout = 0.002
         # The port is open already: with this package's errors, and whatever URL it has.
         self._handler = sdk.PortHandler(spec.port)
         self._handler.ser, self._handler.is_open = self._serial, True
@@ -55,7 +52,8 @@ class ServoPort(Port):
         self._packets = sdk.PacketHandler(form.protocol)
         self._begun = False
         for number, joint in zip(self._numbers, spec.joints, strict=True):
-            answers = (self._position(number) for _ in range(_TRIES))
+            # Attempts to hear a servo at first.
+            answers = (self._position(number) for _ in range(3))
             if all(isinstance(answer, str) for answer in answers):
                 self.close()
                 raise DeviceSilentError(

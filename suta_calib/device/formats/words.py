@@ -50,7 +50,7 @@ def word_crc(payload: WordArray) -> WordArray:
     return crc
 
 
-class Words(NamedTuple):
+class EncoderWords(NamedTuple):
     """What encoder words say; every field has the words' shape.
 
     Attributes:
@@ -66,10 +66,10 @@ class Words(NamedTuple):
     good: BoolArray
 
 
-def unpack_words(words: WordArray) -> Words:
+def unpack_words(words: WordArray) -> EncoderWords:
     """Take encoder words apart: any shape of uint32."""
     payload: WordArray = (words >> np.uint32(6)) & np.uint32(0xFFFFFF)
-    return Words(
+    return EncoderWords(
         counts=(payload >> 2).astype(np.int64),
         error=(words & _NO_ERROR) == 0,
         warning=(words & _NO_WARNING) == 0,
