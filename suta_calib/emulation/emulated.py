@@ -37,7 +37,7 @@ from suta_calib.errors import InputError, JobError, did_you_mean
 from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec, SimulationSpec
 from suta_calib.simulation.schema import PostureRow
 from suta_calib.units import from_deg
@@ -47,7 +47,7 @@ Places = Mapping[str, PoseSpec | None]
 
 
 @dataclass(frozen=True, eq=False)
-class EmulationOptions(Shown):
+class EmulationOptions(Displayable):
     """What is emulated, in SI units; a script, or one of the free motions.
 
     Attributes:
@@ -114,7 +114,7 @@ class EmulationOptions(Shown):
 
 
 @dataclass(frozen=True)
-class PlayOptions(Shown):
+class PlayOptions(Displayable):
     """How an emulated arm is played, and what it leaves behind.
 
     Attributes:
@@ -137,7 +137,7 @@ class PlayOptions(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class EmulatedDevice(Shown):
+class EmulatedDevice(Displayable):
     """An emulated arm, and the truth behind it.
 
     Attributes:

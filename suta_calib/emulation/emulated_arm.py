@@ -11,7 +11,7 @@ import threading
 from dataclasses import replace
 from pathlib import Path
 from queue import Empty, Queue
-from typing import Any, Final, Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -22,9 +22,6 @@ from suta_calib.emulation.player import Played, TrueTrajectory
 from suta_calib.emulation.stream import Emulation
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements import write_text
-
-_START_S: Final = 30.0
-_STOP_S: Final = 10.0
 
 
 class EmulatedArm:
@@ -110,17 +107,18 @@ class EmulatedArm:
 
     def stop(self) -> None:
         """Take the port away and end the process; a second time does nothing."""
+        stop_s = 10.0
         if self._process is None:
             return
         process, self._process = self._process, None
         assert process.stdin is not None
         process.stdin.close()
         try:
-            process.wait(_STOP_S)
+            process.wait(stop_s)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-        self._reader.join(_STOP_S)
+        self._reader.join(stop_s)
         file = Path(self._folder.name) / "trajectory.npz"
         if file.exists():
             with np.load(file) as arrays:
@@ -128,6 +126,7 @@ class EmulatedArm:
         self._folder.cleanup()
 
     def _start(self, folder: Path) -> None:
+        start_s = 30.0
         self._link = folder / "port" if self._link is None else Path(self._link)
         # What the child says on stderr is a bug's traceback: let it be seen.
         command = [sys.executable, "-m", "suta_calib.emulation.child"]
@@ -139,9 +138,9 @@ class EmulatedArm:
         self._process.stdin.write(pickle.dumps(orders))
         self._process.stdin.flush()
         try:
-            message = self._messages.get(timeout=_START_S)
+            message = self._messages.get(timeout=start_s)
         except Empty:
-            message = {"error": f"the emulated arm did not start within {_START_S:g} s"}
+            message = {"error": f"the emulated arm did not start within {start_s:g} s"}
         if "port" not in message:
             raise SutaCalibError(message.get("error", "the emulated arm did not start"))
 

@@ -11,7 +11,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from suta_calib.errors import InputError, did_you_mean
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 WORDS: Final = {
     "corrupt=SHARE": "that share of all bytes is replaced by other ones",
@@ -52,7 +52,7 @@ class Window:
 
 
 @dataclass(frozen=True)
-class Flag(Shown):
+class Flag(Displayable):
     """A joint's encoder raises a flag: its name, and when."""
 
     joint: str
@@ -68,7 +68,7 @@ class Gap:
 
 
 @dataclass(frozen=True)
-class Faults(Shown):
+class Faults(Displayable):
     """Everything that goes wrong; nothing by default. Times are s after the port was first opened.
 
     Attributes:

@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 _TURN: Final = 2 * np.pi
 
@@ -35,7 +35,7 @@ class Motion(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Still(Shown, Motion):
+class Still(Displayable, Motion):
     """An arm that nobody moves.
 
     Attributes:
@@ -50,7 +50,7 @@ class Still(Shown, Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class Stops(Shown, Motion):
+class Stops(Displayable, Motion):
     """Rests on one place after the other, with minimum-jerk motions between them.
 
     The motions are those of Flash, Hogan (1985), doi:10.1523/JNEUROSCI.05-07-01688.1985, in joint
@@ -100,7 +100,7 @@ class Stops(Shown, Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class Sweep(Shown, Motion):
+class Sweep(Displayable, Motion):
     """Every joint swings about a posture, faster and faster, and reverses its direction each swing.
 
     ``q = posture + amplitude · fade(t) · sin(2π pace ∫f + lag)``: ``f`` rises linearly in time, the
@@ -138,7 +138,7 @@ class Sweep(Shown, Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class Curve(Shown, Motion):
+class Curve(Displayable, Motion):
     """A smooth curve through given readings.
 
     Attributes:
@@ -169,7 +169,7 @@ class Curve(Shown, Motion):
 
 
 @dataclass(frozen=True, eq=False)
-class ThereAndBack(Shown, Motion):
+class ThereAndBack(Displayable, Motion):
     """A path gone along to its end and back again, for as long as it is asked for.
 
     Attributes:

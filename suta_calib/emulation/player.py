@@ -16,7 +16,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.stream import Emulation, packets
 from suta_calib.emulation.terminal import PseudoTerminal
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 # How often somebody who opens the port, or asks to stop, is looked for, s.
 _LOOK: Final = 2e-3
@@ -193,7 +193,7 @@ def _sleep_until(due: float, end: float, stopped: Callable[[], bool]) -> bool:
 
 
 @dataclass(frozen=True, eq=False)
-class TrueTrajectory(Shown):
+class TrueTrajectory(Displayable):
     """True readings at the time stamps of the frames, sent or not.
 
     Attributes:

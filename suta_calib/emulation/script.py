@@ -217,10 +217,6 @@ def read_script(path: Path) -> JobOutline | SimulationSpec:
     return JobOutline.of(top)
 
 
-_TRIES: Final = 300
-_STARTS: Final = 3
-
-
 def placement_within_reach(
     arm: ArmModel,
     values: Mapping[str, float],
@@ -243,12 +239,13 @@ def placement_within_reach(
     Raises:
         JobError: none was found.
     """
+    tries = 300
     rng = stream(seed, label, "placement")
     kinematics = InverseKinematics(arm, values)
     start = posture_of(arm) if posture is None else posture
     read = read_artefact(artefact)
     centre = np.mean([mark.position for mark in read.landmarks.values()], axis=0)
-    near = start + 0.4 * (kinematics.random_readings(rng, _TRIES) - start)
+    near = start + 0.4 * (kinematics.random_readings(rng, tries) - start)
     _, tips = arm.forward(near, values)
     for tip in tips:
         rotation = rotation_from_rpy([0.0, 0.0, rng.uniform(-np.pi, np.pi)])
@@ -258,7 +255,7 @@ def placement_within_reach(
         if _every_landmark_reached(kinematics, read, pose, start, rng):
             return pose
     raise JobError(
-        f"no place for placement {label!r} in {_TRIES} tries",
+        f"no place for placement {label!r} in {tries} tries",
         "an upright pose in which every landmark is within reach",
         file=artefact,
         hint=f"give one: --placement {label}=x,y,z,roll,pitch,yaw in mm and degrees",
@@ -280,4 +277,5 @@ def _every_landmark_reached(
         Targets(p[None], R[None], "position" if mark.rotation is None else "pose")
         for mark, p, R in zip(marks, tips.place, tips.rotation, strict=True)
     )
-    return all(kinematics.solve(target, start, rng, _STARTS).reached[0] for target in targets)
+    starts = 3
+    return all(kinematics.solve(target, start, rng, starts).reached[0] for target in targets)

@@ -17,10 +17,8 @@ from suta_calib.device.formats import Sample, format_of
 from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
-# Readings are computed this many frames ahead: 40 ms at 768 Hz.
-_BLOCK: Final = 32
 # Old frames come when the host has flushed and begun to read: this long after the opening, s,
 # with the clock of this long ago, from an arm that has been turned by this much since, rad.
 STALE_AFTER: Final = 0.03
@@ -31,7 +29,7 @@ _US: Final = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Emulation(Shown):
+class Emulation(Displayable):
     """Everything about an emulated arm but the port.
 
     Attributes:
@@ -96,9 +94,11 @@ def packets(
         motion_time: from time on this stream, (n,) s, to time of a motion that is held up.
         log: told of every block: times of the motion (n,), and true readings (n, joints).
     """
+    # Readings are computed this many frames ahead: 40 ms at 768 Hz.
+    block = 32
     source = _Source(emulation, first_period)
-    for number in count(0, _BLOCK):
-        time = np.arange(number, number + _BLOCK) / emulation.rate
+    for number in count(0, block):
+        time = np.arange(number, number + block) / emulation.rate
         at = motion_time(time) if motion_time else time
         true = emulation.motion.readings(at)
         if log:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from suta_calib.simulation import InverseKinematics, Targets
 from suta_calib.simulation.inverse_kinematics import Matching
 from suta_calib.simulation.noise import full_circle, stream
 from suta_calib.units import deg, from_deg, mm, stored
-
-# A prismatic joint swings by this much for every rad of the others.
-_M_PER_RAD: Final = 0.2
 
 
 def posture_of(arm: ArmModel, readings: Mapping[str, float] | None = None) -> FloatArray:
@@ -72,7 +68,8 @@ def sweep(
     limits = np.array([(joint.lower, joint.upper) for joint in arm.chain.moving])
     room = np.minimum(middle - limits[:, 0], limits[:, 1] - middle)
     room = np.where(full_circle(arm), np.inf, room)
-    swing = np.where(prismatic, _M_PER_RAD * amplitude, amplitude)
+    # A prismatic joint swings by this much for every rad of the others.
+    swing = np.where(prismatic, 0.2 * amplitude, amplitude)
     return Sweep(middle, np.minimum(swing, room), slowest, fastest, duration)
 
 
@@ -116,15 +113,6 @@ def parse_posture(arm: ArmModel, text: str) -> dict[str, float]:
     return posture
 
 
-# So dense that a cubic between two of them keeps the tip within a micrometre.
-_KNOTS: Final = 1000
-# Every so many of them tell soon where a tilt is out of reach.
-_COARSE: Final = 25
-_FEWEST_JOINTS: Final = 5
-# So many postures are tried where none is asked for.
-_RANDOM_STARTS: Final = 20
-
-
 def pivoting(
     arm: ArmModel,
     values: Mapping[str, float],
@@ -151,15 +139,18 @@ def pivoting(
     Raises:
         JobError: too few joints to tilt the tool, or the point or a tilt is out of reach.
     """
+    # Every so many of them tell soon where a tilt is out of reach.
+    coarse = 25
+    fewest_joints = 5
     joints = len(arm.joints)
-    if joints < _FEWEST_JOINTS:
+    if joints < fewest_joints:
         raise JobError(
             f"an arm with {joints} joints",
-            f"at least {_FEWEST_JOINTS}: one with fewer cannot tilt its tool on a point",
+            f"at least {fewest_joints}: one with fewer cannot tilt its tool on a point",
             file=arm.chain.path,
             where="pivot",
         )
-    matching: Matching = "axis" if joints == _FEWEST_JOINTS else "pose"
+    matching: Matching = "axis" if joints == fewest_joints else "pose"
     kinematics, rng = InverseKinematics(arm, values), stream(seed, "pivot")
     tilts = rotation_from_vector(_tilts(cone))
 
@@ -182,12 +173,13 @@ def pivoting(
 
     starts = [np.asarray(posture, dtype=float)]
     if posture is None:
-        random_starts = kinematics.random_readings(stream(seed, "pivot from"), _RANDOM_STARTS)
+        # So many postures are tried where none is asked for.
+        random_starts = kinematics.random_readings(stream(seed, "pivot from"), 20)
         starts = [kinematics.middle, *random_starts]
     refused: JobError | None = None
     for start in map(on_point, starts):
         try:
-            tilted(start, tilts[::_COARSE])
+            tilted(start, tilts[::coarse])
             knots = continuous(tilted(start, tilts), full_circle(arm))
             break
         except JobError as error:
@@ -203,7 +195,9 @@ def pivoting(
 
 def _tilts(cone: float) -> FloatArray:
     """(n, 3) rotation vectors: a Lissajous figure over the cone, and turns about the tool."""
-    s = np.linspace(0.0, 1.0, _KNOTS)
+    # So dense that a cubic between two of them keeps the tip within a micrometre.
+    knots = 1000
+    s = np.linspace(0.0, 1.0, knots)
     two_pi = 2 * np.pi
     figure = np.stack([np.sin(3 * two_pi * s), np.sin(2 * two_pi * s), np.sin(two_pi * s)], axis=1)
     # The first two reach their largest values together: the corner of a square in a circle.

@@ -21,10 +21,6 @@ from suta_calib.model.parameters import OFFSET, POSITION, Parameter
 from suta_calib.simulation import ErrorRow, SetSpec, SimulationSpec, read_simulation, true_values
 from suta_calib.units import Unit, deg, key, mm, shown, stored
 
-# Sizes of drawn errors: those of a well-made arm whose encoders were set by eye.
-_OFFSET_STD: Final = {"rad": 0.013, "m": 1e-3}  # 0.75°
-_TILT_STD: Final = {"rad": 0.0017}  # 0.1°
-
 
 def nominal_values(arm: ArmModel) -> dict[str, float]:
     """Every parameter of the arm at nominal, m or rad."""
@@ -92,6 +88,10 @@ def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[st
     Raises:
         ParameterError: a name that selects nothing.
     """
+    # Sizes of drawn errors: those of a well-made arm whose encoders were set by eye.
+    # 0.75°
+    offset_std = {"rad": 0.013, "m": 1e-3}
+    tilt_std = {"rad": 0.0017}
     usual = [
         name
         for name, parameter in arm.parameters.items()
@@ -100,7 +100,7 @@ def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[st
     ]
     rows = tuple(
         ErrorRow(
-            (name,), {}, _OFFSET_STD if arm.offered[name].key in (OFFSET, *POSITION) else _TILT_STD
+            (name,), {}, offset_std if arm.offered[name].key in (OFFSET, *POSITION) else tilt_std
         )
         for name in (arm.select(*select).names if select else usual)
     )
