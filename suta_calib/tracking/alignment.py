@@ -28,21 +28,9 @@ from suta_calib.pose_calibration.registration import register
 from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
 
 _SHIFTS: Final = 201
-_ROWS_OF_SEARCH: Final = 800
-_STEPS: Final = 20
 # Blocks of consecutive rows, and how many neighbours one of them may depend on.
 _BLOCKS: Final = 100
 _NEIGHBOURS: Final = 4
-# s; half the interval over which a velocity is taken: below it, a measured reference is noise.
-_HALF_INTERVAL: Final = 5e-3
-# The same of an acceleration, s: 0.02 mm of noise then make some 0.05 m/s².
-_HALF_ACCELERATION: Final = 0.025
-# s; latencies that differ by less are the same.
-_SAME: Final = 1e-9
-# Eigenvalue of the scaled normal matrix below which two causes look alike.
-_RANK_TOLERANCE: Final = 1e-9
-# m; a reference that moves less tells no time.
-_LEAST_MOTION: Final = 1e-4
 # How many minima over the latency are looked at. One is as good as the deepest where it leaves
 # less than this many times its distance, or next to nothing (m), and where the difference is less
 # than so many of its standard errors.
@@ -50,10 +38,6 @@ _MINIMA: Final = 24
 _AS_DEEP: Final = 1.5
 _NEXT_TO_NOTHING: Final = 1e-6
 _SIGNIFICANT: Final = 3.0
-# Other axes are the likelier ones where they leave less than this share of the distance, and less
-# than this share of the motion.
-_FAR_BETTER: Final = 1 / 3
-_EXPLAINED: Final = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,15 +98,20 @@ class ReferencePath:
 
     def velocity(self, time: FloatArray) -> FloatArray:
         """(n, 3) m/s, mean over some milliseconds."""
-        after = np.minimum(time + _HALF_INTERVAL, self.end)
-        before = np.maximum(time - _HALF_INTERVAL, self.begin)
+        # s; half the interval over which a velocity is taken: below it, a measured reference is
+        # noise.
+        half_interval = 5e-3
+        after = np.minimum(time + half_interval, self.end)
+        before = np.maximum(time - half_interval, self.begin)
         change = self.position(after) - self.position(before)
         return np.asarray(change / (after - before)[:, None])
 
     def acceleration(self, time: FloatArray) -> FloatArray:
         """(n, 3) m/s², mean over a time in which the noise of a reference hardly counts."""
-        after = np.minimum(time + _HALF_ACCELERATION, self.end)
-        before = np.maximum(time - _HALF_ACCELERATION, self.begin)
+        # The same of an acceleration, s: 0.02 mm of noise then make some 0.05 m/s².
+        half_acceleration = 0.025
+        after = np.minimum(time + half_acceleration, self.end)
+        before = np.maximum(time - half_acceleration, self.begin)
         change = self.velocity(after) - self.velocity(before)
         return np.asarray(change / (after - before)[:, None])
 
@@ -151,11 +140,13 @@ def align(
     path = ReferencePath(reference)
     rows = _covered(recorded, path, largest)
     time, points = recorded.time[rows], recorded.position[rows]
-    if float(np.ptp(path.position(time), axis=0).max()) < _LEAST_MOTION:
+    # m; a reference that moves less tells no time.
+    if float(np.ptp(path.position(time), axis=0).max()) < 1e-4:
         raise SamplesError(
             "a reference that stands still", "a motion: only it tells time", file=reference.path
         )
-    few = np.unique(np.linspace(0, len(rows) - 1, _ROWS_OF_SEARCH).astype(int))
+    rows_of_search = 800
+    few = np.unique(np.linspace(0, len(rows) - 1, rows_of_search).astype(int))
     shifts = np.linspace(-largest, largest, _SHIFTS)
     targets = [path.position(time[few] - shift) for shift in shifts]
     rms = np.array([_misfit(points[few], target, registered) for target in targets])
@@ -222,6 +213,10 @@ def _other_axes(points: FloatArray, targets: Sequence[FloatArray], left: float) 
     Far better, that is, than the fit that left so much, m. The power that is left is that of both
     less twice what they share.
     """
+    # Other axes are the likelier ones where they leave less than this share of the distance, and
+    # less than this share of the motion.
+    far_better = 1 / 3
+    explained = 0.5
     signed = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for order in permutations(range(3))
@@ -234,7 +229,7 @@ def _other_axes(points: FloatArray, targets: Sequence[FloatArray], left: float) 
     squares = (power - 2 * np.einsum("pij,sij->ps", signed, shared)).min(axis=1)
     best = int(np.argmin(squares))
     fits = best == 0 or left < _NEXT_TO_NOTHING
-    if fits or squares[best] > min(_FAR_BETTER * left, _EXPLAINED * rms_length(away)) ** 2:
+    if fits or squares[best] > min(far_better * left, explained * rms_length(away)) ** 2:
         return ""
     names = [
         ("", "-")[int(row.min() < 0)] + "xyz"[int(np.argmax(np.abs(row)))] for row in signed[best]
@@ -297,7 +292,8 @@ class _AlignmentFit:
 
     def refine(self, largest: float) -> None:
         """Until the latency does not change, or is as large as it may be."""
-        for _ in range(_STEPS):
+        steps = 20
+        for _ in range(steps):
             residual, jacobian = self._linearised()
             inverse = _inverse(jacobian)
             step = -inverse @ np.einsum("nki,nk->i", jacobian, residual)
@@ -306,7 +302,8 @@ class _AlignmentFit:
             if self.registered:
                 turn, centre = rotation_from_vector(step[4:7]), self._moved().mean(axis=0)
                 self.R, self.p = turn @ self.R, turn @ (self.p - centre) + centre + step[1:4]
-            if abs(step[0]) < _SAME:
+            # s; latencies that differ by less are the same.
+            if abs(step[0]) < 1e-9:
                 break
 
     def std(self) -> FloatArray:
@@ -354,4 +351,5 @@ def _inverse(jacobian: FloatArray) -> FloatArray:
     matrix = np.einsum("nki,nkj->ij", jacobian, jacobian, optimize=True)
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     outer = np.outer(scale, scale)
-    return np.asarray(np.linalg.pinv(matrix / outer, _RANK_TOLERANCE, True) / outer)
+    # Eigenvalue of the scaled normal matrix below which two causes look alike.
+    return np.asarray(np.linalg.pinv(matrix / outer, 1e-9, True) / outer)

@@ -29,7 +29,7 @@ class ErrorsInTime:
         recorded, reference: (n, 3) where they are, m.
         velocity: (n, 3) of the reference, m/s.
         transform: (n, 3, 6) derivatives by the transform, if one was estimated; else (n, 3, 0).
-        known: (n, 3, k) those by the sizes of known errors that were estimated too.
+        known_shapes: (n, 3, k) those by the sizes of known errors that were estimated too.
         honest: (n, 3, j) what else an honest record may err by.
         interval: s between rows of the reference.
         late: positions and velocities (n, 3) of the reference so much earlier, by seconds (n,).
@@ -41,7 +41,7 @@ class ErrorsInTime:
     reference: FloatArray
     velocity: FloatArray
     transform: FloatArray
-    known: FloatArray
+    known_shapes: FloatArray
     honest: FloatArray
     interval: float
     late: Callable[[FloatArray], tuple[FloatArray, FloatArray]]
@@ -49,7 +49,9 @@ class ErrorsInTime:
     @cached_property
     def estimated(self) -> FloatArray:
         """(n, 3, …) all that the alignment has estimated, lateness first."""
-        return np.concatenate([-self.velocity[:, :, None], self.transform, self.known], axis=2)
+        return np.concatenate(
+            [-self.velocity[:, :, None], self.transform, self.known_shapes], axis=2
+        )
 
     @cached_property
     def columns(self) -> FloatArray:
@@ -57,7 +59,7 @@ class ErrorsInTime:
         place = self.recorded - self.recorded.mean(axis=0)
         shapes = np.column_stack([np.ones(len(place)), place / max(np.abs(place).max(), 1e-12)])
         # Errors of an arm's geometry have those that grow with the place among them.
-        offsets = per_axis(shapes[:, :1] if self.known.shape[2] else shapes)
+        offsets = per_axis(shapes[:, :1] if self.known_shapes.shape[2] else shapes)
         return np.concatenate([self.estimated, offsets, self.honest], axis=2)
 
 
@@ -68,7 +70,7 @@ def per_axis(shapes: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class FaultEstimate:
     """A fault as it is in the rows.
 
     Attributes:

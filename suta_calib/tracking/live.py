@@ -15,7 +15,7 @@ from suta_calib.device.reading import Statistics
 from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import OutputError
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.tracking.igtl import IgtlPublisher
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
@@ -30,7 +30,7 @@ from suta_calib.units import mm
 
 
 @dataclass(frozen=True)
-class TrackOptions(Shown):
+class TrackOptions(Displayable):
     """Which arm is tracked, and where its poses go.
 
     Attributes:

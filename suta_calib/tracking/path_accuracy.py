@@ -27,19 +27,6 @@ from suta_calib.tracking.trajectory import Trajectory
 from suta_calib.units import mm, ms
 from suta_calib.words import listed
 
-# Reversals from which on a joint's hysteresis can be told from an offset.
-_LEAST_REVERSALS: Final = 2
-# Uncertainty of the latency, of the largest looked at, that says nothing is known.
-_UNSURE: Final = 0.2
-# Of the motion, what may be left of it for the one to follow the other.
-_FOLLOWS: Final = 0.5
-# Times that a motion in another unit seems larger.
-_MILLIMETRES: Final = 1e3
-# Of the fastest, below which a direction of motion means nothing.
-_SLOW: Final = 0.02
-
-# Rows by the quarters of how fast they are.
-_QUARTERS: Final = 4
 # Stretches of time a record is cut into, which are taken for independent of each other.
 _STRETCHES: Final = 12
 _LEAST_STRETCHES: Final = 3
@@ -108,7 +95,8 @@ class PathAccuracy:
         """(m,) distance across the direction of motion; from the point where it stands still."""
         velocity = self._path.velocity(self.time - self.alignment.latency)
         speed = np.linalg.norm(velocity, axis=1)
-        moving = speed > _SLOW * speed.max()
+        # Of the fastest, below which a direction of motion means nothing.
+        moving = speed > 0.02 * speed.max()
         direction = velocity / np.where(moving, speed, np.inf)[:, None]
         along = np.einsum("nk,nk->n", self.error, direction)
         return np.asarray(np.linalg.norm(self.error - along[:, None] * direction, axis=1))
@@ -138,6 +126,8 @@ class PathAccuracy:
         order = np.argsort(size, kind="stable")
         squares = np.sum(self.error**2, axis=1), np.sum(self.error_same_time**2, axis=1)
         stretch = _stretches(len(size))
+        # Rows by the quarters of how fast they are.
+        quarters = 4
         return tuple(
             MotionQuarter(
                 float(size[rows[0]]),
@@ -146,7 +136,7 @@ class PathAccuracy:
                 _jackknife(squares[0][rows], stretch[rows]),
                 float(np.sqrt(squares[1][rows].mean())),
             )
-            for rows in np.array_split(order, _QUARTERS)
+            for rows in np.array_split(order, quarters)
             if len(rows)
         )
 
@@ -169,9 +159,11 @@ class PathAccuracy:
     @property
     def _other_unit(self) -> str:
         """What is said where one motion is as much larger as millimetres are than metres."""
+        # Times that a motion in another unit seems larger.
+        millimetres = 1e3
         there, here = extent(self.reference.position), self.alignment.motion
         larger = max(there, here) / max(min(there, here), 1e-12)
-        if not _MILLIMETRES / 2 < larger < _MILLIMETRES * 2:
+        if not millimetres / 2 < larger < millimetres * 2:
             return ""
         which = "reference" if there > here else "recording"
         return (
@@ -183,6 +175,8 @@ class PathAccuracy:
     @judged
     def assessment(self) -> Assessment:
         """Bad where the motions do not tell the latency, or the recording does not follow."""
+        # Of the motion, what may be left of it for the one to follow the other.
+        follows = 0.5
         alignment, bad, care = self.alignment, list[str](), list[str]()
         moved, left = mm(alignment.motion), mm(alignment.left)
         if alignment.other_axes:
@@ -190,9 +184,9 @@ class PathAccuracy:
                 f"With its axes taken as {alignment.other_axes} the recording would follow far "
                 "better: axes are swapped, or turned round, in one of the files."
             )
-        elif left > _FOLLOWS * moved and (unit := self._other_unit):
+        elif left > follows * moved and (unit := self._other_unit):
             bad.append(unit)
-        elif left > _FOLLOWS * moved:
+        elif left > follows * moved:
             bad.append(
                 f"The recording strays {moved:.3f} mm (RMS) from its mean, and {left:.3f} mm from "
                 "the reference: it stands still but for noise, follows something else, or the "
@@ -230,7 +224,8 @@ class PathAccuracy:
     @property
     def undetermined(self) -> bool:
         """Whether the latency's uncertainty is as large as what was looked at."""
-        return bool(self.alignment.latency_std > _UNSURE * abs(self.alignment.shifts[-1]))
+        # Uncertainty of the latency, of the largest looked at, that says nothing is known.
+        return bool(self.alignment.latency_std > 0.2 * abs(self.alignment.shifts[-1]))
 
     @cached_property
     def _path(self) -> ReferencePath:
@@ -280,7 +275,8 @@ def compare(
     by_joint = arm is not None and recorded.angles is not None
     channels = joint_channels(arm, recorded) if arm and by_joint else axis_channels(recorded)
     turning = [find_reversals(c, recorded.time, recorded.position) for c in channels]
-    judged = [t for t in turning if len(t.reversals) >= _LEAST_REVERSALS] if by_joint else []
+    # Reversals from which on a joint's hysteresis can be told from an offset.
+    judged = [t for t in turning if len(t.reversals) >= 2] if by_joint else []
     errors = None
     if arm and by_joint:
         # Of the tip for unit hysteresis of each judged joint, then for those of the geometry.
@@ -320,7 +316,7 @@ def _faults(accuracy: PathAccuracy, errors: FloatArray | None) -> tuple[RecordFa
         reference=path.position(late),
         velocity=path.velocity(late),
         transform=rigid_motions(position) if alignment.registered else none,
-        known=none if errors is None else -alignment.rotation @ errors[rows],
+        known_shapes=none if errors is None else -alignment.rotation @ errors[rows],
         honest=per_axis(senses) if errors is None else none,
         interval=float(np.median(np.diff(accuracy.reference.time))),
         late=lambda delay: (path.position(late - delay), path.velocity(late - delay)),

@@ -40,7 +40,10 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         name: float(numbers(entry.get("value"), (), file, name))
         for name, entry in data["parameters"].items()
     }
-    required = [*job.parameters, *(p.name for term in job.observations for p in term.own)]
+    required = [
+        *job.parameters,
+        *(p.name for term in job.observations for p in term.own_parameters),
+    ]
     if lacking := next((name for name in required if name not in values), None):
         raise InputError(
             f"no value of {lacking}",

@@ -16,16 +16,19 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.tracking.errors_in_time import LEAST, NOTHING, ErrorsInTime, Found, Kind, fitted
+from suta_calib.tracking.errors_in_time import (
+    LEAST,
+    NOTHING,
+    ErrorsInTime,
+    FaultEstimate,
+    Kind,
+    fitted,
+)
 from suta_calib.tracking.shifts_in_time import ShiftsInTime
 from suta_calib.tracking.stray_rows import STUCK, Stray, robust_residual, stuck_rows, wild_rows
 from suta_calib.tracking.trajectory import Trajectory
 from suta_calib.units import Unit, mm, ms, text
 
-# Of the squares of the errors, what a fault explains that spoils the answer.
-MOST: Final = 0.5
-# The same of one that is worth a word.
-WORTH: Final = 0.05
 # Digits of a clock's rate and its std, in per cent.
 _DIGITS: Final = 2
 
@@ -143,6 +146,8 @@ def record_faults(
     """
     faults, shape, lateness = list[RecordFault](), np.zeros_like(record.error), 0.0
     squares, late = np.sum(record.error**2, axis=1), 0.0
+    # Of the squares of the errors, what a fault explains that spoils the answer.
+    most = 0.5
     for candidate in _candidates(record):
         # Each beside those before it: what one explains does not make the next a trifle.
         shape, lateness = shape + candidate.shape, lateness + candidate.lateness
@@ -169,19 +174,20 @@ def record_faults(
             rms=rms,
             latency_with=latency[0] + latency_with,
             rms_with=with_it,
-            spoils=bool(explained > MOST and changed),
+            spoils=bool(explained > most and changed),
         )
-        faults += [fault] if explained > WORTH else []
+        # The same of one that is worth a word.
+        faults += [fault] if explained > 0.05 else []
     return tuple(faults)
 
 
-def _candidates(record: ErrorsInTime) -> list[Found]:
+def _candidates(record: ErrorsInTime) -> list[FaultEstimate]:
     """The most telling faults: stuck and wild rows, and one of the others."""
     if len(record.time) < LEAST:
         return []
     left = robust_residual(record)
     scatter = max(float(np.median(np.linalg.norm(left, axis=1))), NOTHING / STUCK)
-    candidates, usable = list[Found](), np.ones(len(left), dtype=bool)
+    candidates, usable = list[FaultEstimate](), np.ones(len(left), dtype=bool)
 
     def leave_out(kind: Kind, stray: Stray | None) -> None:
         if stray:
@@ -189,7 +195,7 @@ def _candidates(record: ErrorsInTime) -> list[Found]:
             shape[stray.rows] = np.nan
             usable[stray.rows] = False
             ends = stray.first, stray.last
-            candidates.append(Found(kind, stray.size, math.nan, shape, stray.count, *ends))
+            candidates.append(FaultEstimate(kind, stray.size, math.nan, shape, stray.count, *ends))
 
     leave_out("stuck", stuck_rows(record, left, scatter))
     leave_out("wild", wild_rows(record, left, scatter, usable) if np.sum(usable) >= LEAST else None)

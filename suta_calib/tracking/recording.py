@@ -25,8 +25,6 @@ COLUMNS: Final = (
     *("sequence", "time", "host_time", "x", "y", "z", "qx", "qy", "qz", "qw"),
     *("std_x", "std_y", "std_z", "valid", "flags"),
 )
-_EVERY_S: Final = 0.1
-_ROWS_OF_A_GROUP: Final = 8192
 
 
 def part_of(path: Path) -> Path:
@@ -110,8 +108,9 @@ class FileRecorder(Publisher):
     def _drain(self) -> None:
         """Write what waits again and again, and once more when it is over."""
         over = False
+        every_s = 0.1
         while not over and self._failure is None:
-            over = self._over.wait(_EVERY_S)
+            over = self._over.wait(every_s)
             poses = [self._waiting.popleft() for _ in range(len(self._waiting))]
             try:
                 if poses:
@@ -181,7 +180,8 @@ class ParquetRecorder(FileRecorder):
 
     def _write(self, poses: Sequence[TrackedPose]) -> None:
         self._kept.extend(poses)
-        if len(self._kept) >= _ROWS_OF_A_GROUP:
+        rows_of_a_group = 8192
+        if len(self._kept) >= rows_of_a_group:
             self._write_group()
 
     def _finish(self) -> None:

@@ -9,7 +9,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from suta_calib.tracking.latency import LatencyStatistics
 from suta_calib.tracking.publisher import Publisher
@@ -18,17 +18,6 @@ from suta_calib.tracking.tracker import TrackedPose, Tracker
 if TYPE_CHECKING:
     from suta_calib.device.bus import Bus
     from suta_calib.device.reading import Reading
-
-
-# s; how long one look at the bus may last: the run's end is not noticed before.
-_LOOK: Final = 0.05
-# s; a device that has not been heard for so long, and does not come back, is not waited for.
-_FIRST_S: Final = 10.0
-# s; Python's own 5 ms would let a thread that writes a file hold up a pose for as long.
-_SWITCH: Final = 2e-5
-
-# Of a period, that a frame may come early: clocks count in whole microseconds.
-_EARLY: Final = 0.05
 
 
 class TrackingSession:
@@ -82,11 +71,15 @@ class TrackingSession:
         """
         self.began, self.running = time.perf_counter(), True
         lasts = math.inf if seconds is None else seconds
-        end, first = self.began + _FIRST_S + lasts, True
+        # s; a device that has not been heard for so long, and does not come back, is not waited
+        # for.
+        end, first = self.began + 10.0 + lasts, True
         try:
+            # s; how long one look at the bus may last: the run's end is not noticed before.
+            look = 0.05
             while not stop():
                 left = end - time.perf_counter()
-                readings = source.read(min(_LOOK, max(left, 0.0)))
+                readings = source.read(min(look, max(left, 0.0)))
                 if readings and first:
                     end, first = readings[0].arrival + lasts, False
                 elif not readings and left <= 0:
@@ -140,7 +133,8 @@ class TrackingSession:
             return True
         late = now - self._due
         # Far before it is due, the device has begun to count anew.
-        if -10 * self._period < late < -_EARLY * self._period:
+        # Of a period, that a frame may come early: clocks count in whole microseconds.
+        if -10 * self._period < late < -0.05 * self._period:
             return False
         self._due = self._due + self._period if abs(late) < self._period else now + self._period
         return True
@@ -153,7 +147,8 @@ def low_latency() -> Iterator[None]:
     Enter it before the port is opened: sorting out the old objects takes a tenth of a second.
     """
     before = sys.getswitchinterval()
-    sys.setswitchinterval(_SWITCH)
+    # s; Python's own 5 ms would let a thread that writes a file hold up a pose for as long.
+    sys.setswitchinterval(2e-5)
     gc.collect()
     gc.freeze()
     try:
@@ -161,9 +156,6 @@ def low_latency() -> Iterator[None]:
     finally:
         gc.unfreeze()
         sys.setswitchinterval(before)
-
-
-_WINDOW_S: Final = 1.5
 
 
 class Pace:
@@ -184,7 +176,8 @@ class Pace:
         """Growth per second since the oldest look within the window."""
         now = self._clock()
         self._seen.append((now, self._count()))
-        while len(self._seen) > 2 and now - self._seen[0][0] > _WINDOW_S:
+        window_s = 1.5
+        while len(self._seen) > 2 and now - self._seen[0][0] > window_s:
             self._seen.popleft()
         (then, before), (now, after) = self._seen[0], self._seen[-1]
         return (after - before) / max(now - then, 1e-9)

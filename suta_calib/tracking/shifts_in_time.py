@@ -22,17 +22,13 @@ from suta_calib.tracking.errors_in_time import (
     NOTHING,
     SAME,
     ErrorsInTime,
-    Found,
+    FaultEstimate,
     Kind,
     fitted,
     per_axis,
 )
 from suta_calib.trust.serial_correlation import correlation_length
 
-# Rows are taken together to so many at most.
-BINS: Final = 1000
-# Chance that the tests of one kind call an honest record's clock wrong.
-FALSE_ALARM: Final = 1e-4
 # Of the squares beyond the scatter of neighbours, what a clock's fault must explain.
 SHARE: Final = 0.5
 # Of a shape's squares, what no honest cause must be able to explain for it to be told.
@@ -53,8 +49,6 @@ MEANS: Final = 24
 # s, or two rows, within which so much of a jump happens: play takes longer to be taken up.
 SHARP: Final = 0.005
 AT_ONCE: Final = 0.85
-# m; changes that are none.
-TINY: Final = 1e-9
 
 
 class ShiftsInTime:
@@ -70,7 +64,8 @@ class ShiftsInTime:
         self.n = len(self.at)
         self.time, self.error = record.time[used], record.error[used]
         self.columns, self.velocity = record.columns[used], record.velocity[used]
-        self.first = np.unique(np.linspace(0, self.n, min(self.n, BINS) + 1).astype(np.intp))[:-1]
+        # Rows are taken together to so many at most.
+        self.first = np.unique(np.linspace(0, self.n, min(self.n, 1000) + 1).astype(np.intp))[:-1]
         self.counts = np.diff(np.append(self.first, self.n))
         self.b_error, self.b_columns = self.mean(self.error), self.mean(self.columns)
         flat = self.b_columns.reshape(-1, self.b_columns.shape[2])
@@ -92,7 +87,7 @@ class ShiftsInTime:
         flat = rows.ravel()
         return np.asarray((flat - self.q @ (self.q.T @ flat)).reshape(-1, 3))
 
-    def most_telling(self) -> Found | None:
+    def most_telling(self) -> FaultEstimate | None:
         """The one that leaves least, where there is one."""
         candidates = [
             candidate for candidate in (self.jump(), self.rate(), self.step()) if candidate
@@ -125,16 +120,18 @@ class ShiftsInTime:
         if freedom < LEAST_FREEDOM or small or little:
             return None
         variance = max(squares, 1e-18 * rest.size) / freedom
-        if float(fdtrc(1.0, freedom, (every - squares) / variance)) * looks > FALSE_ALARM:
+        # Chance that the tests of one kind call an honest record's clock wrong.
+        false_alarm = 1e-4
+        if float(fdtrc(1.0, freedom, (every - squares) / variance)) * looks > false_alarm:
             return None
         return squares, size, float(np.sqrt(variance / information))
 
-    def rate(self) -> tuple[float, Found] | None:
+    def rate(self) -> tuple[float, FaultEstimate] | None:
         """An error along the velocity that grows with time."""
         since = self.time - self.time.mean()
         return self.delayed("rate", since, 1, 0)
 
-    def step(self) -> tuple[float, Found] | None:
+    def step(self) -> tuple[float, FaultEstimate] | None:
         """An error along the velocity from a row on: the bin from which it explains most."""
         means = self.mean(-self.velocity)
         q = self.q.reshape(len(means), 3, -1)
@@ -164,7 +161,7 @@ class ShiftsInTime:
 
     def delayed(
         self, kind: Kind, basis: FloatArray, looks: int, first: int
-    ) -> tuple[float, Found] | None:
+    ) -> tuple[float, FaultEstimate] | None:
         """Delays in proportion to a basis (rows,), from a row on, and what squares they leave."""
         judged = self.judged(self.mean(-self.velocity * basis[:, None]), looks)
         if not judged:
@@ -185,7 +182,7 @@ class ShiftsInTime:
         std = judged[2] * rms_length(rest) / max(float(np.sqrt(judged[0] / len(rest))), 1e-300)
         shape = self.spread(self.error - error)
         ends = int(self.at[first]), int(self.at[-1])
-        return float(np.sum(rest**2)), Found(kind, size, std, shape, 1, *ends, lateness)
+        return float(np.sum(rest**2)), FaultEstimate(kind, size, std, shape, 1, *ends, lateness)
 
     def residual(self) -> FloatArray:
         """(rows, 3) what no column explains."""
@@ -200,7 +197,7 @@ class ShiftsInTime:
         near = change[max(row - w - w // 2, 0) : row - w + w // 2 + 1]
         return len(near) > 0 and float(near.max()) > AT_ONCE * size - 3.0 * noise
 
-    def jump(self) -> tuple[float, Found] | None:
+    def jump(self) -> tuple[float, FaultEstimate] | None:
         """A place that is another from a row on, or between two."""
         step = float(np.median(np.diff(self.time)))
         widths = [w for w in WIDTHS if w * MEANS <= self.n and w * step <= LONGEST]
@@ -231,7 +228,7 @@ class ShiftsInTime:
         offset = inside[:, None] * beta[-3:]
         squares, shape = float(np.sum(self.mean(left - offset) ** 2)), self.spread(offset)
         ends = int(self.at[first]), int(self.at[end - 1])
-        return squares, Found("jump", size, std, shape, 1, *ends)
+        return squares, FaultEstimate("jump", size, std, shape, 1, *ends)
 
 
 def _changes(left: FloatArray, w: int) -> FloatArray:
@@ -246,6 +243,8 @@ def _dwarfing(left: FloatArray, w: int) -> tuple[float, int, int, int]:
 
     Or the two largest, where the second takes back what the first did.
     """
+    # m; changes that are none.
+    tiny = 1e-9
     change = _changes(left, w)
     size = np.linalg.norm(change, axis=1)
     at = np.arange(len(size))
@@ -253,11 +252,11 @@ def _dwarfing(left: FloatArray, w: int) -> tuple[float, int, int, int]:
     beyond = np.where(np.abs(at - one) > w, size, 0.0)
     two = int(np.argmax(beyond))
     third = np.where(np.abs(at - two) > w, beyond, 0.0)
-    single = size[one] / max(beyond[two], TINY)
+    single = size[one] / max(beyond[two], tiny)
     changes = [(float(single), w, one + w, len(left))]
     back = np.linalg.norm(change[one] + change[two])
     if back < COMPARABLE * size[one]:
-        double = size[two] / max(float(third.max()), TINY)
+        double = size[two] / max(float(third.max()), tiny)
         first, end = sorted((one, two))
         changes.append((float(double), w, first + w, end + w))
     return max(changes)

@@ -22,7 +22,7 @@ from suta_calib.device.description import columns_of
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
 from suta_calib.units import from_mm
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class TrackedPose(Shown):
+class TrackedPose(Displayable):
     """``T_base_tip`` of one reading; with a tool, the position is that of the tool's tip.
 
     Attributes:
@@ -70,12 +70,8 @@ class TrackedPose(Shown):
         return not self.errors
 
 
-# m; a pivot offset beyond this is one in another unit.
-_LARGEST = 10.0
-
-
 @dataclass(frozen=True, eq=False)
-class Tool(Shown):
+class Tool(Displayable):
     """Where a tool's tip is.
 
     Attributes:
@@ -102,6 +98,8 @@ def read_tool(path: str | Path, *, anyway: bool = False) -> Tool:
         InputError: unreadable, no ``tip_mm``, not three finite numbers within 10 m, or not to be
             used.
     """
+    # m; a pivot offset beyond this is one in another unit.
+    largest = 10.0
     path = Path(path)
     data = read_json_object(path)
     if "tip_mm" not in data:
@@ -113,9 +111,9 @@ def read_tool(path: str | Path, *, anyway: bool = False) -> Tool:
         )
     refuse_unusable(data, path, anyway=anyway)
     tip = from_mm(numbers(data["tip_mm"], (3,), path, "tip_mm"))
-    if abs(tip).max() > _LARGEST:
+    if abs(tip).max() > largest:
         raise InputError(
-            repr(data["tip_mm"]), f"mm, within {_LARGEST:g} m", file=path, where="tip_mm"
+            repr(data["tip_mm"]), f"mm, within {largest:g} m", file=path, where="tip_mm"
         )
     std = data.get("tip_std_mm")
     return Tool(tip, None if std is None else from_mm(numbers(std, (3,), path, "tip_std_mm")))

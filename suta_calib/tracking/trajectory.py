@@ -18,13 +18,13 @@ from suta_calib.measurements.csv_table import (
     rotations,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 LEAST_ROWS: Final = 20
 
 
 @dataclass(frozen=True, eq=False)
-class Trajectory(Shown):
+class Trajectory(Displayable):
     """A motion of the tip.
 
     Attributes:

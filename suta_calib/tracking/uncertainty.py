@@ -32,7 +32,7 @@ from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.staging import recover
 from suta_calib.units import FARTHEST
@@ -45,13 +45,10 @@ SOURCE_WORDS: Final[dict[Source, str]] = {
     "std": "standard deviations of the calibration only, as if uncorrelated",
 }
 _STEP: Final = 1e-5
-_SAME: Final = 1e-9
-# All over the arm's range, to see whether the tip hangs on a parameter.
-_POSTURES: Final = 96
 
 
 @dataclass(frozen=True, eq=False)
-class CalibrationUncertainty(Shown):
+class CalibrationUncertainty(Displayable):
     """Covariance of the arm's parameters as a calibration estimated them.
 
     Attributes:
@@ -96,7 +93,8 @@ class CalibrationUncertainty(Shown):
         if not self.held:
             return self
         random = np.random.default_rng(0)
-        anywhere = InverseKinematics(arm, {}).random_readings(random, _POSTURES)
+        # All over the arm's range, to see whether the tip hangs on a parameter.
+        anywhere = InverseKinematics(arm, {}).random_readings(random, 96)
         counted, names, spreads = list[str](), list(self.names), list[Mapping[str, float]]()
         for fixed, direction, plausible in self.held:
             step = {name: factor * plausible for name, factor in direction.items()}
@@ -173,8 +171,9 @@ class CalibrationUncertainty(Shown):
     def _check_same(self, joint: ChainJoint, segment: Segment) -> None:
         if joint.type == "prismatic":
             return  # its offset is folded into the position
+        same = 1e-9
         for name, urdf_value in zip(segment.names(*POSITION), joint.xyz, strict=True):
-            if abs(self.values.get(name, urdf_value) - urdf_value) > _SAME:
+            if abs(self.values.get(name, urdf_value) - urdf_value) > same:
                 raise InputError(
                     f"{self.values[name]:.9g} m, and {urdf_value:.9g} m in the URDF",
                     "the result of the calibration that wrote this URDF",

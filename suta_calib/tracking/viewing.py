@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from typing import Final
 
 import numpy as np
 
@@ -17,10 +16,6 @@ from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import UNSURE
 from suta_calib.view.scene import Ellipsoids
 from suta_calib.view.server import Viewer
-
-# Between pictures, s: more often nobody sees, and a browser cannot keep up.
-_PERIOD: Final = 1 / 30
-_LOOK: Final = 0.1
 
 
 class LiveArm:
@@ -54,11 +49,14 @@ class LiveArm:
         Raises:
             DeviceError: the device cannot be opened, was never heard, or cannot be understood.
         """
+        # Between pictures, s: more often nobody sees, and a browser cannot keep up.
+        period = 1 / 30
+        look = 0.1
         with Bus(self._device, reconnect=True, on_event=say) as bus:
             while not over():
-                if readings := bus.read(_LOOK):
+                if readings := bus.read(look):
                     self.show(readings[-1])
-                    time.sleep(_PERIOD)
+                    time.sleep(period)
 
     def show(self, reading: Reading) -> None:
         """Show one reading; where an encoder raises its error flag the arm stays as it was."""
