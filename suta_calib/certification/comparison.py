@@ -15,8 +15,6 @@ from suta_calib.measurements import Artefact
 from suta_calib.pose_calibration.registration import Registration, register
 
 QUARTER: Final = np.pi / 2
-# What a rigid registration takes.
-LEAST_POINTS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,12 +93,14 @@ def compare(
 
 
 def _shared(names: Sequence[str], drawing: Artefact) -> list[int]:
+    # What a rigid registration takes.
+    least_points = 3
     rows = [k for k, name in enumerate(names) if name in drawing.landmarks]
-    if len(rows) < LEAST_POINTS:
+    if len(rows) < least_points:
         lacking = next((name for name in names if name not in drawing.landmarks), "")
         raise ArtefactError(
             f"{len(rows)} of the touched landmarks in the drawing {drawing.name!r}",
-            f"at least {LEAST_POINTS} of {', '.join(names)}",
+            f"at least {least_points} of {', '.join(names)}",
             hint=did_you_mean(lacking, drawing.landmarks),
         )
     return rows

@@ -27,8 +27,6 @@ from suta_calib.certification.result import CertifiedLandmark, Fault
 
 # Pillars from which on the others say what is usual.
 ENOUGH: Final = 5
-# An uneven top is one whose touches no plane explains; what a reader is given to compare with.
-SIGMAS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -142,7 +140,8 @@ def judged(
 def uneven_tops(measured: MeasuredArtefact, noise: float, tolerance: float | None) -> list[Fault]:
     """Tops that are no plane, whichever touch is left out."""
     faults = []
-    limit = SIGMAS * noise if tolerance is None else tolerance
+    # An uneven top is one whose touches no plane explains; what a reader is given to compare with.
+    limit = 3.0 * noise if tolerance is None else tolerance
     for pillar, top in zip(measured.pillars, measured.tops, strict=True):
         size = float(np.abs(top.residuals[top.inliers]).max())
         if not top.even and (tolerance is None or size > limit):

@@ -29,8 +29,6 @@ YAW, WIDTH = 9, 10
 GROUND: Final = 3
 # Conditioning of the top's fit: its touches are millimetres apart.
 _MM: Final = 1e-3
-# Share of a diagonal on either side of the crossing below which holes cannot be in order.
-LEAST_SHARE: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +174,8 @@ def _ground(raw: RawPoints, sigma: float | None) -> Plane:
 
 def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatArray) -> None:
     where, first = f"landmark {pillar.name!r}", pillar.top.lines[0]
-    if not diagonals_cross(holes, LEAST_SHARE):
+    # Share of a diagonal on either side of the crossing below which holes cannot be in order.
+    if not diagonals_cross(holes, 0.2):
         order, lines = order_around(holes), ", ".join(map(str, pillar.holes.lines))
         hint = f"around the pillar they follow as {' '.join(map(str, order))}"
         if order in ((0, 1, 2, 3), (0, 3, 2, 1)):

@@ -24,15 +24,8 @@ from suta_calib.errors import SamplesError
 Kind = Literal["hole", "side"]
 # Freedom from which on the touches' own scatter says what a touch is worth.
 ENOUGH_FREEDOM: Final = 4
-# Chance that a stated noise, or a ground as smooth as the tops, is doubted wrongly.
-DOUBT: Final = 0.001
-# Chance that holes or side as good as the tops get a noise of their own: no word is said of it, and
-# were it smaller, touches half as bad again would not be told.
-WORSE_FEATURE: Final = 0.05
 # Pillars from which on their holes say what a touch of a hole is worth, though one may be damaged.
 ENOUGH_PILLARS: Final = 5
-# Chance that any pillar is kept out of that wrongly.
-KEPT_OUT: Final = 0.001
 
 
 @dataclass(frozen=True)
@@ -54,7 +47,7 @@ class ProbingNoise:
 
     Attributes:
         touch: standard deviation of a coordinate on tops and flats, m; on holes and side too,
-            unless these have one of their `own`.
+            unless these have one of their `by_kind`.
         ground: of one on the ground, which may be rougher, m.
         freedom: degrees of freedom of these; inf where they are stated.
         own: of features whose touches scatter more than those of the planes, beyond chance.
@@ -63,27 +56,32 @@ class ProbingNoise:
     touch: float
     ground: float
     freedom: float
-    own: Mapping[Kind, Scatter] = field(default_factory=dict)
+    by_kind: Mapping[Kind, Scatter] = field(default_factory=dict)
 
     def of(self, kind: Kind) -> float:
         """Standard deviation of a coordinate touched on such a feature, m."""
-        return self.own[kind].sigma if kind in self.own else self.touch
+        return self.by_kind[kind].sigma if kind in self.by_kind else self.touch
 
     def freedom_of(self, *kinds: Kind) -> float:
         """The fewest degrees of freedom of what planes and these features tell."""
-        return min([self.freedom, *(float(self.own[k].freedom) for k in kinds if k in self.own)])
+        return min(
+            [self.freedom, *(float(self.by_kind[k].freedom) for k in kinds if k in self.by_kind)]
+        )
 
     def beside(self, kind: Kind, scatter: Scatter) -> ProbingNoise:
         """The same, with what such a feature's touches scatter where that is more beyond chance."""
+        # Chance that holes or side as good as the tops get a noise of their own: no word is said of
+        # it, and were it smaller, touches half as bad again would not be told.
+        worse_feature = 0.05
         if scatter.freedom < ENOUGH_FREEDOM:
             return self
         if np.isinf(self.freedom):
-            most = chdtri(scatter.freedom, WORSE_FEATURE) / scatter.freedom
+            most = chdtri(scatter.freedom, worse_feature) / scatter.freedom
         else:
-            most = fdtri(scatter.freedom, self.freedom, 1.0 - WORSE_FEATURE)
+            most = fdtri(scatter.freedom, self.freedom, 1.0 - worse_feature)
         if scatter.sigma**2 <= most * self.touch**2:
             return self
-        return replace(self, own={**self.own, kind: scatter})
+        return replace(self, by_kind={**self.by_kind, kind: scatter})
 
 
 def scatter_of_holes(uneven: FloatArray) -> Scatter:
@@ -99,7 +97,9 @@ def scatter_of_holes(uneven: FloatArray) -> Scatter:
         return Scatter(0.0, 0)
     squared = np.sum(uneven**2, axis=1)
     usual = float(np.median(squared)) / chdtri(2, 0.5)
-    inliers = squared <= 2.0 * max(usual, FINEST**2) * fdtri(2, count, 1.0 - KEPT_OUT / count)
+    # Chance that any pillar is kept out of that wrongly.
+    kept_out = 0.001
+    inliers = squared <= 2.0 * max(usual, FINEST**2) * fdtri(2, count, 1.0 - kept_out / count)
     return Scatter(float(squared[inliers].sum()), 2 * int(inliers.sum()))
 
 
@@ -118,15 +118,17 @@ def noise_of(measured: MeasuredArtefact, stated: float | None, raw: RawPoints) -
 def _noise_of_planes(
     measured: MeasuredArtefact, stated: float | None, raw: RawPoints
 ) -> ProbingNoise:
+    # Chance that a stated noise, or a ground as smooth as the tops, is doubted wrongly.
+    doubt = 0.001
     even = [top for top in measured.tops if top.even]
     squared, freedom = sum(t.squared for t in even), sum(t.freedom for t in even)
     ground, ground_freedom = measured.ground, max(measured.ground.freedom, 0)
     if stated is not None:
         scatter = max(float(np.sqrt(squared / freedom)) if freedom else 0.0, FINEST)
-        doubted = freedom > 0 and squared > stated**2 * chdtri(freedom, DOUBT)
+        doubted = freedom > 0 and squared > stated**2 * chdtri(freedom, doubt)
         touch, touch_freedom = (scatter, float(freedom)) if doubted else (stated, np.inf)
         rough = ground_freedom > 0 and ground_freedom * ground.rms**2 > touch**2 * chdtri(
-            ground_freedom, DOUBT
+            ground_freedom, doubt
         )
         return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, touch_freedom)
     if freedom + ground_freedom < ENOUGH_FREEDOM:
@@ -141,7 +143,7 @@ def _noise_of_planes(
     same_noise = (
         freedom == 0
         or ground_freedom == 0
-        or (ground.rms**2 * freedom <= squared * fdtri(ground_freedom, freedom, 1.0 - DOUBT))
+        or (ground.rms**2 * freedom <= squared * fdtri(ground_freedom, freedom, 1.0 - doubt))
     )
     if same_noise:
         squared, freedom = squared + ground_freedom * ground.rms**2, freedom + ground_freedom

@@ -26,11 +26,6 @@ from suta_calib.units import deg, mm
 UNKNOWNS: Final = 3
 # Chance of either sign, that one of them is seen where there is none.
 CHANCE: Final = FALSE_ALARM / UNKNOWNS / 2
-# What a rigid superposition takes of three coordinates of each landmark.
-MOTION: Final = 6
-# Where all coordinates refute a chance, the heights by themselves, which are fewer and may be made
-# worse than the places, must refute this one.
-BY_THEMSELVES: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +146,8 @@ def over_ground(
     size, scatter = np.linalg.norm(solved, axis=1), off - design @ estimate
     alone = Scatter(float(scatter @ scatter), len(rows) - UNKNOWNS)
     places = float(np.sum(comparison.deviation[rows, :2] ** 2))
-    every = Scatter(alone.squared + places, 3 * len(rows) - MOTION)
+    # What a rigid superposition takes of three coordinates of each landmark.
+    every = Scatter(alone.squared + places, 3 * len(rows) - 6)
 
     def beyond(chance: float, scatter: Scatter) -> BoolArray:
         if scatter.freedom < 1:
@@ -159,7 +155,9 @@ def over_ground(
         std = np.hypot(by_ground, max(scatter.sigma, FINEST) * size)
         return np.asarray(np.abs(estimate) > std * deviates(chance, scatter.freedom))
 
-    strict, loose = beyond(CHANCE, alone), beyond(BY_THEMSELVES / UNKNOWNS / 2, alone)
+    # Where all coordinates refute a chance, the heights by themselves, which are fewer and may be
+    # made worse than the places, must refute this one.
+    strict, loose = beyond(CHANCE, alone), beyond(0.01 / UNKNOWNS / 2, alone)
     significant = loose & beyond(CHANCE, every) | strict & (alone.freedom > 0)
     spread = max((alone if alone.freedom >= ENOUGH_FREEDOM else every).sigma, FINEST)
     return OverGround(

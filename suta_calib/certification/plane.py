@@ -19,16 +19,10 @@ from scipy.special import chdtri, fdtri, ndtri, stdtrit
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import right_singular
 
-# Chance that any touch of a feature without a wrong one is called wrong.
-FALSE_ALARM: Final = 0.001
-# No more of a feature's touches than this can be wrong.
-MOST_WRONG: Final = 0.3
 # Finer than any instrument: what exact, made-up points scatter (m).
 FINEST: Final = 1e-8
 # From MAD to standard deviation of a normal distribution.
 MAD: Final = float(1.0 / ndtri(0.75))
-# Chance that any top of an artefact with nothing wrong is called uneven.
-UNEVEN_FALSE_ALARM: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,12 +97,14 @@ def agreeing(
     """
     used = np.ones(count, dtype=np.bool_)
     inliers = used.copy()
-    while count - used.sum() < int(MOST_WRONG * count) and used.sum() >= parameters + 3:
+    # No more of a feature's touches than this can be wrong.
+    while count - used.sum() < int(0.3 * count) and used.sum() >= parameters + 3:
         residual, design = fit(used)
         ratio, scale_known = _studentised(residual[used], design[used], noise)
         worst = int(np.argmax(ratio))
         freedom = int(used.sum()) - parameters - 1
-        chance = FALSE_ALARM / int(used.sum()) / 2
+        # Chance that any touch of a feature without a wrong one is called wrong.
+        chance = 0.001 / int(used.sum()) / 2
         limit = (-ndtri(chance)) if scale_known else (-stdtrit(freedom, chance))
         used[np.flatnonzero(used)[worst]] = False
         if ratio[worst] > limit:
@@ -184,7 +180,8 @@ def _judge(points: FloatArray, fit: Top, scale: float, freedom: int | None, coun
     def even(top: Top) -> bool:
         if not top.freedom:
             return True
-        statistic, chance = top.squared / scale**2, UNEVEN_FALSE_ALARM / count
+        # Chance that any top of an artefact with nothing wrong is called uneven.
+        statistic, chance = top.squared / scale**2, 0.01 / count
         if freedom is None:
             return bool(statistic <= chdtri(top.freedom, chance))
         return bool(statistic / top.freedom <= fdtri(top.freedom, freedom, 1.0 - chance))

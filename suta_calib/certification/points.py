@@ -16,18 +16,13 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
 HOLES: Final = 4
 # What a plane takes; more touches are needed to judge it.
 LEAST_ON_PLANE: Final = 3
 LEAST_ON_SIDE: Final = 2
-# No artefact that an arm can touch is larger or smaller (m): another unit was meant.
-LARGEST_EXTENT: Final = 10.0
-SMALLEST_EXTENT: Final = 2e-3
-# Ends of a spacer that are one point (m).
-COINCIDENT: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +61,7 @@ class Pillar:
 
 
 @dataclass(frozen=True, eq=False)
-class RawPoints(Shown):
+class RawPoints(Displayable):
     """Everything in one file.
 
     Attributes:
@@ -95,7 +90,7 @@ def read_raw_points(path: str | Path) -> RawPoints:
     """
     path = Path(path)
     table = read_csv_table(path)
-    rows = _Rows(table)
+    rows = _PointRows(table)
     names = list(dict.fromkeys(rows.landmark[k] for k in rows.of("top", "hole", "flat")))
     ground, side = rows.of("ground"), rows.of("side")
     if len(ground) < LEAST_ON_PLANE:
@@ -105,13 +100,16 @@ def read_raw_points(path: str | Path) -> RawPoints:
     if 0 < len(side) < LEAST_ON_SIDE:
         raise rows.missing("1 touch of the side", "two or more along it, or none")
     pillars = tuple(_pillar(rows, name) for name in names)
+    # No artefact that an arm can touch is larger or smaller (m): another unit was meant.
+    largest_extent = 10.0
+    smallest_extent = 2e-3
     # A typing error may be too large to be squared.
     with np.errstate(over="ignore"):
         extent = float(np.linalg.norm(np.ptp(rows.position, axis=0)))
-    if not SMALLEST_EXTENT < extent < LARGEST_EXTENT:
+    if not smallest_extent < extent < largest_extent:
         raise rows.missing(
             f"points within {extent:.4g} m",
-            f"an artefact of {SMALLEST_EXTENT:g} to {LARGEST_EXTENT:g} m",
+            f"an artefact of {smallest_extent:g} to {largest_extent:g} m",
             hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
         )
     return RawPoints(
@@ -124,7 +122,7 @@ def read_raw_points(path: str | Path) -> RawPoints:
     )
 
 
-class _Rows:
+class _PointRows:
     """The file's rows, checked cell by cell."""
 
     def __init__(self, table: CsvTable) -> None:
@@ -166,7 +164,7 @@ class _Rows:
         return SamplesError(problem, expected, file=self.table.path, where=where, hint=hint)
 
 
-def _pillar(rows: _Rows, name: str) -> Pillar:
+def _pillar(rows: _PointRows, name: str) -> Pillar:
     where = f"landmark {name!r}"
     top = rows.touches(rows.of("top", landmark=name))
     if len(top) < LEAST_ON_PLANE:
@@ -191,7 +189,7 @@ def _pillar(rows: _Rows, name: str) -> Pillar:
     return Pillar(name, top, in_order, front, back, (len(sides[0]) or 1, len(sides[1]) or 1))
 
 
-def _spacers(rows: _Rows) -> Iterable[tuple[str, FloatArray]]:
+def _spacers(rows: _PointRows) -> Iterable[tuple[str, FloatArray]]:
     """Ends in pairs: by index where a spacer's indices differ, else as they follow in the file."""
     for name in dict.fromkeys(rows.landmark[row] for row in rows.of("spacer")):
         listed = rows.of("spacer", landmark=name)
@@ -206,13 +204,14 @@ def _spacers(rows: _Rows) -> Iterable[tuple[str, FloatArray]]:
         pairs = list(zip(listed[::2], listed[1::2], strict=True))
         for number, pair in enumerate(pairs, start=1):
             label = f"{called} {number}" if len(pairs) > 1 else called
-            if np.ptp(rows.position[list(pair)], axis=0).max() < COINCIDENT:
+            # Ends of a spacer that are one point (m).
+            if np.ptp(rows.position[list(pair)], axis=0).max() < 1e-6:
                 raise rows.missing("both ends in one place", "two ends", f"spacer {label!r}")
             yield label, rows.position[list(pair)]
 
 
 @dataclass(frozen=True, eq=False)
-class CertificationOptions(Shown):
+class CertificationOptions(Displayable):
     """How to certify.
 
     Attributes:

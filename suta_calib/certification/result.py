@@ -21,15 +21,11 @@ from suta_calib.certification.over_ground import OverGround
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import deg, from_deg, mm, um
 
 # The tip points down when seated.
 DOWN: Final = np.pi
-# Touches that the procedure asks for on every top.
-TOUCHES: Final = 5
-# A ground so many times rougher than a touch deserves a word.
-ROUGH: Final = 3.0
 # A turn that all landmarks share is another way of counting, not a fault (rad).
 OTHER_FRONT: Final = from_deg(1.0)
 MOST_LINES: Final = 6
@@ -47,7 +43,7 @@ class Fault:
 
 
 @dataclass(frozen=True, eq=False)
-class CertifiedLandmark(Shown):
+class CertifiedLandmark(Displayable):
     """One landmark in the artefact's frame.
 
     Attributes:
@@ -133,7 +129,7 @@ class SpacerLength:
 
 
 @dataclass(frozen=True, eq=False)
-class Certification(Shown):
+class Certification(Displayable):
     """The artefact as it was measured.
 
     Attributes:
@@ -251,6 +247,8 @@ class Certification(Shown):
 
 
 def _touches(result: Certification) -> Iterator[str]:
+    # A ground so many times rougher than a touch deserves a word.
+    rough = 3.0
     planes = {"ground": result.ground, "side": result.side}
     for name, plane in planes.items():
         if plane is not None and plane.wrong_touches:
@@ -261,7 +259,8 @@ def _touches(result: Certification) -> Iterator[str]:
                 f"A touch of the top of {mark.name} does not fit the others "
                 f"({_lines(mark.wrong_touches)}): the probe slipped, or the top is dented there."
             )
-    few = [m.name for m in result.landmarks if m.touches + len(m.wrong_touches) < TOUCHES]
+    # Touches that the procedure asks for on every top.
+    few = [m.name for m in result.landmarks if m.touches + len(m.wrong_touches) < 5]
     if few:
         yield f"Fewer than five touches on the top of {', '.join(few)}: a wrong one may not show."
     if result.stated_noise is not None and result.noise > result.stated_noise:
@@ -269,17 +268,17 @@ def _touches(result: Certification) -> Iterator[str]:
             f"Touches scatter by {um(result.noise):.2f} µm, more than the "
             f"{um(result.stated_noise):.2f} µm stated: the larger is used."
         )
-    if result.ground.rms > ROUGH * result.noise:
+    if result.ground.rms > rough * result.noise:
         yield (
             f"The ground is rougher than the tops ({mm(result.ground.rms):.4f} mm RMS): heights "
             "count from its mean plane, and their uncertainty allows for it."
         )
-    if (side := result.probing.of("side")) > ROUGH * result.noise:
+    if (side := result.probing.of("side")) > rough * result.noise:
         yield (
             f"The side is rougher than the tops ({mm(side):.4f} mm RMS): x follows its "
             "mean, and the uncertainty of its direction allows for it."
         )
-    if (holes := result.probing.of("hole")) > ROUGH * result.noise:
+    if (holes := result.probing.of("hole")) > rough * result.noise:
         yield (
             f"The middles of the diagonals of the holes lie apart as if touches of holes scattered "
             f"by {um(holes):.1f} µm, where those of planes do by {um(result.noise):.1f} µm: were "
