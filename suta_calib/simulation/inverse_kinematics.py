@@ -19,7 +19,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import vector_from_rotation, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.
@@ -35,25 +35,17 @@ _TOLERANCE: Final = 1e-12
 # Rounding may keep the last step from the tolerance; nobody notices a nanometre.
 _ARRIVED: Final = 1e3 * _TOLERANCE
 _ITERATIONS: Final = 80
-# Share of targets still sought from which on the others are let go, which takes a moment, too.
-_FEWER: Final = 0.75
 # A step that takes less than this off the squared residual ends a search: it has come as near to a
 # target out of reach as it can. On the way to one within reach, steps take off a thousand times
 # as much.
 _STALLED: Final = 1e-6
 _PRISMATIC_REACH: Final = 1.0
-# Postures at which an arm is asked in how many ways it can move, and the smallest singular value
-# of its Jacobian, over the largest, that is a way.
-_ASKED: Final = 8
-_A_WAY: Final = 1e-6
 # Targets times starts that are searched at once: so few take hardly longer than one.
 _AT_ONCE: Final = 16
-# By this start the whole range of every joint is searched.
-_WIDEST_START: Final = 6
 
 
 @dataclass(frozen=True, eq=False)
-class Targets(Shown):
+class Targets(Displayable):
     """Where the tip shall be.
 
     Attributes:
@@ -75,7 +67,7 @@ class Targets(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Postures(Shown):
+class Postures(Displayable):
     """The answer, whether or not the targets could be reached.
 
     Attributes:
@@ -129,16 +121,20 @@ class InverseKinematics:
         Six joints or more reach poses, five a position and the direction of an axis, three or four
         a position; if their axes are not arranged so that they do less.
         """
-        q = self.random_readings(np.random.default_rng(0), _ASKED)
-        batch = Batched(self._function, _ASKED, shared=[0])
+        # Postures at which an arm is asked in how many ways it can move, and the smallest singular
+        # value of its Jacobian, over the largest, that is a way.
+        asked = 8
+        a_way = 1e-6
+        q = self.random_readings(np.random.default_rng(0), asked)
+        batch = Batched(self._function, asked, shared=[0])
         batch.inputs[0][:] = self._theta
         reachable: dict[Matching, bool] = {}
         for matching, weights in _ROTATION_WEIGHTS.items():
-            here = Targets(np.zeros((_ASKED, 3)), np.tile(np.eye(3), (_ASKED, 1, 1)), matching)
+            here = Targets(np.zeros((asked, 3)), np.tile(np.eye(3), (asked, 1, 1)), matching)
             _, jacobian = _residuals(batch, here, q, self.true.gearing)
             rows = jacobian[:, np.append([True] * 3, weights > 0)]
             values = np.linalg.svd(rows, compute_uv=False)
-            ways = np.sum(values > _A_WAY * values[:, :1], axis=1).max()
+            ways = np.sum(values > a_way * values[:, :1], axis=1).max()
             reachable[matching] = bool(ways == rows.shape[1])
         return reachable
 
@@ -183,10 +179,13 @@ class InverseKinematics:
         # The generator's state before each attempt was drawn, and the attempt that came last.
         state, last = dict[int, Any](), 0
 
+        # By this start the whole range of every joint is searched.
+        widest_start = 6
+
         @cache
         def begin(attempt: int) -> FloatArray:
             state[attempt] = rng.bit_generator.state
-            share = min(1.0, attempt / _WIDEST_START)
+            share = min(1.0, attempt / widest_start)
             return first + share * (self.random_readings(rng, len(first)) - first)
 
         def search(attempts: range, rows: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -266,7 +265,9 @@ class InverseKinematics:
             if not going.any():
                 break
             # Most arrive soon; what is out of reach goes on without them.
-            if np.count_nonzero(going) <= _FEWER * len(rows):
+            # Share of targets still sought from which on the others are let go, which takes a
+            # moment, too.
+            if np.count_nonzero(going) <= 0.75 * len(rows):
                 ends[rows], left[rows] = q, error
                 rows, targets = rows[going], targets.take(going)
                 q, error, jacobian, cost, damping = (

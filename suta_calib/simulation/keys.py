@@ -28,11 +28,11 @@ from suta_calib.measurements.fields import (
     cone,
     mapping,
     quantity,
-    whole,
+    whole_number,
 )
 from suta_calib.measurements.samples import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign, YamlSection
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key
@@ -51,7 +51,7 @@ _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
 
 @dataclass(frozen=True, eq=False)
-class PoseSpec(Shown):
+class PoseSpec(Displayable):
     """A rigid transform: rotation (3, 3) and position (3,), m; ``line`` says where it stands."""
 
     rotation: FloatArray
@@ -162,7 +162,7 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
         marks = f"Where on the tip's link each {kind.mark} sits; the tip itself without it."
         most = MOST_PICTURES if "image" in kind.columns.labels else MOST_SAMPLES
         return (
-            Field("samples", whole(1, most), "How many samples are taken.", required=True),
+            Field("samples", whole_number(1, most), "How many samples are taken.", required=True),
             Field(
                 "temperature",
                 Value("lowest, highest in °C", _read_temperature),
@@ -190,7 +190,7 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
             where,
             Field(
                 "repeats",
-                whole(1, MOST_REPEATS),
+                whole_number(1, MOST_REPEATS),
                 "How often each placement is gone through; 1 without.",
             ),
             Field(
@@ -203,7 +203,7 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
         where,
         Field(
             "directions",
-            whole(1, MOST_DIRECTIONS),
+            whole_number(1, MOST_DIRECTIONS),
             "From how many directions each is touched; 20 without.",
         ),
         Field(
@@ -221,7 +221,7 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
 
 SIMULATION_KEYS: Final = Fields(
     Field("arm", mapping(ARM_KEYS), "The nominal arm, and the ends of its chain.", required=True),
-    Field("seed", whole(0), "Of every random number; 0 without it."),
+    Field("seed", whole_number(0), "Of every random number; 0 without it."),
     Field(
         "posture_deg",
         Value("by joint, deg"),

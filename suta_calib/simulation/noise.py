@@ -26,7 +26,7 @@ from suta_calib.measurements.fields import (
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import GAIN
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.synthetic import random_directions
 from suta_calib.units import Unit, from_mm
 
@@ -81,7 +81,7 @@ def _read_sizes(section: YamlSection, key: str) -> tuple[float, float]:
 
 
 @dataclass(frozen=True)
-class OutlierSpec(Shown):
+class OutlierSpec(Displayable):
     """Gross errors, displacements in any direction: the key ``outliers`` of a set, in SI.
 
     The fraction of the samples of each file is rounded to whole samples.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Final
 
 import numpy as np
 
@@ -17,12 +16,6 @@ from suta_calib.simulation.noise import stream
 from suta_calib.simulation.schema import SetSpec, SimulationSpec
 from suta_calib.terms.landmark import seated
 from suta_calib.units import deg, mm
-
-# A direction that few starts reach is not worth more: another one is drawn.
-_STARTS_PER_DIRECTION: Final = 6
-_MOST_BATCHES: Final = 20
-# A place that none of so many batches reaches is out of reach.
-_EMPTY_BATCHES: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +97,15 @@ class Visitor:
         Raises:
             JobError: too few directions of the cone can be reached.
         """
+        # A direction that few starts reach is not worth more: another one is drawn.
+        starts_per_direction = 6
+        most_batches = 20
         rng = stream(self.seed, plan.name, label, "postures")
         spread = stream(self.seed, plan.name, label, "places")
         axis = -pose.rotation[:, 2] if plan.axis is None else plan.axis
         turned = rotation_from_vector(vector_turning_z_to(axis))
         q, touched = np.empty((0, len(self.posture))), np.empty((0, 3))
-        for batch in range(_MOST_BATCHES):
+        for batch in range(most_batches):
             where = spread.random((plan.directions, 2))
             position = plan.term.touches(pose.rotation, pose.position, where, plan.settings)
             # Uniform over the cone: the height on a sphere is uniform.
@@ -123,10 +119,11 @@ class Visitor:
             # About the posture, so that the turns about the tool axis differ too.
             other = self.kinematics.random_readings(rng, len(directed))
             starts = self.posture + 0.25 * (other - self.posture)
-            answer = self.kinematics.solve(directed, starts, rng, _STARTS_PER_DIRECTION)
+            answer = self.kinematics.solve(directed, starts, rng, starts_per_direction)
             q = np.concatenate([q, answer.q[answer.reached]])
             touched = np.concatenate([touched, position[answer.reached]])
-            if len(q) >= plan.directions or (batch == _EMPTY_BATCHES and not len(q)):
+            # A place that none of so many batches reaches is out of reach.
+            if len(q) >= plan.directions or (batch == 4 and not len(q)):
                 break
         n = plan.directions
         if len(q) < n:

@@ -12,7 +12,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.keys import (
     ARM_UNITS,
     ERROR_KEYS,
@@ -28,7 +28,7 @@ from suta_calib.units import Unit, key, stored
 
 
 @dataclass(frozen=True)
-class ErrorRow(Shown):
+class ErrorRow(Displayable):
     """True departure from nominal of the parameters that some names or globs select.
 
     Attributes:
@@ -67,7 +67,7 @@ class PostureRow:
 
 
 @dataclass(frozen=True, eq=False)
-class SetSpec(Shown):
+class SetSpec(Displayable):
     """One folder of simulated samples: the keys of a set (`keys.set_keys`), in SI.
 
     Attributes:
@@ -113,7 +113,7 @@ class SetSpec(Shown):
 
 
 @dataclass(frozen=True)
-class SimulationSpec(Shown):
+class SimulationSpec(Displayable):
     """A whole ``simulation.yaml``.
 
     Attributes:

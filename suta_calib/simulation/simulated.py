@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from suta_calib.measurements import (
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.backlash import last_motions, readings_beside
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
@@ -41,12 +41,9 @@ from suta_calib.simulation.true_poses import TruePose, own_values, true_poses
 from suta_calib.terms import ArmPoses, Observed, Setup
 from suta_calib.units import key
 
-# Times that configurations are drawn until what is looked at is in sight in enough of them.
-_ROUNDS: Final = 20
-
 
 @dataclass(frozen=True, eq=False)
-class SimulatedFile(Shown):
+class SimulatedFile(Displayable):
     """One samples file.
 
     Attributes:
@@ -69,7 +66,7 @@ class SimulatedFile(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Simulation(Shown):
+class Simulation(Displayable):
     """Simulated samples and the truth behind them.
 
     Attributes:
@@ -361,9 +358,11 @@ def _in_sight(
     Raises:
         JobError: it hardly ever is.
     """
+    # Times that configurations are drawn until what is looked at is in sight in enough of them.
+    rounds = 20
     arm, n, chance = kinematics.arm, plan.samples, plan.term.chance
     tries, batches, left = math.ceil(n / chance), list[FloatArray](), n
-    for _ in range(_ROUNDS):
+    for _ in range(rounds):
         q = wrapped(kinematics.true, kinematics.random_readings(rng, tries))
         if chance < 1.0:
             # Some at a time, as long as some are wanted: of a large board all take much memory.
@@ -377,7 +376,7 @@ def _in_sight(
         if not left:
             return np.concatenate(batches)
     raise JobError(
-        f"what is looked at in sight in {n - left} of {_ROUNDS * tries} random configurations",
+        f"what is looked at in sight in {n - left} of {rounds * tries} random configurations",
         f"{n} of them",
         line=plan.line,
         where=f"sets.{plan.name}",

@@ -13,7 +13,7 @@ from suta_calib.simulation.keys import PoseSpec
 from suta_calib.simulation.schema import SetSpec
 from suta_calib.terms import ArmPoses, Setup, Term
 from suta_calib.terms.given import GivenPose
-from suta_calib.terms.outside import OutsideFrame, pose_parameters, pose_values
+from suta_calib.terms.outside import ExternalFrame, pose_parameters, pose_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class TruePose:
         position: (3,) m.
     """
 
-    frame: OutsideFrame
+    frame: ExternalFrame
     rotation: FloatArray | None
     position: FloatArray
 
@@ -58,15 +58,15 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
         term: over samples of it.
     """
     here = PoseSpec(np.eye(3), np.zeros(3))
-    stated = {frame.own: plan.frames.get(frame.key, here) for frame in term.frames}
+    stated = {frame.owner: plan.frames.get(frame.key, here) for frame in term.frames}
     stated |= {f"{term.mark}[{label}]": pose for label, pose in plan.marks.items()}
-    values = {p.name: p.nominal for p in term.own}
+    values = {p.name: p.nominal for p in term.own_parameters}
     for owner, pose in stated.items():
         six = pose_values(pose.rotation, pose.position).tolist()
         values |= {p.name: v for p, v in zip(pose_parameters(owner), six, strict=True)}
     if term.place_unknown:
         for label, pose in plan.places.items():
             rotation = pose.rotation if term.place_turns else None
-            priors = term.known(label, GivenPose(pose.position, rotation))
+            priors = term.prior_from_pose(label, GivenPose(pose.position, rotation))
             values |= {name: prior.value for name, prior in priors.items()}
     return values
