@@ -16,10 +16,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 
 # Angle, rad, up to which a series is exact to rounding, and a quotient of rounded numbers is not.
 _SMALL: Final = 1e-3
-# How far from orthogonal the rows of a matrix may be that is taken for a rotation as it is.
-_ORTHOGONAL: Final = 1e-12
-# By how much the product of two rows may be off in a matrix that somebody calls a rotation.
-_ORTHONORMAL: Final = 1e-6
 # Rotations that are made at once.
 _AT_ONCE: Final = 4096
 
@@ -83,7 +79,8 @@ def _quaternions(rotation: FloatArray) -> FloatArray:
     if not (_handed(r) > 0.0).all():
         raise ValueError("found a matrix of no positive determinant; expected a rotation")
     products = np.einsum("ijn,kjn->ikn", r, r)
-    off = np.abs(products - _UNIT) > _ORTHOGONAL
+    # How far from orthogonal the rows of a matrix may be that is taken for a rotation as it is.
+    off = np.abs(products - _UNIT) > 1e-12
     if off.any():
         skewed = off.any(axis=(0, 1))
         left, _, right = np.linalg.svd(r[:, :, skewed].transpose(2, 0, 1))
@@ -134,7 +131,9 @@ def are_rotations(matrices: FloatArray) -> BoolArray:
     """Which of matrices of finite numbers, (n, 3, 3), are orthonormal and right-handed, (n,)."""
     rows = _by_number(matrices)
     off = np.abs(np.einsum("ijn,kjn->ikn", rows, rows) - _UNIT).max(axis=(0, 1))
-    return np.asarray((off <= _ORTHONORMAL) & (_handed(rows) > 0.0))
+    # By how much the product of two rows may be off in a matrix that somebody calls a rotation.
+    orthonormal = 1e-6
+    return np.asarray((off <= orthonormal) & (_handed(rows) > 0.0))
 
 
 def right_singular(rows: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -19,11 +19,6 @@ FOCAL: Final = ("fx", "fy")
 CENTRE: Final = ("cx", "cy")
 DISTORTION: Final = ("k1", "k2", "p1", "p2", "k3")
 INTRINSICS: Final = (*FOCAL, *CENTRE, *DISTORTION)
-# Rounds of a fixed-point iteration, of which each gains a digit for any lens without a fold.
-_ROUNDS: Final = 20
-# Coordinate at unit depth, half a degree from the side, that no pinhole camera sees: where a lens
-# folds back, the iteration goes beyond all bounds.
-_FARTHEST: Final = 100.0
 
 
 def distorted(x: Any, y: Any, coefficients: Any) -> tuple[Any, Any]:
@@ -78,7 +73,11 @@ def undistorted(pixels: ArrayLike, intrinsics: ArrayLike | Sequence[float]) -> F
     observed = (np.asarray(pixels, dtype=float) - values[2:4]) / values[:2]
     ideal = observed.copy()
     with np.errstate(over="ignore", invalid="ignore"):
-        for _ in range(_ROUNDS):
+        # Rounds of a fixed-point iteration, of which each gains a digit for any lens without a
+        # fold.
+        for _ in range(20):
             x, y = np.moveaxis(ideal, -1, 0)
             ideal = ideal + observed - np.stack(distorted(x, y, values[4:]), axis=-1)
-    return np.asarray(np.where(np.abs(ideal) < _FARTHEST, ideal, observed))
+    # Coordinate at unit depth, half a degree from the side, that no pinhole camera sees: where a
+    # lens folds back, the iteration goes beyond all bounds.
+    return np.asarray(np.where(np.abs(ideal) < 100.0, ideal, observed))

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, Final
+from typing import Any
 
 import casadi as ca
 
 # CasADi ships without type information: SX, MX and DM are one thing to the type checker.
 Symbol = Any
-
-# Below this squared angle (rad²) the Taylor series of sin(t)/t is exact to rounding.
-_SMALL_ANGLE_SQUARED: Final = 1e-4
 
 
 def symbolic_skew(v: Symbol) -> Symbol:
@@ -41,9 +38,11 @@ def _rotation() -> Any:
 
 def _symbolic_sinc(squared: Symbol) -> Symbol:
     """sin(t)/t as a function of t²."""
+    # Below this squared angle (rad²) the Taylor series of sin(t)/t is exact to rounding.
+    small_angle_squared = 1e-4
     series = 1 - squared / 6 * (1 - squared / 20 * (1 - squared / 42))
-    angle = ca.sqrt(ca.fmax(squared, _SMALL_ANGLE_SQUARED))
-    return ca.if_else(squared < _SMALL_ANGLE_SQUARED, series, ca.sin(angle) / angle)
+    angle = ca.sqrt(ca.fmax(squared, small_angle_squared))
+    return ca.if_else(squared < small_angle_squared, series, ca.sin(angle) / angle)
 
 
 def symbolic_chordal_log(rotation: Symbol) -> Symbol:
