@@ -23,7 +23,7 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, chain_of
 from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematic_urdf import pinocchio_model
-from suta_calib.model.kinematics import Segment, Told, forward_kinematics
+from suta_calib.model.kinematics import Condition, Segment, forward_kinematics
 from suta_calib.model.parameters import (
     COMPLIANCE,
     EXPANSION,
@@ -39,7 +39,7 @@ from suta_calib.model.segments import geometric_parameters, nongeometric_paramet
 from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from suta_calib.plotting.scene import Scene
 
 
-class ArmModel(Shown):
+class ArmModel(Displayable):
     """A chain base → tip through the tree of a URDF, with a parametric geometry.
 
     Build one with `from_urdf`; `at` gives the same arm at other values. Readings ``q`` are
@@ -280,34 +280,35 @@ class ArmModel(Shown):
                 )
 
     def function(
-        self, names: Sequence[str], told: Iterable[Told] = (), rows: int | None = None
+        self, names: Sequence[str], conditions: Iterable[Condition] = (), rows: int | None = None
     ) -> Symbol:
         """CasADi function of `kinematics.forward_kinematics`, built once for each set of names.
 
         Args:
             names: of parameters that become inputs.
-            told: what is said of a sample beside its readings.
+            conditions: what is said of a sample beside its readings.
             rows: of the Jacobian, of so many parameters, the first ones; of all by default. Each
                 costs as much as the pose.
         """
         for name in names:
             _ = self.offered[name]
-        return _kinematics(self, tuple(names), tuple(told), rows)
+        return _kinematics(self, tuple(names), tuple(conditions), rows)
 
     def forward(
         self,
         q: ArrayLike,
         values: Mapping[str, float] | None = None,
-        told: Mapping[Told, FloatArray] | None = None,
+        conditions: Mapping[Condition, FloatArray] | None = None,
     ) -> tuple[FloatArray, FloatArray]:
         """Tip poses ``T_base_tip`` for readings and parameter values (nominal where not given).
 
         Args:
             q: (n, joints) or (joints,) readings.
             values: parameter values by name; names of other things than this arm are ignored.
-            told: what else is known, as `Samples.told`: the ``direction`` (n, joints) of each
-                reading's last motion, -1, 0 or 1, without which a joint with backlash is in the
-                middle of its play; the ``warmth`` (n, 1), K, without which nothing has grown.
+            conditions: beside the readings, as `Samples.conditions` has them: the ``direction``
+                (n, joints) of each reading's last motion, -1, 0 or 1 (without it a joint with
+                backlash is in the middle of its play); the ``warmth`` (n, 1), K above 20 °C
+                (without it nothing has grown).
 
         Returns:
             Rotations (n, 3, 3) and positions (n, 3), m; without n for a single reading.
@@ -318,21 +319,21 @@ class ArmModel(Shown):
             raise ParameterError(f"no readings ({problem})", "(n, joints) of numbers") from None
         # What is no geometry and stays as it is needs no masses, which it may not have.
         beside = self.nongeometric
-        own = {
+        arm_values = {
             name: value
             for name, value in (values or {}).items()
             if name in self.parameters or (name in beside and value != beside[name].nominal)
         }
-        if all(value == self.offered[name].nominal for name, value in own.items()):
-            own = {}
+        if all(value == self.offered[name].nominal for name, value in arm_values.items()):
+            arm_values = {}
         rows = np.atleast_2d(readings)
         if rows.shape[1] != len(self.joints):
             raise ParameterError(
                 f"readings of {rows.shape[1]} joints", f"{len(self.joints)}: {self.joints}"
             )
-        beside_readings = told or {}
-        batch = Batched(self.function(list(own), beside_readings, 0), len(rows), shared=[0])
-        inputs = (np.array([*own.values()]), rows, *beside_readings.values())
+        beside_readings = conditions or {}
+        batch = Batched(self.function(list(arm_values), beside_readings, 0), len(rows), shared=[0])
+        inputs = (np.array([*arm_values.values()]), rows, *beside_readings.values())
         for place, numbers in zip(batch.inputs, inputs, strict=True):
             place[:] = numbers
         flat, position, _ = batch()
@@ -394,18 +395,18 @@ class ArmModel(Shown):
 
     def origins(self, values: Mapping[str, float]) -> dict[str, tuple[FloatArray, FloatArray]]:
         """Position (3,), m, and rpy (3,), rad, of every joint's origin as in `calibrated_urdf`."""
-        found = {}
+        origins = {}
         for joint, segment in zip(self.chain.joints, self.segments, strict=True):
-            own = segment.names(*segment.keys)
-            x = np.array([values.get(n, self.parameters[n].nominal) for n in own])
+            names = segment.names(*segment.keys)
+            x = np.array([values.get(n, self.parameters[n].nominal) for n in names])
             offset = float(x[6]) if joint.moving else 0.0
-            found[joint.name] = folded_origin(joint, x[:3], x[3:6], offset)
-        return found
+            origins[joint.name] = folded_origin(joint, x[:3], x[3:6], offset)
+        return origins
 
 
 @lru_cache(maxsize=16)
 def _kinematics(
-    arm: ArmModel, names: tuple[str, ...], told: tuple[Told, ...], rows: int | None
+    arm: ArmModel, names: tuple[str, ...], conditions: tuple[Condition, ...], rows: int | None
 ) -> Symbol:
     """`forward_kinematics` of this arm."""
     arm._check_masses(names)
@@ -413,7 +414,7 @@ def _kinematics(
     # Nothing between the root and this link moves with the chain.
     top = arm.model.frames[arm.model.getFrameId(arm.chain.top, pin.FrameType.BODY)].placement
     gravity = top.rotation.T @ arm.model.gravity.linear
-    chain = arm.segments, names, nominal, arm.loads, gravity, told, rows
+    chain = arm.segments, names, nominal, arm.loads, gravity, conditions, rows
     return _kinematics_of(pickle.dumps(chain))
 
 

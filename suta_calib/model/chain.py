@@ -35,7 +35,7 @@ from suta_calib.model.urdf_tree import (
     suggestion,
     unexpanded,
 )
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 from suta_calib.words import listed
 
@@ -64,7 +64,7 @@ class Mimic:
 
 
 @dataclass(frozen=True, eq=False)
-class ChainJoint(Shown):
+class ChainJoint(Displayable):
     """One joint of the chain, moving or fixed.
 
     Attributes:
@@ -103,7 +103,7 @@ class ChainJoint(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Chain(Shown):
+class Chain(Displayable):
     """The joints from a base link to a tip, and where they were read.
 
     Attributes:
@@ -167,15 +167,17 @@ def chain_of(tree: UrdfTree, tip: str, base: str | None = None) -> Chain:
         *(_chain_joint(tree, joint) for joint in descended),
     )
     if not any(joint.moving for joint in joints):
-        found = f"only fixed joints between {quoted(base or base_link)} and {quoted(tip)}"
-        raise UrdfError(found, "at least one joint that moves", file=tree.path, where="tip")
+        description = f"only fixed joints between {quoted(base or base_link)} and {quoted(tip)}"
+        raise UrdfError(description, "at least one joint that moves", file=tree.path, where="tip")
     top = climbed[-1].parent if climbed else base_link
-    own = {joint.name: joint for joint in joints}
+    by_name = {joint.name: joint for joint in joints}
     read = dict.fromkeys(j.mimic.joint if j.mimic else j.name for j in joints if j.moving)
-    moving = tuple(own.get(name) or _chain_joint(tree, tree.joints[name]) for name in read)
+    moving = tuple(by_name.get(name) or _chain_joint(tree, tree.joints[name]) for name in read)
     if len(moving) > _MOST_JOINTS:
-        found = f"{len(moving)} joints that move between {quoted(base_link)} and {quoted(tip)}"
-        raise UrdfError(found, f"at most {_MOST_JOINTS}", file=tree.path, where="tip")
+        description = (
+            f"{len(moving)} joints that move between {quoted(base_link)} and {quoted(tip)}"
+        )
+        raise UrdfError(description, f"at most {_MOST_JOINTS}", file=tree.path, where="tip")
     coupled = coupled_joints(tree.element)
     remarks = notes(tree, [*climbed, *descended])
     robot = tree.robot or tree.path.stem
@@ -213,9 +215,9 @@ def ends(tree: UrdfTree) -> str:
 def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:
     """The joints from the base up to the link above both, and from there down to the tip."""
     if base == tip:
-        found = f"{quoted(tip)} as both base and tip"
+        same = f"{quoted(tip)} as both base and tip"
         raise UrdfError(
-            found, "two links, with joints between them, of the file", file=tree.path, where="tip"
+            same, "two links, with joints between them, of the file", file=tree.path, where="tip"
         )
     climbed, descended = tree.path_to_root(base), tree.path_to_root(tip)
     while climbed and descended and climbed[-1] is descended[-1]:
@@ -256,8 +258,8 @@ def _mimic(tree: UrdfTree, joint: TreeJoint) -> Mimic | None:
     """What a joint follows: where that follows another itself, the one at the end."""
     follower, multiplier, offset = joint, 1.0, 0.0
     passed = [joint.name]
-    while found := children(follower.element, "mimic")[:1]:
-        mimic, place = found[0], f"joint {quoted(follower.name)}: <mimic>"
+    while mimics := children(follower.element, "mimic")[:1]:
+        mimic, place = mimics[0], f"joint {quoted(follower.name)}: <mimic>"
         name = attribute(tree.path, mimic, "joint", place)
         m, b = (
             float(_numbers(tree.path, mimic, key, place, (default,))[0])

@@ -36,7 +36,7 @@ from suta_calib.geometry.numbers import (
     wrap,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 Convention = Literal["classic", "modified"]
 DhMotion = Literal["revolute", "prismatic", "fixed"]
@@ -48,7 +48,7 @@ _MEETING: Final = 1e-12
 
 
 @dataclass(frozen=True)
-class DhRow(Shown):
+class DhRow(Displayable):
     """One row of a table.
 
     Attributes:
@@ -69,7 +69,7 @@ class DhRow(Shown):
 
 
 @dataclass(frozen=True)
-class DhTable(Shown):
+class DhTable(Displayable):
     """A Denavit-Hartenberg table from the base to the tip.
 
     Attributes:
@@ -110,7 +110,7 @@ class DhTable(Shown):
             raise UrdfError(
                 f"readings of shape {readings.shape}", f"{len(self.joints)} numbers: {self.joints}"
             )
-        poses = np.array([self._pose(each) for each in np.atleast_2d(readings)])
+        poses = np.array([self._pose(reading) for reading in np.atleast_2d(readings)])
         return poses[0] if readings.ndim == 1 else poses
 
     def _pose(self, q: FloatArray) -> FloatArray:
@@ -207,19 +207,19 @@ def dh_table(
         UrdfError: ``like`` has other joints.
     """
     lines = _lines(arm, values or {})
-    wanted = _wanted_twists(like, [line.name for line in lines]) if like is not None else {}
+    twists = _wanted_twists(like, [line.name for line in lines]) if like is not None else {}
     last = len(lines) - 1
     start, x = lines[0].point, lines[0].x
     theta, d, a, alpha = (np.zeros(last + 1) for _ in range(4))
     for k, line in enumerate(lines):
         if k < last:
             normal = _normal(line, lines[k + 1], start, x, lines[last] if k == last - 1 else None)
-            if (twist := wanted.get(line.name)) is not None and abs(
+            if (twist := twists.get(line.name)) is not None and abs(
                 wrap(normal.alpha - twist)
             ) > abs(wrap(-normal.alpha - twist)):
                 normal = normal.reversed()
         else:
-            normal = _Normal(line.x, line.point, line.point, 0.0, 0.0)
+            normal = _CommonNormal(line.x, line.point, line.point, 0.0, 0.0)
         theta[k] = math.atan2(float(np.cross(x, normal.x) @ line.z), float(x @ normal.x))
         d[k] = float((normal.foot - start) @ line.z)
         a[k], alpha[k] = normal.a, normal.alpha
@@ -266,7 +266,7 @@ class _Line:
 
 
 @dataclass(frozen=True, eq=False)
-class _Normal:
+class _CommonNormal:
     """From ``foot`` on one line to ``landing`` on the next: (3,) unit x, a in m, alpha in rad."""
 
     x: FloatArray
@@ -275,9 +275,9 @@ class _Normal:
     a: float
     alpha: float
 
-    def reversed(self) -> _Normal:
+    def reversed(self) -> _CommonNormal:
         """The same normal with x pointing the other way."""
-        return _Normal(-self.x, self.foot, self.landing, -self.a, -self.alpha)
+        return _CommonNormal(-self.x, self.foot, self.landing, -self.a, -self.alpha)
 
 
 def _lines(arm: ArmModel, values: Mapping[str, float]) -> list[_Line]:
@@ -297,7 +297,7 @@ def _lines(arm: ArmModel, values: Mapping[str, float]) -> list[_Line]:
 
 def _normal(
     line: _Line, following: _Line, start: FloatArray, x: FloatArray, tip: _Line | None
-) -> _Normal:
+) -> _CommonNormal:
     """The common normal of two lines.
 
     Args:
@@ -314,15 +314,17 @@ def _normal(
         foot = line.point + line.z * float(np.cross(between, following.z) @ cross) / sine**2
         landing = following.point + following.z * float(np.cross(between, line.z) @ cross) / sine**2
         a = float((landing - foot) @ direction)
-        return _Normal(direction, foot, landing, a, math.atan2(sine, float(line.z @ following.z)))
+        return _CommonNormal(
+            direction, foot, landing, a, math.atan2(sine, float(line.z @ following.z))
+        )
     # Parallel: the normal through where the last one landed, along x where the lines are one.
     across = following.point - start
     across = across - line.z * float(across @ line.z)
     a = float(np.linalg.norm(across))
     alpha = 0.0 if float(line.z @ following.z) > 0 else math.pi
     if a > _MEETING:
-        return _Normal(across / a, start, start + across, a, alpha)
-    return _Normal(x if tip is None else tip.x, start, start, 0.0, alpha)
+        return _CommonNormal(across / a, start, start + across, a, alpha)
+    return _CommonNormal(x if tip is None else tip.x, start, start, 0.0, alpha)
 
 
 def _screw(axis: Literal[0, 2], angle: float, distance: float) -> FloatArray:

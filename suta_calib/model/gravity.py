@@ -81,11 +81,11 @@ def gravity_torques(
         f.position + f.rotation @ ca.DM(load.centre)
         for f, load in zip(frames, carried, strict=True)
     ]
-    found = {}
+    torques = {}
     for k, frame in enumerate(frames):
         torque: Symbol = ca.SX(3, 1)
         hanging = beyond(climbed, k)
         for centre, load in zip(centres[hanging], carried[hanging], strict=True):
             torque += ca.cross(centre - frame.point, load.mass * gravity)
-        found[frame.joint] = ca.dot(frame.axis, torque)
-    return found
+        torques[frame.joint] = ca.dot(frame.axis, torque)
+    return torques

@@ -44,9 +44,11 @@ def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
     try:
         return pin.buildModelFromXML("\n".join(_lines(tree, moving)))
     except (ValueError, RuntimeError) as error:
-        said = str(error).strip().splitlines()[0]
+        message = str(error).strip().splitlines()[0]
         raise UrdfError(
-            f"a model Pinocchio refuses ({said})", "a URDF that Pinocchio can load", file=tree.path
+            f"a model Pinocchio refuses ({message})",
+            "a URDF that Pinocchio can load",
+            file=tree.path,
         ) from error
 
 
@@ -70,8 +72,8 @@ def _lines(tree: UrdfTree, moving: Collection[str]) -> Iterator[str]:
 def _element(parent: Element, tag: str, *names: str) -> str:
     """The first child of a tag with those of its attributes that are three finite numbers."""
     for element in children(parent, tag)[:1]:
-        kept = [n for n in names if len(finite_numbers(element.get(n, ""))) == 3]
-        return f"<{tag} {' '.join(f'{n}={quoteattr(element.get(n))}' for n in kept)}/>"
+        numeric = [n for n in names if len(finite_numbers(element.get(n, ""))) == 3]
+        return f"<{tag} {' '.join(f'{n}={quoteattr(element.get(n))}' for n in numeric)}/>"
     return ""
 
 
@@ -104,8 +106,8 @@ def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
     if not tree.robot:
         places["<robot> has no name"] = [tree.element]
     for link in tree.loose:
-        said = f"link {quoted(link.get('name'))}, which no joint connects, is ignored"
-        places.setdefault(said, []).append(link)
+        note = f"link {quoted(link.get('name'))}, which no joint connects, is ignored"
+        places.setdefault(note, []).append(link)
     for element in tree.leftover:
         tag = f"<{element.prefix}:{element.tag.rpartition('}')[2].rpartition(':')[2]}>"
         places.setdefault(f"{tag}, which xacro has not expanded, is ignored", []).append(element)
@@ -113,16 +115,16 @@ def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
         kind = joint.element.get("type")
         limits = children(joint.element, "limit")[:1]
         if kind in _LIMITED and not limits and joint.name in checked:
-            said = "a joint without <limit> is taken to have none"
-            places.setdefault(said, []).append(joint.element)
+            note = "a joint without <limit> is taken to have none"
+            places.setdefault(note, []).append(joint.element)
         for limit in limits:
             values = {n: finite_numbers(limit.get(n, "0")) for n in limit.keys()}  # noqa: SIM118
             one = {name: v[0] for name, v in values.items() if len(v) == 1}
             given = {"lower", "upper"} & set(one)
             empty = given and one.get("lower", 0.0) >= one.get("upper", 0.0)
             if empty and kind in _LIMITED and joint.name in checked:
-                said = "a joint whose lower limit is not below its upper one is taken to have none"
-                places.setdefault(said, []).append(limit)
+                note = "a joint whose lower limit is not below its upper one is taken to have none"
+                places.setdefault(note, []).append(limit)
             for name in ("effort", "velocity"):
                 if one.get(name, 0.0) < 0 or (name in values and name not in one):
                     places.setdefault(f"an impossible limit of {name} is not used", []).append(
@@ -134,14 +136,14 @@ def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
             for origin in origins
             for n in ("xyz", "rpy")
         ):
-            said = "the <origin> of a joint off the chain is no three numbers, and is not used"
-            places.setdefault(said, []).append(origins[0])
+            note = "the <origin> of a joint off the chain is no three numbers, and is not used"
+            places.setdefault(note, []).append(origins[0])
     for link in children(tree.element, "link"):
         for inertial in children(link, "inertial")[:1]:
             if _mass(inertial) is None:
-                said = "an impossible mass is not used"
-                places.setdefault(said, []).append(inertial)
-    return tuple(f"{said} ({_lines_of(elements)})" for said, elements in places.items())
+                note = "an impossible mass is not used"
+                places.setdefault(note, []).append(inertial)
+    return tuple(f"{note} ({_lines_of(elements)})" for note, elements in places.items())
 
 
 def _lines_of(elements: list[Element]) -> str:

@@ -61,7 +61,7 @@ from suta_calib.model.parameters import (
 
 Motion = Literal["revolute", "prismatic", "fixed"]
 # From which side joints came, and how warm the arm was.
-Told = Literal["direction", "warmth"]
+Condition = Literal["direction", "warmth"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,10 +151,10 @@ class _Walk:
         self, effects: Mapping[str, Symbol | None], direction: Symbol, point: Symbol | None = None
     ) -> None:
         """How much parameters turn about a line through a point, or shift, here; None for 1."""
-        told = {n: e for n, e in effects.items() if self.index.get(n, self.rows) < self.rows}
-        for name, effect in told.items():
+        unknown = {n: e for n, e in effects.items() if self.index.get(n, self.rows) < self.rows}
+        for name, effect in unknown.items():
             self.columns[self.index[name]].append((len(self.ways), effect))
-        if told:
+        if unknown:
             self.ways.append((direction, point))
 
     def through(self, segment: Segment, q: Symbol) -> None:
@@ -291,7 +291,7 @@ def forward_kinematics(
     nominal: Mapping[str, float],
     carried: Sequence[Load] = (),
     gravity: FloatArray | None = None,
-    told: Sequence[Told] = (),
+    conditions: Sequence[Condition] = (),
     rows: int | None = None,
 ) -> Symbol:
     """The chain's kinematics as a CasADi function of the named parameters and one sample.
@@ -303,7 +303,7 @@ def forward_kinematics(
         carried: loads of the moving segments, needed where a joint yields.
         gravity: (3,) in the frame of the link where the chain begins to descend, m/s², needed
             likewise.
-        told: what is said of a sample beside its readings.
+        conditions: what is said of a sample beside its readings.
         rows: of the Jacobian, of so many parameters, the first ones; of all by default.
 
     Returns:
@@ -331,7 +331,7 @@ def forward_kinematics(
         still = _walked(segments, _Walk(sought, those, drawn), q)
         walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
     inputs = {"theta": theta, "q": q}
-    for name in told:
+    for name in conditions:
         inputs[name] = ca.SX.sym(name, q.numel() if name == "direction" else 1)
     walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
     _walked(segments, walk, q)

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Final
 
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import POSITION
 from suta_calib.units import mm
-
-# Shorter than that no unit makes a length that matters, m.
-SHORTEST: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -39,7 +35,8 @@ def other_lengths(arm: ArmModel) -> Iterator[OtherLength]:
     factors = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)
     for segment in arm.segments:
         nominal = {n: arm.parameters[n].nominal for n in segment.names(*POSITION)}
-        long = {name: length for name, length in nominal.items() if abs(length) > SHORTEST}
+        # Shorter than that no unit makes a length that matters, m.
+        long = {name: length for name, length in nominal.items() if abs(length) > 1e-6}
         parts = [{name: length} for name, length in long.items()]
         for part in [*parts, *([long] if len(long) > 1 else [])]:
             for factor in factors:
@@ -52,5 +49,5 @@ def _sentence(part: dict[str, float], factor: float) -> str:
     if len(part) > 1:
         owner = name.rpartition(".")[0]
         return f"the origin of {owner} is {factor:g} times as far off: a wrong unit in the URDF"
-    read, stands = (f"{mm(each):.6g} mm" for each in (factor * length, length))
+    read, stands = (f"{mm(value):.6g} mm" for value in (factor * length, length))
     return f"{name} is {read} and not {stands}: a wrong unit in the URDF"

@@ -19,7 +19,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ParameterError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import Unit, from_deg
 from suta_calib.words import listed
 
@@ -123,8 +123,8 @@ class Parameter:
             )
         if math.isnan(self.plausible):
             reach = max(self.upper - self.nominal, self.nominal - self.lower)
-            told = math.isfinite(reach) and reach > 0
-            object.__setattr__(self, "plausible", reach if told else PLAUSIBLE[self.unit])
+            bounded = math.isfinite(reach) and reach > 0
+            object.__setattr__(self, "plausible", reach if bounded else PLAUSIBLE[self.unit])
 
     @cached_property
     def name(self) -> str:
@@ -167,7 +167,7 @@ def coupling_key(joint: str) -> str:
     return f"{COUPLING}[{joint}]"
 
 
-class ParameterSet(Shown, Mapping[str, Parameter]):
+class ParameterSet(Displayable, Mapping[str, Parameter]):
     """Parameters in a fixed order, looked up by name."""
 
     def __init__(self, parameters: Iterable[Parameter] = ()) -> None:
@@ -223,7 +223,7 @@ class ParameterSet(Shown, Mapping[str, Parameter]):
 
 
 @dataclass(frozen=True)
-class Selection(Shown):
+class Selection(Displayable):
     """One row of a job's ``parameters``: which ones, and how far they may go.
 
     Attributes:
@@ -327,7 +327,9 @@ def select_parameters(
     """
     chosen: dict[str, Parameter] = {}
     for row in rows:
-        names = [name for each in row.select for name in _matches(each, available, geometric, row)]
+        names = [
+            name for pattern in row.select for name in _matches(pattern, available, geometric, row)
+        ]
         _check_units(row, {available[name].unit for name in names})
         chosen.update((name, row.applied_to(available[name])) for name in names)
     return ParameterSet(chosen[name] for name in available if name in chosen)
@@ -343,14 +345,14 @@ def _matches(
     joint, _, key = pattern.rpartition(".")
     # A glob, whose key may be one too, means errors that are no geometry only where it says so.
     beside = key.startswith(_NONGEOMETRIC)
-    found = [
+    matches = [
         name
         for name, p in available.items()
         if fnmatchcase(name, pattern)
         and (not p.geometric if beside else name in geometric or p.key == OFFSET)
     ]
-    if found:
-        return found
+    if matches:
+        return matches
     place: dict[str, Any] = {"line": row.line, "where": "parameters: select"}
     offset = f"{joint}.{OFFSET}"
     slides = offset in available and available[offset].unit == "m"
@@ -389,7 +391,7 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
             )
 
 
-def _did_you_mean(name: str, known: Iterable[str]) -> str:
-    names = [each for each in known if each != name]
+def _did_you_mean(name: str, available: Iterable[str]) -> str:
+    names = [candidate for candidate in available if candidate != name]
     close = get_close_matches(name, names, n=3, cutoff=0.5) or names[:6]
     return "did you mean " + ", ".join(close) + "?" if close else ""

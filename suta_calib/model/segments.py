@@ -58,14 +58,16 @@ def segment_of(
     motion = cast(Motion, "revolute" if joint.type == "continuous" else joint.type)
     followed = joint.mimic or Mimic(joint.name, 1.0, 0.0)
     slides = joint.type == "prismatic"
-    others = {n: k for n, k in columns.items() if n != followed.joint and (n in sliding) == slides}
+    couplings = {
+        n: k for n, k in columns.items() if n != followed.joint and (n in sliding) == slides
+    }
     return Segment(
         *(owner, motion, origin.rotation, joint.xyz, axis),
         columns.get(followed.joint, 0),
         followed.multiplier,
         followed.offset,
         joint.climbed,
-        others if joint.moving else {},
+        couplings if joint.moving else {},
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 
 from suta_calib.arrays import FloatArray
-from suta_calib.plotting.scene import Line, Points, Scene
+from suta_calib.plotting.scene import Line, PlacedPoints, Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +69,6 @@ class Skeleton:
             (
                 Line(name, "links", self.points),
                 Line("joint axes", "axes", bars.reshape(-1, 3)[:-1]),
-                Points("tip", "tip", self.tip[None, :]),
+                PlacedPoints("tip", "tip", self.tip[None, :]),
             )
         )

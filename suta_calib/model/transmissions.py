@@ -30,15 +30,15 @@ def coupled_joints(robot: Element) -> dict[str, tuple[str, ...]]:
     Args:
         robot: the element ``<robot>``.
     """
-    found: dict[str, tuple[str, ...]] = {}
+    coupled: dict[str, tuple[str, ...]] = {}
     for transmission in _transmissions(robot):
         kind = _text(transmission, "type", "plugin").rpartition("/")[2]
         joints = _by_role(transmission)
         for moved, by in MOVED.get(kind, ()):
             if moved in joints and by in joints and joints[moved] != joints[by]:
-                others = found.get(joints[moved], ())
-                found[joints[moved]] = tuple(dict.fromkeys([*others, joints[by]]))
-    return found
+                before = coupled.get(joints[moved], ())
+                coupled[joints[moved]] = tuple(dict.fromkeys([*before, joints[by]]))
+    return coupled
 
 
 def _transmissions(robot: Element) -> Iterator[Element]:
@@ -58,5 +58,5 @@ def _by_role(transmission: Element) -> dict[str, str]:
 
 def _text(element: Element, *tags: str) -> str:
     """The text of the first child that is called so, or nothing."""
-    found = (child.text for child in element if tag_of(child) in tags)
-    return (next(found, "") or "").strip()
+    texts = (child.text for child in element if tag_of(child) in tags)
+    return (next(texts, "") or "").strip()

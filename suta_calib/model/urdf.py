@@ -58,7 +58,7 @@ _Splice = tuple[int, int, bytes]
 
 def _joint_tags(path: Path, data: bytes) -> list[tuple[str, _JointTags]]:
     """The tags of every joint with its name, as Expat comes by them."""
-    found: list[tuple[str, _JointTags]] = []
+    tags: list[tuple[str, _JointTags]] = []
     around: list[_JointTags | None] = []  # every open element: the joint that it is, if it is one
     parser = expat.ParserCreate()
 
@@ -67,7 +67,7 @@ def _joint_tags(path: Path, data: bytes) -> list[tuple[str, _JointTags]]:
         inside = around[-1] if around else None
         if tag == "joint":
             joint = _JointTags(position, parser.CurrentLineNumber, len(around))
-            found.append((attributes.get("name", ""), joint))
+            tags.append((attributes.get("name", ""), joint))
         elif tag == "origin" and inside and inside.origin is None:
             # The first counts where there are several, as in URDF readers.
             inside.origin = position
@@ -85,24 +85,24 @@ def _joint_tags(path: Path, data: bytes) -> list[tuple[str, _JointTags]]:
         line = getattr(error, "lineno", None)
         problem = f"text that cannot be edited in place ({error})"
         raise UrdfError(problem, "XML in UTF-8 or Latin-1", file=path, line=line) from None
-    return found
+    return tags
 
 
 def _urdf_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
     """The tags of every joint directly under the root, by its name."""
-    found: dict[str, _JointTags] = {}
+    by_name: dict[str, _JointTags] = {}
     for name, tags in _joint_tags(path, data):
         if tags.depth != 1:
             continue
-        if name in found:
+        if name in by_name:
             raise UrdfError(
                 f"the joint name {quoted(name)} a second time",
                 "one joint of that name",
                 file=path,
                 line=tags.line,
             )
-        found[name] = tags
-    return found
+        by_name[name] = tags
+    return by_name
 
 
 def urdf_bytes(source: Path, data: bytes, origins: Mapping[str, Origin]) -> bytes:
@@ -169,16 +169,16 @@ def xacro_bytes(
             )
         (name,) = made
         if name in placed:
-            found = f"what may be {quoted(name)}, as line {placed[name]} may"
+            problem = f"what may be {quoted(name)}, as line {placed[name]} may"
             expected = "one joint of that name"
             raise UrdfError(
-                found, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
+                problem, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
             )
         placed[name] = tags.line
         if tags.filled and tags.origin is None:
-            found, expected = "an origin that a macro puts in", "an <origin> of its own"
+            problem, expected = "an origin that a macro puts in", "an <origin> of its own"
             raise UrdfError(
-                found, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
+                problem, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
             )
         xyz, rpy = origins[name]
         splices += _origin_splices(
@@ -293,8 +293,10 @@ def _numbers_text(numbers: list[float], old: bytes) -> bytes:
     same = [abs(was - new) <= _ROUNDING for was, new in zip(before, numbers, strict=True)]
     if all(same):
         return old
-    kept = zip(words, same, numbers, strict=True)
-    return b" ".join(word if is_same else number_text(new).encode() for word, is_same, new in kept)
+    compared = zip(words, same, numbers, strict=True)
+    return b" ".join(
+        word if is_same else number_text(new).encode() for word, is_same, new in compared
+    )
 
 
 def number_text(value: float) -> str:

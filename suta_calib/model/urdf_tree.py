@@ -130,8 +130,8 @@ def read_tree(path: str | Path, data: bytes | None = None) -> UrdfTree:
 def unexpanded(path: Path, leftover: Sequence[Element]) -> UrdfError | None:
     """The error that xacro was not run, where something of it is left in a file."""
     for element in leftover[:1]:
-        found = f"<{tag_of(element)[:_LONGEST_QUOTE]}>, which xacro has not expanded"
-        return refusal(path, element, found, "plain URDF", hint=_XACRO_HINT)
+        tag = f"<{tag_of(element)[:_LONGEST_QUOTE]}>, which xacro has not expanded"
+        return refusal(path, element, tag, "plain URDF", hint=_XACRO_HINT)
     return None
 
 
@@ -162,21 +162,21 @@ def _tree_of(path: Path, data: bytes, robot: Element, leftover: tuple[Element, .
         joint = joints[name] = TreeJoint(name, parent, child, element, element.sourceline)
         other = into.setdefault(child, joint)
         if other is not joint:
-            found = (
+            problem = (
                 f"two joints into it, {quoted(other.name)} (line {other.line}) and "
                 f"{quoted(name)}: a closed loop"
             )
-            raise refusal(path, element, found, "a serial chain", f"link {quoted(child)}")
+            raise refusal(path, element, problem, "a serial chain", f"link {quoted(child)}")
     _refuse_cycle(path, into)
     joined = {*into, *(joint.parent for joint in joints.values())}
     loose = tuple(element for link, element in links.items() if link not in joined)
     links = {link: element for link, element in links.items() if link in joined}
-    root, *others = [link for link in links if link not in into]
-    if others:
-        found = f"{1 + len(others)} links without a parent: {quoted(root)}, {quoted(others[0])}"
-        found += ", …" if len(others) > 1 else ""
+    root, *more = [link for link in links if link not in into]
+    if more:
+        problem = f"{1 + len(more)} links without a parent: {quoted(root)}, {quoted(more[0])}"
+        problem += ", …" if len(more) > 1 else ""
         hint = "connect them by joints or remove what is not used: base and tip are in one tree"
-        raise refusal(path, links[others[0]], found, "one root link", hint=hint)
+        raise refusal(path, links[more[0]], problem, "one root link", hint=hint)
     name = robot.get("name", "")
     return UrdfTree(path, data, name, tuple(links), joints, into, root, robot, leftover, loose)
 
@@ -186,8 +186,10 @@ def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:
     for element in children(robot, tag):
         name = attribute(path, element, "name", f"<{tag}>")
         if name in named:
-            found = f"the {tag} name {quoted(name)}, already used in line {named[name].sourceline}"
-            raise refusal(path, element, found, f"every {tag} to have its own name")
+            problem = (
+                f"the {tag} name {quoted(name)}, already used in line {named[name].sourceline}"
+            )
+            raise refusal(path, element, problem, f"every {tag} to have its own name")
         named[name] = element
     return named
 
@@ -196,14 +198,14 @@ def _linked(
     path: Path, joint: str, element: Element, tag: str, links: Mapping[str, Element]
 ) -> str:
     where = f"joint {quoted(joint)}"
-    found = children(element, tag)
-    if not found:
+    ends_named = children(element, tag)
+    if not ends_named:
         raise refusal(path, element, f"no <{tag}>", f'<{tag} link="…"/>', where)
-    link = attribute(path, found[0], "link", f"{where}: <{tag}>")
+    link = attribute(path, ends_named[0], "link", f"{where}: <{tag}>")
     if link not in links:
         unknown = f"the {tag} link {quoted(link)}, which no <link> declares"
         hint = suggestion(link, links, "links")
-        raise refusal(path, found[0], unknown, where=where, hint=hint)
+        raise refusal(path, ends_named[0], unknown, where=where, hint=hint)
     return link
 
 
@@ -216,8 +218,8 @@ def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
         while link in into and link not in grounded:
             if link in walk:
                 joint = walk[link]
-                found = f"a cycle: following parents from link {quoted(link)} leads back to it"
-                raise refusal(path, joint.element, found, "a tree", f"joint {quoted(joint.name)}")
+                cycle = f"a cycle: following parents from link {quoted(link)} leads back to it"
+                raise refusal(path, joint.element, cycle, "a tree", f"joint {quoted(joint.name)}")
             walk[link] = into[link]
             link = into[link].parent
         grounded.update(walk)
@@ -287,8 +289,8 @@ def attribute(path: Path, element: Element, name: str, where: str) -> str:
     """A text attribute that must be there and not be empty."""
     text = element.get(name)
     if not text:
-        found = f"no {name}" if text is None else f"an empty {name}"
-        raise refusal(path, element, found, f'{name}="…"', where)
+        problem = f"no {name}" if text is None else f"an empty {name}"
+        raise refusal(path, element, problem, f'{name}="…"', where)
     return str(text)
 
 
@@ -300,10 +302,10 @@ def finite_numbers(text: str) -> list[float]:
 
 
 def refusal(
-    path: Path, element: Element, found: str, expected: str = "", where: str = "", hint: str = ""
+    path: Path, element: Element, problem: str, expected: str = "", where: str = "", hint: str = ""
 ) -> UrdfError:
     """Error about an element, with its line, to be raised by the caller."""
-    return UrdfError(found, expected, file=path, line=element.sourceline, where=where, hint=hint)
+    return UrdfError(problem, expected, file=path, line=element.sourceline, where=where, hint=hint)
 
 
 def quoted(text: str) -> str:
@@ -311,9 +313,9 @@ def quoted(text: str) -> str:
     return repr(text if len(text) <= _LONGEST_QUOTE else text[: _LONGEST_QUOTE - 1] + "…")
 
 
-def suggestion(name: str, known: Iterable[str], kind: str) -> str:
+def suggestion(name: str, available: Iterable[str], kind: str) -> str:
     """A hint for a name that is not there: what looks like it, and some of what there is."""
-    names = [each for each in known if each != name]
+    names = [candidate for candidate in available if candidate != name]
     close = " or ".join(map(quoted, difflib.get_close_matches(name, names, n=3)))
     shown = ", ".join(map(quoted, names[:8])) + (", …" if len(names) > 8 else "")
     listed = f"{kind} in the file: {shown or 'none'}"
@@ -327,9 +329,13 @@ def _parsed(path: Path, data: bytes) -> Element:
     """
     strict, lenient = (
         etree.XMLParser(
-            resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False, recover=each
+            resolve_entities=False,
+            no_network=True,
+            load_dtd=False,
+            huge_tree=False,
+            recover=recover,
         )
-        for each in (False, True)
+        for recover in (False, True)
     )
     try:
         return etree.fromstring(data, strict)
@@ -337,6 +343,6 @@ def _parsed(path: Path, data: bytes) -> Element:
         root = etree.fromstring(data, lenient)
         if root is not None and all(e.type_name.startswith("NS_") for e in lenient.error_log):
             return root
-        found = f"text that is not XML ({' '.join(error.msg.split())})"
+        problem = f"text that is not XML ({' '.join(error.msg.split())})"
         line = error.lineno or None
-        raise UrdfError(found, "a well-formed URDF file", file=path, line=line) from None
+        raise UrdfError(problem, "a well-formed URDF file", file=path, line=line) from None

@@ -74,7 +74,7 @@ class Description:
     def check(self, path: str, *, folder: bool = False) -> None:
         """Refuse a file (or folder) that is not the description's, is no plain file, or is huge."""
         real = Path(os.path.realpath(path))
-        if not any(real.is_relative_to(each.resolve()) for each in self.folders):
+        if not any(real.is_relative_to(folder.resolve()) for folder in self.folders):
             inside = ", ".join(dict.fromkeys(map(str, self.folders)))
             raise RefusedError(f"{path}, which is outside of the description ({inside})")
         if folder or not real.exists():
@@ -89,7 +89,9 @@ class Description:
 
 
 def _package_above(folder: Path) -> Path | None:
-    return next((each for each in (folder, *folder.parents) if (each / _MANIFEST).is_file()), None)
+    return next(
+        (parent for parent in (folder, *folder.parents) if (parent / _MANIFEST).is_file()), None
+    )
 
 
 def _manifests(*folders: Path) -> Iterator[Path]:
@@ -106,10 +108,10 @@ def _manifests(*folders: Path) -> Iterator[Path]:
 def _package_name(manifest: Path) -> str:
     try:
         with manifest.open("rb") as file:
-            found = _NAME.search(file.read(4096))
+            match = _NAME.search(file.read(4096))
     except OSError:
         return ""
-    return found[1].decode() if found else ""
+    return match[1].decode() if match else ""
 
 
 def _confine(description: Description) -> None:
@@ -179,8 +181,8 @@ def _exchange_parts(description: Description) -> None:
                 text = contents(os.path.join(xacro.root_dir, str(filename)))  # noqa: PTH118
             except OSError as problem:
                 xacro.filestack.pop()
-                said = f"{problem.strerror}: {filename}"
-                raise xacro.XacroException(said, exc=problem) from None
+                message = f"{problem.strerror}: {filename}"
+                raise xacro.XacroException(message, exc=problem) from None
         return xml.dom.minidom.parseString(text)
 
     xacro.safe_eval, xacro.parse = safe_eval, parse
@@ -223,8 +225,8 @@ def _sentence(problem: BaseException) -> str:
 
 
 def _expression(problem: BaseException) -> str:
-    found = re.search(r"when evaluating expression '(.*?)'\s*\Z", str(problem), re.DOTALL)
-    return found[1] if found else ""
+    match = re.search(r"when evaluating expression '(.*?)'\s*\Z", str(problem), re.DOTALL)
+    return match[1] if match else ""
 
 
 def main() -> None:

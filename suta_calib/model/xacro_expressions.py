@@ -163,11 +163,11 @@ class Evaluator:
         return _UNARY[type(node.op)](self._value(node.operand, names))
 
     def _boolop(self, node: ast.BoolOp, names: Names) -> Any:
-        wanted = isinstance(node.op, ast.Or)
+        deciding = isinstance(node.op, ast.Or)
         value: Any = None
         for part in node.values:
             value = self._value(part, names)
-            if bool(value) is wanted:
+            if bool(value) is deciding:
                 break
         return value
 
@@ -265,7 +265,7 @@ class Evaluator:
 
     def _dictcomp(self, node: ast.DictComp, names: Names) -> Any:
         loops = self._loops(node.generators, names)
-        return {self._value(node.key, each): self._value(node.value, each) for each in loops}
+        return {self._value(node.key, scope): self._value(node.value, scope) for scope in loops}
 
     def _joinedstr(self, node: ast.JoinedStr, names: Names) -> Any:
         return "".join(str(self._value(part, names)) for part in node.values)

@@ -54,16 +54,16 @@ def expanded(path: Path) -> bytes:
         MissingExtraError: xacro is not installed.
     """
     if not path.is_file():
-        found = "a directory" if path.is_dir() else "no such file"
-        raise UrdfError(found, "a .xacro file", file=path)
+        problem = "a directory" if path.is_dir() else "no such file"
+        raise UrdfError(problem, "a .xacro file", file=path)
     note_input(path)
     key = os.path.abspath(path)  # noqa: PTH100 (links lead to other descriptions)
-    known = _expansions.get(key)
-    if known is None or any(_stamp(name) != stamp for name, stamp in known.files.items()):
-        known = _expansions[key] = _expand(path)
-    for name in known.files:
+    expansion = _expansions.get(key)
+    if expansion is None or any(_stamp(name) != stamp for name, stamp in expansion.files.items()):
+        expansion = _expansions[key] = _expand(path)
+    for name in expansion.files:
         note_input(Path(name))
-    return known.urdf
+    return expansion.urdf
 
 
 def _expand(path: Path) -> _Expansion:
@@ -71,32 +71,32 @@ def _expand(path: Path) -> _Expansion:
 
     require("xacro", "formats")
     try:
-        found = run_confined(_CHILD, str(path))
+        answer = run_confined(_CHILD, str(path))
     except ConfinedError as problem:
-        said = f"what takes {problem} to expand"
-        raise UrdfError(said, _EXPECTED, file=path, hint=_HINT) from None
-    if "refused" in found:
-        raise _refusal(path, found)
-    files = {str(name): _stamp(str(name)) for name in found["files"]}
-    return _Expansion(str(found["urdf"]).encode(), files)
+        excess = f"what takes {problem} to expand"
+        raise UrdfError(excess, _EXPECTED, file=path, hint=_HINT) from None
+    if "refused" in answer:
+        raise _refusal(path, answer)
+    files = {str(name): _stamp(str(name)) for name in answer["files"]}
+    return _Expansion(str(answer["urdf"]).encode(), files)
 
 
-def _refusal(path: Path, found: Mapping[str, Any]) -> UrdfError:
+def _refusal(path: Path, answer: Mapping[str, Any]) -> UrdfError:
     """The error that the child found, in this file or in one that it includes."""
     longest = 200
-    said, file = str(found["refused"])[:longest], Path(str(found["file"]))
-    argument = said.startswith("ArgException: ")
+    message, file = str(answer["refused"])[:longest], Path(str(answer["file"]))
+    argument = message.startswith("ArgException: ")
     if argument:
-        said = f"no value of the argument {said.removeprefix('ArgException: ')!r}"
+        message = f"no value of the argument {message.removeprefix('ArgException: ')!r}"
     included = file.name if os.path.realpath(file) != os.path.realpath(path) else ""
-    kind = "may not do here" if found["forbidden"] else "refuses"
+    kind = "may not do here" if answer["forbidden"] else "refuses"
     return UrdfError(
-        f"what xacro {kind} ({said})",
+        f"what xacro {kind} ({message})",
         _EXPECTED,
         file=path,
-        line=None if included else _line(path, str(found["expression"])),
+        line=None if included else _line(path, str(answer["expression"])),
         where=included,
-        hint=_HINT if found["forbidden"] else _ARGUMENT_HINT if argument else "",
+        hint=_HINT if answer["forbidden"] else _ARGUMENT_HINT if argument else "",
     )
 
 
