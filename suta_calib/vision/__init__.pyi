@@ -3,7 +3,7 @@ from .camera_fit import calibrate_camera as calibrate_camera
 from .camera_fit import view_poses as view_poses
 from .detection import Detection as Detection
 from .detection import DetectionOptions as DetectionOptions
-from .detection import View as View
+from .detection import SearchedPicture as SearchedPicture
 from .detection import detect as detect
 from .drawing import drawn as drawn
 from .pictures import PictureFile as PictureFile

@@ -18,15 +18,11 @@ from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.vision.opencv import opencv
 
 # Corners of a picture from which a pose and more can be told.
 LEAST_CORNERS: Final = 6
-# Pictures with which a camera can be calibrated at all: each tells two numbers of four.
-LEAST_VIEWS: Final = 3
-# A point is out of its board's plane, in the board's size, where the board is not plane.
-_FLAT: Final = 1e-6
 
 
 class NoCameraFitsError(SamplesError):
@@ -59,7 +55,7 @@ class CameraFitOptions:
 
 
 @dataclass(frozen=True, eq=False)
-class CameraFit(Shown):
+class CameraFit(Displayable):
     """A camera that pictures of a board determined.
 
     Attributes:
@@ -105,14 +101,16 @@ def calibrate_camera(
         SamplesError: too few pictures, or pictures that determine no camera.
         NoCameraFitsError: corners that none explains.
     """
+    # Pictures with which a camera can be calibrated at all: each tells two numbers of four.
+    least_views = 3
     how = options or CameraFitOptions()
     names = [name for name in corners.images if np.sum(corners.image == name) >= LEAST_CORNERS]
     astray: dict[str, float] = {}
     while True:
-        if len(names) < LEAST_VIEWS:
+        if len(names) < least_views:
             raise SamplesError(
                 f"{len(names)} pictures with {LEAST_CORNERS} corners or more",
-                f"at least {LEAST_VIEWS}, from different sides",
+                f"at least {least_views}, from different sides",
                 where="camera",
                 hint="take more, or give its file with --camera",
             )
@@ -199,10 +197,10 @@ def _linearised(
     """Residuals (n, 2) of a picture; derivatives by intrinsics (2 n, 9) and by pose (2 n, 6)."""
     rows = corners.image == name
     camera = Camera(2, 2, intrinsics)
-    seen, J = opencv().projectPoints(
+    projected, J = opencv().projectPoints(
         board.positions(corners.point[rows]), turn, place, camera.matrix, intrinsics[4:]
     )
-    return seen.reshape(-1, 2) - corners.pixel[rows], J[:, 6:15], J[:, :6]
+    return projected.reshape(-1, 2) - corners.pixel[rows], J[:, 6:15], J[:, :6]
 
 
 def rms_by_view(corners: Corners, residuals: FloatArray) -> dict[str, float]:
@@ -220,13 +218,13 @@ def _assessed(
     assert stds is not None
     share = stds[:4] / camera.intrinsics[:2].mean()
     worst = int(np.argmax(share))
-    told = f"{INTRINSICS[worst]} is known to ± {stds[worst]:.1f} px only"
+    weakest = f"{INTRINSICS[worst]} is known to ± {stds[worst]:.1f} px only"
     remedy = "tilt the board by 30° and more, towards all sides, and come nearer"
     bad, care = [], []
     if not np.isfinite(share).all() or share[worst] > how.useless:
-        bad.append(f"The pictures do not determine the camera: {told}; {remedy}.")
+        bad.append(f"The pictures do not determine the camera: {weakest}; {remedy}.")
     elif share[worst] > how.doubtful:
-        care.append(f"The pictures hardly determine the camera: {told}; {remedy}.")
+        care.append(f"The pictures hardly determine the camera: {weakest}; {remedy}.")
     if covered < how.covered:
         care.append(
             f"Corners cover {100 * covered:.0f} % of the picture; outside of them distortion is "
@@ -239,7 +237,8 @@ def _assessed(
 def _is_plane(points: FloatArray) -> bool:
     centred = points - points.mean(axis=0)
     values = np.linalg.svd(centred, compute_uv=False)
-    return bool(values[2] <= _FLAT * values[0])
+    # A point is out of its board's plane, in the board's size, where the board is not plane.
+    return bool(values[2] <= 1e-6 * values[0])
 
 
 def view_poses(
@@ -264,8 +263,8 @@ def view_poses(
         points, pixels = board.positions(corners.point[rows]), corners.pixel[rows]
         if len(points) < 4:
             continue
-        found, turn, place = _posed(points, pixels, camera)
-        if not found:
+        solved, turn, place = _posed(points, pixels, camera)
+        if not solved:
             continue
         T = np.eye(4)
         T[:3, :3], T[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(place)

@@ -22,7 +22,14 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.board import Chessboard
-from suta_calib.vision.finder import Finder, Found, NotSeenError, nothing_seen, refined, without
+from suta_calib.vision.finder import (
+    DetectedBoard,
+    Finder,
+    NotSeenError,
+    nothing_seen,
+    refined,
+    without,
+)
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey
 
@@ -31,40 +38,21 @@ from suta_calib.vision.pictures import Grey
 # no corner, or a part of them, in anything larger.
 _SEARCHED: Final = (1000, 1600)
 _LAST_RESORT: Final = 0.5
-# Way from corner to corner, px, in the copy in which corners are told from what is none: the disc
-# around a corner (`RADII`) reaches 0.3 of the way. Of squares ten times as wide it sees nothing
-# but blur, and the rim of a board passes for another row.
-_JUDGED: Final = 26.0
 # Smallest board that a search for any board begins from.
 _SEED: Final = 3
 # Share of the corners of a board that must be seen; others may lie in a glare or under a cable.
 _LEAST_SEEN: Final = 0.8
 # Share of a further row whose corners are found where they would be if the board went on.
 _GOES_ON: Final = 0.6
-# How far from there, in ways to the next corner. At the rim of a board a single square's corner
-# passes for one of two squares about a third of the way off.
-_ROW_REACH: Final = 0.15
 # How much less of the picture the corners of a further row may explain than those of the board:
 # between a rim and what lies behind it there are things that are nearly corners.
 _LESS_CLEAR: Final = 0.1
 _MOST_ROWS: Final = 200
-# Squared number of patches in a picture that may be squares, times those too many for the board:
-# work that the search from square to square does in a second or two.
-_MOST_TRIED: Final = 1e6
-# Area of such a patch, px, and the part of the upright rectangle around it that it fills at least:
-# a square that stands on its corner fills half of it, and one that is seen aslant less.
-_SMALLEST_SQUARE: Final = 25.0
-_LEAST_FILLED: Final = 0.3
 # Other boards that lie about.
 _COMMON: Final = (
     *((4, 3), (5, 4), (6, 4), (6, 5), (7, 5), (7, 6), (8, 5), (8, 6), (9, 6), (9, 7)),
     *((10, 7), (11, 8), (13, 9)),
 )
-# A step from corner to corner, in steps before it: perspective makes them longer by some per cent.
-# OpenCV's search of corners by themselves leaves out rows to come to the size it is asked for.
-_LONGEST_STEP: Final = 1.5
-# Sizes that a board has in truth whose file is wrong: squares counted for corners, one too many.
-_MISCOUNTED: Final = ((-1, -1), (1, 1), (-1, 0), (0, -1), (1, 0), (0, 1), (-2, -2), (2, 2))
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,11 +61,11 @@ class _Grid:
 
     Attributes:
         pixel: (rows, columns, 2) px.
-        seen: (rows, columns) which were found in the picture.
+        detected: (rows, columns) which were found in the picture.
     """
 
     pixel: FloatArray
-    seen: BoolArray
+    detected: BoolArray
 
     @property
     def spacing(self) -> float:
@@ -90,7 +78,10 @@ class _Grid:
         for axis in (0, 1):
             steps = np.linalg.norm(np.diff(self.pixel, axis=axis), axis=2)
             longer = np.abs(np.diff(np.log(np.maximum(steps, 1e-3)), axis=axis))
-            if np.any(longer > np.log(_LONGEST_STEP)):
+            # A step from corner to corner, in steps before it: perspective makes them longer by
+            # some per cent. OpenCV's search of corners by themselves leaves out rows to come to the
+            # size it is asked for.
+            if np.any(longer > np.log(1.5)):
                 return False
         return True
 
@@ -139,7 +130,7 @@ class ChessboardFinder(Finder):
 
     board: Chessboard
 
-    def find(self, grey: Grey) -> Found:
+    def find(self, grey: Grey) -> DetectedBoard:
         """The board, its corners numbered along the rows.
 
         Raises:
@@ -150,7 +141,7 @@ class ChessboardFinder(Finder):
         grid: _Grid | None = None
         instead: _Grid | None = None
         for grid in self._asked_for(grey, copies):
-            if sorted(grid.seen.shape) == sorted(size):
+            if sorted(grid.detected.shape) == sorted(size):
                 break
             # A row may be lost where another search, or a larger copy, finds it.
             instead = instead or grid
@@ -158,11 +149,13 @@ class ChessboardFinder(Finder):
             grid = instead or self._other(grey, copies[0])
         if grid is None:
             raise nothing_seen(grey, "chessboard")
-        if sorted(grid.seen.shape) != sorted(size):
+        if sorted(grid.detected.shape) != sorted(size):
             # Which way the grid lies was not asked for.
-            longer, shorter = sorted(grid.seen.shape, reverse=True)
-            told = (longer, shorter) if size[0] >= size[1] else (shorter, longer)
-            raise NotSeenError(f"{told[0]}x{told[1]} inner corners instead of {size[0]}x{size[1]}")
+            longer, shorter = sorted(grid.detected.shape, reverse=True)
+            longer_first = (longer, shorter) if size[0] >= size[1] else (shorter, longer)
+            raise NotSeenError(
+                f"{longer_first[0]}x{longer_first[1]} inner corners instead of {size[0]}x{size[1]}"
+            )
         # Squares' widths around the outer corners belong to the board as well.
         rest = without(grey, grid.pixel.reshape(-1, 2), 1.6 * _widest(grid))
         if _by_squares(grey, next(_copies(rest)), size):
@@ -174,46 +167,46 @@ class ChessboardFinder(Finder):
         size = (self.board.columns, self.board.rows)
         for search in (_by_squares, _by_corners):
             for copy in copies:
-                found = search(grey, copy, size)
-                if found is not None:
-                    yield found
-        found = _by_corners(grey, _last_resort(grey), size)
-        if found is not None:
-            yield found
+                grid = search(grey, copy, size)
+                if grid is not None:
+                    yield grid
+        grid = _by_corners(grey, _last_resort(grey), size)
+        if grid is not None:
+            yield grid
 
     def _other(self, grey: Grey, copy: _Copy) -> _Grid | None:
         """Any board that is there instead."""
-        others = list(_wrongly_counted((self.board.columns, self.board.rows)))
-        found = [
-            *(partial(_by_corners, grey, copy, other) for other in (None, *others)),
-            *(partial(_by_squares, grey, copy, other) for other in others),
+        sizes = list(_wrongly_counted((self.board.columns, self.board.rows)))
+        searches = [
+            *(partial(_by_corners, grey, copy, other) for other in (None, *sizes)),
+            *(partial(_by_squares, grey, copy, other) for other in sizes),
         ]
-        return next((grid for search in found if (grid := search()) is not None), None)
+        return next((grid for search in searches if (grid := search()) is not None), None)
 
-    def _numbered(self, grey: Grey, grid: _Grid) -> Found:
+    def _numbered(self, grey: Grey, grid: _Grid) -> DetectedBoard:
         """Numbers as the board's file has them, whichever way the search went."""
         best = max(self._ways(grid), key=lambda way: self._fitness(grey, way))
         for copy in (_Copy(grey, 1.0), _judging_copy(grey, best.spacing)):
             start = copy.inside(best.pixel.reshape(-1, 2))
-            saddles, seen = refined(copy.grey, start, best.spacing / copy.scale)
-            seen &= best.seen.ravel()
-            if seen.mean() >= _LEAST_SEEN:
-                return Found(
-                    np.flatnonzero(seen),
-                    copy.outside(saddles.pixel[seen]),
-                    copy.scale * saddles.std[seen],
-                    copy.scale * float(np.median(saddles.blur[seen])),
+            saddles, detected = refined(copy.grey, start, best.spacing / copy.scale)
+            detected &= best.detected.ravel()
+            if detected.mean() >= _LEAST_SEEN:
+                return DetectedBoard(
+                    np.flatnonzero(detected),
+                    copy.outside(saddles.pixel[detected]),
+                    copy.scale * saddles.std[detected],
+                    copy.scale * float(np.median(saddles.blur[detected])),
                 )
         raise nothing_seen(grey, "chessboard")
 
     def _ways(self, grid: _Grid) -> Iterator[_Grid]:
         """All ways to number the grid that are seen from the board's face."""
-        pixel, seen = grid.pixel, grid.seen
+        pixel, detected = grid.pixel, grid.detected
         right, down = pixel[0, -1] - pixel[0, 0], pixel[-1, 0] - pixel[0, 0]
         if right[0] * down[1] - right[1] * down[0] < 0:
-            pixel, seen = pixel[:, ::-1], seen[:, ::-1]
+            pixel, detected = pixel[:, ::-1], detected[:, ::-1]
         for quarter in range(4):
-            turned, there = np.rot90(pixel, quarter), np.rot90(seen, quarter)
+            turned, there = np.rot90(pixel, quarter), np.rot90(detected, quarter)
             if there.shape == (self.board.rows, self.board.columns):
                 yield _Grid(turned, there)
 
@@ -233,14 +226,21 @@ def _dark(grey: Grey, pixel: FloatArray) -> bool:
     middle = (pixel[:-1, :-1] + pixel[1:, :-1] + pixel[:-1, 1:] + pixel[1:, 1:]) / 4
     at = np.clip(np.round(middle).astype(np.intp), 0, np.array(grey.shape[::-1]) - 1)
     greys = grey[at[..., 1], at[..., 0]].astype(float)
-    alike = np.indices(greys.shape).sum(axis=0) % 2 == 0
-    return bool(np.median(greys[alike]) < np.median(greys[~alike])) if (~alike).any() else False
+    same_colour = np.indices(greys.shape).sum(axis=0) % 2 == 0
+    return (
+        bool(np.median(greys[same_colour]) < np.median(greys[~same_colour]))
+        if (~same_colour).any()
+        else False
+    )
 
 
 def _wrongly_counted(size: tuple[int, int]) -> Iterator[tuple[int, int]]:
     """Sizes that a board may have whose file says another."""
-    near = ((size[0] + more[0], size[1] + more[1]) for more in _MISCOUNTED)
-    yield from (each for each in near if min(each) >= _SEED)
+    # Sizes that a board has in truth whose file is wrong: squares counted for corners, one too
+    # many.
+    miscounted = ((-1, -1), (1, 1), (-1, 0), (0, -1), (1, 0), (0, 1), (-2, -2), (2, 2))
+    near = ((size[0] + more[0], size[1] + more[1]) for more in miscounted)
+    yield from (size for size in near if min(size) >= _SEED)
     yield from _COMMON
 
 
@@ -248,29 +248,35 @@ def _by_corners(grey: Grey, copy: _Copy, size: tuple[int, int] | None) -> _Grid 
     """By OpenCV's search of corners by themselves; any board where no size is given."""
     cv2 = opencv()
     how = cv2.CALIB_CB_NORMALIZE_IMAGE if size else cv2.CALIB_CB_LARGER
-    found, corners, meta = cv2.findChessboardCornersSBWithMeta(
+    success, corners, meta = cv2.findChessboardCornersSBWithMeta(
         copy.grey, size or (_SEED, _SEED), how
     )
-    return _whole(grey, corners, meta.shape[1::-1], copy.scale) if found else None
+    return _complete_grid(grey, corners, meta.shape[1::-1], copy.scale) if success else None
 
 
 def _by_squares(grey: Grey, copy: _Copy, size: tuple[int, int]) -> _Grid | None:
     """By OpenCV's search from square to square, in pictures in which it comes to an end."""
     cv2 = opencv()
-    own = (size[0] + 1) * (size[1] + 1) // 2
+    squares = (size[0] + 1) * (size[1] + 1) // 2
     there = copy.squares
-    if (there - own) * there**2 > _MOST_TRIED:
+    # Squared number of patches in a picture that may be squares, times those too many for the
+    # board: work that the search from square to square does in a second or two.
+    if (there - squares) * there**2 > 1e6:
         return None
     how = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_FAST_CHECK
-    found, corners = cv2.findChessboardCorners(copy.grey, size, flags=how)
-    return _whole(grey, corners, size, copy.scale) if found else None
+    success, corners = cv2.findChessboardCorners(copy.grey, size, flags=how)
+    return _complete_grid(grey, corners, size, copy.scale) if success else None
 
 
 def _patches(binary: Grey) -> int:
     """How many patches of a binary picture may be squares, by their size and how much they fill."""
+    # Area of such a patch, px, and the part of the upright rectangle around it that it fills at
+    # least: a square that stands on its corner fills half of it, and one that is seen aslant less.
+    smallest_square = 25.0
+    least_filled = 0.3
     patches = opencv().connectedComponentsWithStats(binary, connectivity=4)[2][1:]
     width, height, area = patches[:, 2:].T.astype(float)
-    return int(np.sum((area >= _SMALLEST_SQUARE) & (area >= _LEAST_FILLED * width * height)))
+    return int(np.sum((area >= smallest_square) & (area >= least_filled * width * height)))
 
 
 def _copies(grey: Grey) -> Iterator[_Copy]:
@@ -293,11 +299,16 @@ def _smaller(grey: Grey, scale: float) -> _Copy:
 
 def _judging_copy(grey: Grey, spacing: float) -> _Copy:
     """The copy in which corners so many px apart are told from what is none."""
-    scale = spacing / _JUDGED
+    # Way from corner to corner, px, in the copy in which corners are told from what is none: the
+    # disc around a corner (`RADII`) reaches 0.3 of the way. Of squares ten times as wide it sees
+    # nothing but blur, and the rim of a board passes for another row.
+    scale = spacing / 26.0
     return _smaller(grey, scale) if scale > 1.0 else _Copy(grey, 1.0)
 
 
-def _whole(grey: Grey, corners: FloatArray, size: tuple[int, int], scale: float) -> _Grid | None:
+def _complete_grid(
+    grey: Grey, corners: FloatArray, size: tuple[int, int], scale: float
+) -> _Grid | None:
     """The board that corners of a copy are of, in the picture itself; None where of none."""
     columns, rows = size
     start = _Copy(grey, scale).outside(corners.astype(float).reshape(-1, 2))
@@ -306,38 +317,40 @@ def _whole(grey: Grey, corners: FloatArray, size: tuple[int, int], scale: float)
         return None
     copy = _judging_copy(grey, rough.spacing)
     start = copy.inside(start)
-    saddles, seen = refined(copy.grey, start, rough.spacing / copy.scale)
-    if seen.mean() < _LEAST_SEEN:
+    saddles, detected = refined(copy.grey, start, rough.spacing / copy.scale)
+    if detected.mean() < _LEAST_SEEN:
         return None
-    pixel = np.where(seen[:, None], saddles.pixel, start).reshape(rows, columns, 2)
-    clear = float(np.median(saddles.score[seen])) - _LESS_CLEAR
-    seen = (seen & (saddles.score >= clear)).reshape(rows, columns)
+    pixel = np.where(detected[:, None], saddles.pixel, start).reshape(rows, columns, 2)
+    clear = float(np.median(saddles.score[detected])) - _LESS_CLEAR
+    detected = (detected & (saddles.score >= clear)).reshape(rows, columns)
     for _ in range(4):
-        while len(seen) > 2 and seen[-1].mean() < _GOES_ON:
-            pixel, seen = pixel[:-1], seen[:-1]
-        pixel, seen = _grown(copy.grey, pixel, seen, clear)
+        while len(detected) > 2 and detected[-1].mean() < _GOES_ON:
+            pixel, detected = pixel[:-1], detected[:-1]
+        pixel, detected = _grown(copy.grey, pixel, detected, clear)
         # After four quarter turns it is as it was.
-        pixel, seen = np.rot90(pixel), np.rot90(seen)
-    return _Grid(copy.outside(pixel), seen)
+        pixel, detected = np.rot90(pixel), np.rot90(detected)
+    return _Grid(copy.outside(pixel), detected)
 
 
 def _grown(
-    grey: Grey, pixel: FloatArray, seen: BoolArray, clear: float
+    grey: Grey, pixel: FloatArray, detected: BoolArray, clear: float
 ) -> tuple[FloatArray, BoolArray]:
     """A grid with all rows that follow its last one in the picture."""
     while len(pixel) < _MOST_ROWS:
-        spacing = _Grid(pixel, seen).spacing
+        spacing = _Grid(pixel, detected).spacing
         further = 2 * pixel[-1] - pixel[-2]
         if len(pixel) > 2:
             # Perspective makes steps longer or shorter from row to row.
             further += pixel[-1] - 2 * pixel[-2] + pixel[-3]
-        saddles, there = refined(grey, further, spacing, reach=_ROW_REACH)
+        # How far from there, in ways to the next corner. At the rim of a board a single square's
+        # corner passes for one of two squares about a third of the way off.
+        saddles, there = refined(grey, further, spacing, reach=0.15)
         there &= saddles.score >= clear
         if there.mean() < _GOES_ON:
             break
         row = np.where(there[:, None], saddles.pixel, further)
-        pixel, seen = np.vstack([pixel, row[None]]), np.vstack([seen, there[None]])
-    return pixel, seen
+        pixel, detected = np.vstack([pixel, row[None]]), np.vstack([detected, there[None]])
+    return pixel, detected
 
 
 def _widest(grid: _Grid) -> float:

@@ -32,17 +32,10 @@ _UNKNOWNS: Final = 7
 _ROUNDS: Final = 12
 _SETTLED: Final = 1e-3  # px
 _ROOT_HALF: Final = np.sqrt(0.5)
-# Cosine of the sharpest angle between two edges.
-_NARROWEST: Final = 0.99
 # Places and weights of Gauss and Legendre's integral from -1 to 1: errs by less than a thousandth.
 _NODES: Final = np.polynomial.legendre.leggauss(6)
-# A pixel integrates over its square, so that no edge is sharper than this, px.
-_SHARPEST: Final = 0.25
 # Share of the variance around a corner that the model must explain: a sharp one has over 0.95.
 _LEAST_SCORE: Final = 0.7
-# What there must be between the lighter dark and the darker light square, of what the model has
-# there. At the rim of a board, where a single square has its corner, nothing is.
-_LEAST_PARTED: Final = 0.4
 # How often the shape of a picture's blur is corrected, from how many corners, by how much at most,
 # in logarithms of its length, and from when on: so unlikely by chance (one in 10⁴, chi-squared with
 # two degrees of freedom), and as much as matters to a corner.
@@ -51,12 +44,8 @@ _ENOUGH: Final = 3
 # Corners that tell themselves how much they scatter; of fewer the pixels have to say it.
 _MANY: Final = 8
 _FARTHEST: Final = 0.5
-_TOLD: Final = 18.4
+_SIGNIFICANT: Final = 18.4
 _ROUND: Final = 0.01
-# Step of the differences by it.
-_STRETCH: Final = 1e-5
-# Such a step that is none, grey levels.
-_LEAST_STEP: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +73,9 @@ class FittedCorners:
     def plausible(self, start: FloatArray, reach: FloatArray | float) -> BoolArray:
         """(n,) which are corners within ``reach`` px of where they were looked for."""
         moved = np.linalg.norm(self.pixel - start, axis=1)
-        corner = (self.score >= _LEAST_SCORE) & (self.parted >= _LEAST_PARTED)
+        # What there must be between the lighter dark and the darker light square, of what the model
+        # has there. At the rim of a board, where a single square has its corner, nothing is.
+        corner = (self.score >= _LEAST_SCORE) & (self.parted >= 0.4)
         return np.asarray(corner & (moved <= reach))
 
 
@@ -164,7 +155,8 @@ class CornerFit:
             scale = np.einsum("nii->ni", H) + 1e-9
             damped = H + np.eye(_UNKNOWNS) * (damping[:, None] * scale)[:, None, :]
             trial = values - np.linalg.solve(damped, g[..., None])[..., 0]
-            trial[:, 4] = np.clip(trial[:, 4], _SHARPEST, radius)
+            # A pixel integrates over its square, so that no edge is sharper than this, px.
+            trial[:, 4] = np.clip(trial[:, 4], 0.25, radius)
             trial[:, :2] = np.clip(trial[:, :2], -radius, radius)
             tried = self._at(trial)
             better = tried[0] <= cost
@@ -177,9 +169,9 @@ class CornerFit:
             damping = np.where(better, damping * 0.1, damping * 10.0)
             if np.all(step[better] < _SETTLED) and better.any():
                 break
-        found = replace(self, values=values)
-        vars(found)["evaluated"] = cost, J, r
-        return found
+        settled = replace(self, values=values)
+        vars(settled)["evaluated"] = cost, J, r
+        return settled
 
     def warped(self, stretch: FloatArray) -> CornerFit:
         """The same corners with the blur stretched by exp of a symmetric matrix of trace 0.
@@ -208,25 +200,27 @@ class CornerFit:
         A step of Gauss and Newton in what all corners have in common, each with all its own
         unknowns following, and a score test of it that lets many corners err as they like.
         """
+        # Step of the differences by it.
+        stretch = 1e-5
         _, J, r = self.evaluated
         variance = self._variance
         corner = self.explained >= _LEAST_SCORE
         if corner.sum() < _ENOUGH:
             return np.zeros(2)
-        columns = [(self.warped(by).evaluated[2] - r) / _STRETCH for by in _STRETCH * np.eye(2)]
+        columns = [(self.warped(by).evaluated[2] - r) / stretch for by in stretch * np.eye(2)]
         Z = np.stack(columns, axis=-1)
         inner = np.linalg.pinv(np.einsum("npi,npj->nij", J, J), hermitian=True)
         Z = Z - np.einsum("npi,nij->npj", J, inner) @ (np.swapaxes(J, 1, 2) @ Z)
-        each = np.where(corner, 1.0 / np.maximum(variance, 1e-9), 0.0)
-        scores = each[:, None] * np.einsum("npk,np->nk", Z, r)
-        curvature = np.einsum("n,npk,npl->kl", each, Z, Z)
+        precision = np.where(corner, 1.0 / np.maximum(variance, 1e-9), 0.0)
+        scores = precision[:, None] * np.einsum("npk,np->nk", Z, r)
+        curvature = np.einsum("n,npk,npl->kl", precision, Z, Z)
         total = scores.sum(axis=0)
-        apart = scores[corner] - scores[corner].mean(axis=0)
-        scatter = apart.T @ apart if corner.sum() >= _MANY else curvature
+        deviations = scores[corner] - scores[corner].mean(axis=0)
+        scatter = deviations.T @ deviations if corner.sum() >= _MANY else curvature
         squared = float(total @ np.linalg.pinv(scatter, hermitian=True) @ total)
         step = -np.linalg.pinv(curvature, hermitian=True) @ total
         size = float(np.linalg.norm(step))
-        if squared < _TOLD or size < _ROUND:
+        if squared < _SIGNIFICANT or size < _ROUND:
             return np.zeros(2)
         return np.asarray(step * min(1.0, _FARTHEST / size))
 
@@ -241,8 +235,8 @@ class CornerFit:
         """(n,) share of the variance around each."""
         count = np.count_nonzero(self.weight, axis=1)
         mean = np.sum(self.weight * self.patch, axis=1) / np.maximum(count, 1)
-        whole = np.sum(self.weight * (self.patch - mean[:, None]) ** 2, axis=1)
-        return np.where(whole > 0, 1.0 - self.evaluated[0] / np.maximum(whole, 1e-9), 0.0)
+        total = np.sum(self.weight * (self.patch - mean[:, None]) ** 2, axis=1)
+        return np.where(total > 0, 1.0 - self.evaluated[0] / np.maximum(total, 1e-9), 0.0)
 
     def corners(self, middle: FloatArray) -> FittedCorners:
         """What is found, about the middles (n, 2) of the discs, px."""
@@ -253,13 +247,15 @@ class CornerFit:
         straight = self.offset @ np.linalg.inv(L).T
         there = _parted(self.values, straight, self.patch, self.weight)
         expected = _parted(self.values, straight, self.patch + r, self.weight)
+        # Such a step that is none, grey levels.
+        least_step = 0.1
         return FittedCorners(
             middle + self.values[:, :2] @ L.T,
             np.sqrt(self._variance * diagonal.max(axis=1)),
             self.values[:, 4],
             self.values[:, 6],
             self.explained,
-            there / np.maximum(expected, _LEAST_STEP),
+            there / np.maximum(expected, least_step),
         )
 
 
@@ -297,14 +293,16 @@ def evaluated(
     values: FloatArray, offset: FloatArray, patch: FloatArray, weight: FloatArray, single: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cost (n,), Jacobian (n, p, 7) and residual (n, p) of the model."""
+    # Cosine of the sharpest angle between two edges.
+    narrowest = 0.99
     blur, grey, contrast = (column[:, None] for column in values[:, 4:].T)
     edges = []
     for angle in (2, 3):
         across, along, sine, cosine = _edge(values, angle, offset)
         edges.append((across, along, sine, cosine, across / blur))
     (x1, a1, sin1, cos1, t1), (x2, a2, sin2, cos2, t2) = edges
-    apart = values[:, 2:3] - values[:, 3:4]
-    rho = np.clip(np.cos(apart), -_NARROWEST, _NARROWEST)
+    between = values[:, 2:3] - values[:, 3:4]
+    rho = np.clip(np.cos(between), -narrowest, narrowest)
     both, density, beyond1, beyond2, sides = crossed(t1, t2, rho)
     shape = both + single * sides
     model = grey + contrast * shape
@@ -313,7 +311,7 @@ def evaluated(
         2.0 * _ROOT_HALF / np.sqrt(np.pi) / blur * np.exp(-0.5 * t * t) * (beyond + single)
         for t, beyond in ((t1, beyond1), (t2, beyond2))
     )
-    opened = 4.0 * density * np.sin(apart)
+    opened = 4.0 * density * np.sin(between)
     columns = (
         contrast * (s1 * sin1 + s2 * sin2),
         -contrast * (s1 * cos1 + s2 * cos2),
@@ -381,8 +379,8 @@ def _parted(
     means = []
     for a, b in ((1, 1), (-1, -1), (1, -1), (-1, 1)):
         share = far * ((first * a > 0) & (second * b > 0))
-        whole = share.sum(axis=1)
-        mean = (share * patch).sum(axis=1) / np.maximum(whole, 1e-9)
-        means.append(np.where(whole > 0, mean, values[:, 5]))
+        sum_of_shares = share.sum(axis=1)
+        mean = (share * patch).sum(axis=1) / np.maximum(sum_of_shares, 1e-9)
+        means.append(np.where(sum_of_shares > 0, mean, values[:, 5]))
     light, dark = np.minimum(*means[:2]), np.maximum(*means[2:])
     return np.asarray(light - dark)

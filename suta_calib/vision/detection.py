@@ -19,7 +19,7 @@ from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.processes import usable_cores
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.vision.camera_fit import (
     CameraFit,
     CameraFitOptions,
@@ -29,19 +29,17 @@ from suta_calib.vision.camera_fit import (
     view_poses,
 )
 from suta_calib.vision.chessboard import ChessboardFinder
-from suta_calib.vision.finder import Finder, Found, NotSeenError
+from suta_calib.vision.finder import DetectedBoard, Finder, NotSeenError
 from suta_calib.vision.markers import CharucoFinder, MarkersFinder
 from suta_calib.vision.pictures import PictureFile, UnusablePictureError, read_picture
 from suta_calib.words import listed
 
 Progress = Callable[[int, int], None]
 _MOST_TOLD: Final = 3
-# Share of the pictures in which a board lies on its side from which on it may be miscounted.
-_NEARLY_ALL: Final = 0.9
 
 
 @dataclass(frozen=True)
-class DetectionOptions(Shown):
+class DetectionOptions(Displayable):
     """How pictures are searched, and when a word is said.
 
     Attributes:
@@ -59,30 +57,30 @@ class DetectionOptions(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class View(Shown):
+class SearchedPicture(Displayable):
     """What became of one picture.
 
     Attributes:
         picture: its file.
         size: width and height, px; None where it could not be read.
-        found: the board; None where the picture is left out.
+        board: the board; None where the picture is left out.
         reason: why it is left out; empty where it is not.
         rms: of its reprojection errors, px; None where there is no camera.
     """
 
     picture: PictureFile
     size: tuple[int, int] | None = None
-    found: Found | None = None
+    board: DetectedBoard | None = None
     reason: str = ""
     rms: float | None = None
 
-    def without(self, reason: str) -> View:
+    def without(self, reason: str) -> SearchedPicture:
         """The same picture, left out."""
-        return replace(self, found=None, reason=reason)
+        return replace(self, board=None, reason=reason)
 
 
 @dataclass(frozen=True, eq=False)
-class Detection(Shown):
+class Detection(Displayable):
     """Corners found in pictures.
 
     Attributes:
@@ -96,7 +94,7 @@ class Detection(Shown):
     """
 
     board: Board
-    views: Sequence[View]
+    views: Sequence[SearchedPicture]
     corners: Corners
     camera: Camera | None
     fit: CameraFit | None
@@ -106,7 +104,7 @@ class Detection(Shown):
     @property
     def detected(self) -> int:
         """Number of pictures in which the board was found."""
-        return sum(view.found is not None for view in self.views)
+        return sum(view.board is not None for view in self.views)
 
     @property
     def rms(self) -> float | None:
@@ -153,7 +151,7 @@ def detect(
     """
     how = options or DetectionOptions()
     views = _one_size(_searched(pictures, finder_of(board), how.workers, progress), camera)
-    if not any(view.found for view in views):
+    if not any(view.board for view in views):
         raise _none_found(views)
     board, turned = markers_as_seen(board, _corners(views))
     fit, notes = None, []
@@ -181,40 +179,40 @@ def detect(
         if fit is None:
             bad, notes = _judged(list(rms.values()), how)
     notes = [*_symmetry(board), *notes, *_left_out(views)]
-    count = sum(view.found is not None for view in views)
+    count = sum(view.board is not None for view in views)
     sentence = f"{len(corners)} corners in {count} of {len(views)} pictures."
     if fit is not None:
         sentence += f" {fit.assessment.sentence}"
         (bad if not fit.assessment.usable else notes).extend(fit.assessment.notes)
-    known = [*filter(None, [turned]), *_on_its_side(board, views)]
-    assessment = Assessment.of(sentence, bad=bad, care=notes, known=known)
+    facts = [*filter(None, [turned]), *_on_its_side(board, views)]
+    assessment = Assessment.of(sentence, bad=bad, care=notes, facts=facts)
     return Detection(board, views, corners, camera, fit, residuals, assessment)
 
 
 def _searched(
     pictures: Sequence[PictureFile], finder: Finder, workers: int, progress: Progress | None
-) -> list[View]:
+) -> list[SearchedPicture]:
     """Every picture searched; of pictures that are the same to the bit only the first counts."""
     first: dict[bytes, str] = {}
 
-    def searched(picture: PictureFile) -> tuple[View, bytes]:
+    def searched(picture: PictureFile) -> tuple[SearchedPicture, bytes]:
         try:
             grey = read_picture(picture.path)
         except UnusablePictureError as problem:
-            return View(picture, reason=_said(problem)), b""
+            return SearchedPicture(picture, reason=_reason(problem)), b""
         size = (grey.shape[1], grey.shape[0])
         content = sha256(grey.tobytes()).digest()
         try:
-            return View(picture, size, finder.find(grey)), content
+            return SearchedPicture(picture, size, finder.find(grey)), content
         except NotSeenError as problem:
-            return View(picture, size, reason=_said(problem)), content
+            return SearchedPicture(picture, size, reason=_reason(problem)), content
 
     views = []
     with ThreadPoolExecutor(workers or usable_cores()) as pool:
         try:
             for done, (view, content) in enumerate(pool.map(searched, pictures), 1):
                 name = view.picture.name
-                same = first.setdefault(content, name) if view.found else name
+                same = first.setdefault(content, name) if view.board else name
                 views.append(view if same == name else view.without(f"the same picture as {same}"))
                 if progress is not None:
                     progress(done, len(pictures))
@@ -224,37 +222,37 @@ def _searched(
     return views
 
 
-def _said(problem: InputError) -> str:
+def _reason(problem: InputError) -> str:
     return problem.found + (f"; expected {problem.expected}" if problem.expected else "")
 
 
-def _size(views: Sequence[View]) -> tuple[int, int]:
+def _size(views: Sequence[SearchedPicture]) -> tuple[int, int]:
     """Width and height of most of the pictures that show the board, px."""
-    return Counter(view.size for view in views if view.found and view.size).most_common(1)[0][0]
+    return Counter(view.size for view in views if view.board and view.size).most_common(1)[0][0]
 
 
-def _one_size(views: list[View], camera: Camera | None) -> list[View]:
+def _one_size(views: list[SearchedPicture], camera: Camera | None) -> list[SearchedPicture]:
     """The same, pictures of another size left out: a camera's file is of one."""
-    if not any(view.found for view in views):
+    if not any(view.board for view in views):
         return views
     whose = "the others" if camera is None else "the camera's file"
-    wanted = _size(views) if camera is None else (camera.width, camera.height)
-    told = f"where {whose} " + ("have" if camera is None else "has")
+    size = _size(views) if camera is None else (camera.width, camera.height)
+    reason = f"where {whose} " + ("have" if camera is None else "has")
     return [
-        view.without(f"{view.size[0]}x{view.size[1]} px {told} {wanted[0]}x{wanted[1]}")
-        if view.found and view.size and view.size != wanted
+        view.without(f"{view.size[0]}x{view.size[1]} px {reason} {size[0]}x{size[1]}")
+        if view.board and view.size and view.size != size
         else view
         for view in views
     ]
 
 
-def _with_rms(view: View, rms: Mapping[str, float]) -> View:
+def _with_rms(view: SearchedPicture, rms: Mapping[str, float]) -> SearchedPicture:
     """A picture with the RMS of its corners, where some pose of the board explains them."""
     value = rms.get(view.picture.name, float("nan"))
     return replace(view, rms=value if np.isfinite(value) else None)
 
 
-def _fitting(view: View, astray: Mapping[str, float]) -> View:
+def _fitting(view: SearchedPicture, astray: Mapping[str, float]) -> SearchedPicture:
     """A picture, left out where its corners do not fit the others'."""
     if view.picture.name not in astray:
         return view
@@ -262,16 +260,16 @@ def _fitting(view: View, astray: Mapping[str, float]) -> View:
     return view.without(f"corners {rms:.1f} px off where the camera of the others has them")
 
 
-def _corners(views: Sequence[View]) -> Corners:
-    seen = [(view.picture.name, view.found) for view in views if view.found is not None]
+def _corners(views: Sequence[SearchedPicture]) -> Corners:
+    detections = [(view.picture.name, view.board) for view in views if view.board is not None]
     return corners_of(
-        np.concatenate([np.full(len(found.point), name) for name, found in seen]),
-        np.concatenate([found.point for _, found in seen]),
-        np.concatenate([found.pixel for _, found in seen]),
+        np.concatenate([np.full(len(detected.point), name) for name, detected in detections]),
+        np.concatenate([detected.point for _, detected in detections]),
+        np.concatenate([detected.pixel for _, detected in detections]),
     )
 
 
-def _none_found(views: Sequence[View]) -> InputError:
+def _none_found(views: Sequence[SearchedPicture]) -> InputError:
     """The board is nowhere: the commonest reason, to be raised by the caller."""
     count = len(views)
     (reason, times), *rest = Counter(view.reason for view in views).most_common()
@@ -288,18 +286,18 @@ def _none_found(views: Sequence[View]) -> InputError:
 
 def _judged(rms: Sequence[float], how: DetectionOptions) -> tuple[list[str], list[str]]:
     """What is bad about a camera that was given, and what must be known."""
-    told = [each if np.isfinite(each) else np.inf for each in rms]
-    median = float(np.median(told)) if told else 0.0
+    errors = [error if np.isfinite(error) else np.inf for error in rms]
+    median = float(np.median(errors)) if errors else 0.0
     files = "The camera's file, or the board's,"
-    said = f"{files} does not fit the pictures: " + (
+    misfit = f"{files} does not fit the pictures: " + (
         f"RMS {median:.1f} px (median)"
         if np.isfinite(median)
         else "no pose of the board explains most of them"
     )
     if median > how.unfit:
-        return [f"{said}; is it of another camera, focus or resolution?"], []
+        return [f"{misfit}; is it of another camera, focus or resolution?"], []
     remedy = "measure the board, and calibrate the camera with --camera-out."
-    return [], [f"{said}; {remedy}"] if median > how.doubtful else []
+    return [], [f"{misfit}; {remedy}"] if median > how.doubtful else []
 
 
 def _symmetry(board: Board) -> list[str]:
@@ -312,7 +310,7 @@ def _symmetry(board: Board) -> list[str]:
     ]
 
 
-def _on_its_side(board: Board, views: Sequence[View]) -> list[str]:
+def _on_its_side(board: Board, views: Sequence[SearchedPicture]) -> list[str]:
     """That a chessboard's columns may have been counted as its rows, which no picture tells.
 
     The squares are the same ones, and so are their colours; a board that lies in nearly every
@@ -320,8 +318,9 @@ def _on_its_side(board: Board, views: Sequence[View]) -> list[str]:
     """
     if not isinstance(board, Chessboard) or board.exchanged is None:
         return []
-    lying = [_lies(board, view.found) for view in views if view.found is not None]
-    if sum(lying) < _NEARLY_ALL * len(lying):
+    lying = [_lies(board, view.board) for view in views if view.board is not None]
+    # Share of the pictures in which a board lies on its side from which on it may be miscounted.
+    if sum(lying) < 0.9 * len(lying):
         return []
     which = "the picture" if len(lying) == 1 else f"{sum(lying)} of {len(lying)} pictures"
     return [
@@ -333,17 +332,17 @@ def _on_its_side(board: Board, views: Sequence[View]) -> list[str]:
     ]
 
 
-def _lies(board: Chessboard, found: Found) -> bool:
+def _lies(board: Chessboard, detected: DetectedBoard) -> bool:
     """Whether the board's x runs rather up or down in a picture, and its y to a side."""
-    place = board.positions(found.point)[:, :2]
+    place = board.positions(detected.point)[:, :2]
     across, along = np.linalg.lstsq(
-        place - place.mean(axis=0), found.pixel - found.pixel.mean(axis=0), rcond=None
+        place - place.mean(axis=0), detected.pixel - detected.pixel.mean(axis=0), rcond=None
     )[0]
     return bool(abs(across[1]) > abs(across[0]) and abs(along[0]) > abs(along[1]))
 
 
-def _left_out(views: Sequence[View]) -> list[str]:
-    lost = [f"{view.picture.name} ({view.reason})" for view in views if view.found is None]
+def _left_out(views: Sequence[SearchedPicture]) -> list[str]:
+    lost = [f"{view.picture.name} ({view.reason})" for view in views if view.board is None]
     if not lost:
         return []
     return [f"{len(lost)} of {len(views)} pictures are left out: {listed(lost, _MOST_TOLD)}."]

@@ -11,51 +11,52 @@ from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import UnusablePictureError, read_picture
 
 if TYPE_CHECKING:
-    from suta_calib.vision.detection import Detection, View
+    from suta_calib.vision.detection import Detection, SearchedPicture
 
-# Largest side of a drawing, px.
-_LARGEST: Final = 1280
-_QUALITY: Final = 85
 # Blue, green, red: the orange and blue of the plots, told apart by colour-blind people.
 _CORNER: Final = (0, 159, 230)
 _LINE: Final = (178, 114, 0)
 _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)
-_NUMBERED: Final = 4  # corners, so that one sees where numbers begin and which way they go
 
 
-def drawn(view: View, found: Detection) -> bytes:
+def drawn(view: SearchedPicture, detection: Detection) -> bytes:
     """A JPEG of a picture with the corners in it, or with why it is left out."""
+    # Largest side of a drawing, px.
+    largest = 1280
+    quality = 85
     cv2 = opencv()
     try:
         grey = read_picture(view.picture.path)
     except UnusablePictureError:
         grey = np.full((240, 640), 90, dtype=np.uint8)
-    scale = min(1.0, _LARGEST / max(grey.shape))
+    scale = min(1.0, largest / max(grey.shape))
     size = tuple(max(round(n * scale), 1) for n in grey.shape[::-1])
     canvas = cv2.cvtColor(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2BGR)
-    if view.found is not None:
-        _corners(canvas, (view.found.pixel + 0.5) * scale - 0.5, view.found.point, found)
-        said = f"{view.picture.name}: {len(view.found.point)} corners"
+    if view.board is not None:
+        _corners(canvas, (view.board.pixel + 0.5) * scale - 0.5, view.board.point, detection)
+        caption = f"{view.picture.name}: {len(view.board.point)} corners"
         if view.rms is not None:
-            said += f", RMS {view.rms:.3f} px"
+            caption += f", RMS {view.rms:.3f} px"
     else:
-        said = f"{view.picture.name}: left out: {view.reason}"
-    plain = said.encode("ascii", "replace").decode()
+        caption = f"{view.picture.name}: left out: {view.reason}"
+    plain = caption.encode("ascii", "replace").decode()
     for colour, width in ((_BLACK, 4), (_WHITE, 1)):
         cv2.putText(canvas, plain, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, width)
-    return bytes(cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])[1])
+    return bytes(cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
 
 
-def _corners(canvas: Any, pixel: Any, point: Any, found: Detection) -> None:
+def _corners(canvas: Any, pixel: Any, point: Any, detection: Detection) -> None:
     """Rings around the corners, a line through them by number, the first ones' numbers."""
+    # Corners that are numbered, so that one sees where numbers begin and which way they go
+    numbered = 4
     cv2 = opencv()
     # Sixteenths of a pixel are what OpenCV draws to.
     fine = np.round(pixel * 16).astype(np.int32)
-    if isinstance(found.board, Chessboard):
+    if isinstance(detection.board, Chessboard):
         cv2.polylines(canvas, [fine.reshape(-1, 1, 2)], False, _LINE, 1, cv2.LINE_AA, 4)
     for u, v in fine.tolist():
         cv2.circle(canvas, (u, v), 4 * 16, _CORNER, 1, cv2.LINE_AA, 4)
-    for number, (u, v) in zip(point[:_NUMBERED].tolist(), pixel[:_NUMBERED].tolist(), strict=True):
+    for number, (u, v) in zip(point[:numbered].tolist(), pixel[:numbered].tolist(), strict=True):
         at = (round(u) + 5, round(v) - 5)
         for colour, width in ((_BLACK, 3), (_WHITE, 1)):
             cv2.putText(canvas, str(number), at, cv2.FONT_HERSHEY_SIMPLEX, 0.45, colour, width)

@@ -21,10 +21,6 @@ _RADIUS: Final = 0.45
 RADII: Final = (2, 8)
 # How far a corner may be from where it was first seen, in ways to the next one.
 REACH: Final = 0.35
-# Greys of a picture in which there is nothing.
-_LEAST_RANGE: Final = 10.0
-# Width of the sharpest edges, px, from which on blur may be why nothing was found.
-_BLURRED: Final = 6.0
 
 
 class NotSeenError(InputError):
@@ -32,7 +28,7 @@ class NotSeenError(InputError):
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class DetectedBoard:
     """A board in a picture.
 
     Attributes:
@@ -53,7 +49,7 @@ class Finder(ABC):
     """Finds one board."""
 
     @abstractmethod
-    def find(self, grey: Grey) -> Found:
+    def find(self, grey: Grey) -> DetectedBoard:
         """The board in a picture.
 
         Raises:
@@ -117,10 +113,12 @@ def nothing_seen(grey: Grey, what: str) -> NotSeenError:
         what: was looked for, such as ``chessboard``.
     """
     dark, light = np.percentile(grey, (0.5, 99.5))
-    if light - dark < _LEAST_RANGE:
+    # Greys of a picture in which there is nothing.
+    if light - dark < 10.0:
         return NotSeenError(f"an empty picture: greys from {dark:.0f} to {light:.0f} of 255")
     width = edge_width(grey, float(light - dark))
-    if width > _BLURRED:
+    # Width of the sharpest edges, px, from which on blur may be why nothing was found.
+    if width > 6.0:
         return NotSeenError(f"no {what}; the picture is blurred: its edges are {width:.0f} px wide")
     return NotSeenError(f"no {what}")
 

@@ -14,8 +14,8 @@ from suta_calib.measurements.board import Charuco, Markers
 from suta_calib.vision.corner_model import FittedCorners, fit_corners
 from suta_calib.vision.finder import (
     RADII,
+    DetectedBoard,
     Finder,
-    Found,
     NotSeenError,
     homography,
     nothing_seen,
@@ -26,9 +26,6 @@ from suta_calib.vision.opencv import marker_dictionaries, marker_dictionary, ope
 from suta_calib.vision.pictures import Grey
 from suta_calib.words import listed
 
-# How far marker corners may be from where a plane board has them, in edges of a marker: a lens
-# bends a board more than a marker is misread.
-_PLANE: Final = 0.35
 # Share of the markers that must lie where the board has them.
 _LEAST_IN_PLACE: Final = 0.6
 # Markers around a corner from which its place is foretold, and how far off they may be, squares.
@@ -39,15 +36,6 @@ _NEAR: Final = 1.0
 _WHITE: Final = 1.3
 _ASIDE: Final = 1.0
 _MOST_WIDE: Final = 60
-# Corners around one that say where it is, how far they may be from where a plane has them, in ways
-# to the next one, and how much less of the picture they may explain than the middle one.
-_AROUND: Final = 8
-_ASTRAY: Final = 0.05
-_LESS_CLEAR: Final = 0.1
-# Radius of the disc around a marker's corner, in widths of its black rim.
-_RIM: Final = 0.9
-# Standard deviation of a corner that could not be refined, px.
-_ROUGH: Final = 0.5
 
 
 def marker_cells(board: Charuco, *, legacy: bool = False) -> IntArray:
@@ -66,10 +54,10 @@ def marker_cells(board: Charuco, *, legacy: bool = False) -> IntArray:
 def _seen_markers(grey: Grey, dictionary: str) -> tuple[FloatArray, IntArray]:
     """Corners (n, 4, 2) and numbers (n,) of all markers of a dictionary."""
     detector = opencv().aruco.ArucoDetector(marker_dictionary(dictionary))
-    found, numbers, _ = detector.detectMarkers(grey)
-    if numbers is None or not len(found):
+    quads, numbers, _ = detector.detectMarkers(grey)
+    if numbers is None or not len(quads):
         return np.zeros((0, 4, 2)), np.zeros(0, dtype=np.intp)
-    corners = np.array(found, dtype=float).reshape(-1, 4, 2)
+    corners = np.array(quads, dtype=float).reshape(-1, 4, 2)
     return corners, np.asarray(numbers, dtype=np.intp).ravel()
 
 
@@ -77,11 +65,11 @@ def _none_seen(grey: Grey, dictionary: str, what: str) -> NotSeenError:
     """Why there are no markers: a mirrored picture, another dictionary, or as ever."""
     if len(_seen_markers(np.ascontiguousarray(grey[:, ::-1]), dictionary)[1]):
         return NotSeenError(f"markers of {dictionary} that are mirrored")
-    others = {name: len(_seen_markers(grey, name)[1]) for name in marker_dictionaries()}
+    counts = {name: len(_seen_markers(grey, name)[1]) for name in marker_dictionaries()}
     # Small dictionaries are parts of larger ones, so that the first of those that see most counts.
-    best = max(others, key=lambda name: others[name])
-    if others[best] > 1:
-        return NotSeenError(f"{others[best]} markers of {best} instead of {dictionary}")
+    best = max(counts, key=lambda name: counts[name])
+    if counts[best] > 1:
+        return NotSeenError(f"{counts[best]} markers of {best} instead of {dictionary}")
     return nothing_seen(grey, what)
 
 
@@ -108,7 +96,7 @@ class MarkersFinder(Finder):
     def __post_init__(self) -> None:
         _check_numbers(self.board.dictionary, max(self.board.markers), "markers")
 
-    def find(self, grey: Grey) -> Found:
+    def find(self, grey: Grey) -> DetectedBoard:
         """The corners of all its markers that are seen.
 
         Raises:
@@ -117,15 +105,15 @@ class MarkersFinder(Finder):
         corners, numbers = _seen_markers(grey, self.board.dictionary)
         if not len(numbers):
             raise _none_seen(grey, self.board.dictionary, "marker")
-        own = np.isin(numbers, list(self.board.markers))
-        if not own.any():
-            seen = listed([str(number) for number in np.unique(numbers)])
-            raise NotSeenError(f"other markers than the board's: {seen}")
-        _check_once(numbers[own])
-        order = np.argsort(numbers[own])
-        point = (4 * numbers[own][order, None] + np.arange(4)).ravel()
-        fitted = self._refined(grey, corners[own][order])
-        return Found(point, fitted.pixel, fitted.std, float(np.median(fitted.blur)))
+        of_board = np.isin(numbers, list(self.board.markers))
+        if not of_board.any():
+            other_numbers = listed([str(number) for number in np.unique(numbers)])
+            raise NotSeenError(f"other markers than the board's: {other_numbers}")
+        _check_once(numbers[of_board])
+        order = np.argsort(numbers[of_board])
+        point = (4 * numbers[of_board][order, None] + np.arange(4)).ravel()
+        fitted = self._refined(grey, corners[of_board][order])
+        return DetectedBoard(point, fitted.pixel, fitted.std, float(np.median(fitted.blur)))
 
     def _refined(self, grey: Grey, corners: FloatArray) -> FittedCorners:
         """Corners (m, 4, 2) of the markers' black squares, one after the other."""
@@ -136,11 +124,13 @@ class MarkersFinder(Finder):
         # The rim is as wide as a cell; of the white around it there is as much.
         rim = float(np.linalg.norm(forth, axis=2).min()) / cells
         start = corners.reshape(-1, 2)
-        fitted = fit_corners(grey, start, int(np.clip(_RIM * rim, *RADII)), edges)
+        # Radius of the disc around a marker's corner, in widths of its black rim.
+        fitted = fit_corners(grey, start, int(np.clip(0.9 * rim, *RADII)), edges)
         lost = np.linalg.norm(fitted.pixel - start, axis=1) > max(rim, 2.0)
         if lost.any():
             pixel = np.where(lost[:, None], start, fitted.pixel)
-            fitted = replace(fitted, pixel=pixel, std=np.where(lost, _ROUGH, fitted.std))
+            # Standard deviation of a corner that could not be refined, px.
+            fitted = replace(fitted, pixel=pixel, std=np.where(lost, 0.5, fitted.std))
         return fitted
 
 
@@ -166,14 +156,14 @@ class CharucoFinder(Finder):
         cells = [marker_cells(self.board)]
         if self.board.rows % 2 == 0:
             cells.append(marker_cells(self.board, legacy=True))
-        return [self._corners(each) for each in cells]
+        return [self._corners(cells_of_one) for cells_of_one in cells]
 
     def _corners(self, cells: IntArray) -> FloatArray:
         half = 0.5 * self.board.marker / self.board.square
         around = half * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         return np.asarray((cells + 0.5)[:, None] + around)
 
-    def find(self, grey: Grey) -> Found:
+    def find(self, grey: Grey) -> DetectedBoard:
         """Its inner corners that are seen.
 
         Raises:
@@ -182,13 +172,13 @@ class CharucoFinder(Finder):
         corners, numbers = _seen_markers(grey, self.board.dictionary)
         if not len(numbers):
             raise _none_seen(grey, self.board.dictionary, "markers")
-        own = numbers < len(self._layouts[0])
-        if not own.any():
+        of_board = numbers < len(self._layouts[0])
+        if not of_board.any():
             raise NotSeenError(
                 f"markers {listed([str(n) for n in np.unique(numbers)])}; such a board has "
                 f"0 to {len(self._layouts[0]) - 1}"
             )
-        corners, numbers = corners[own], numbers[own]
+        corners, numbers = corners[of_board], numbers[of_board]
         _check_once(numbers)
         size = float(np.median(np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2)))
         placed = [_in_place(layout[numbers], corners, size) for layout in self._layouts]
@@ -201,7 +191,7 @@ class CharucoFinder(Finder):
             raise NotSeenError(self._misplaced(corners, numbers, size))
         return self._between(grey, layout[numbers[inside]], corners[inside])
 
-    def _between(self, grey: Grey, marked: FloatArray, corners: FloatArray) -> Found:
+    def _between(self, grey: Grey, marked: FloatArray, corners: FloatArray) -> DetectedBoard:
         """Corners of squares, foretold from the markers around them and refined.
 
         Args:
@@ -227,20 +217,20 @@ class CharucoFinder(Finder):
             raise NotSeenError("markers of the board, but no corner beside one")
         white = (1.0 - self.board.marker / self.board.square) / 2.0
         least, most = float(np.min(spacing)), min(_WHITE * white, 0.45)
-        saddles, seen = refined(grey, np.array(start), least, most=most)
-        again = _among(np.array(places), saddles, seen, least)
-        told = np.isfinite(again[:, 0])
-        if told.any():
-            again[~told] = np.array(start)[~told]
-            saddles, seen = refined(grey, again, least, most=most, reach=_ASIDE * white)
-            seen &= told
-        if not seen.any():
+        saddles, usable = refined(grey, np.array(start), least, most=most)
+        again = _among(np.array(places), saddles, usable, least)
+        predicted = np.isfinite(again[:, 0])
+        if predicted.any():
+            again[~predicted] = np.array(start)[~predicted]
+            saddles, usable = refined(grey, again, least, most=most, reach=_ASIDE * white)
+            usable &= predicted
+        if not usable.any():
             raise NotSeenError("markers of the board, but no corner of its squares")
-        return Found(
-            np.array(points)[seen],
-            saddles.pixel[seen],
-            saddles.std[seen],
-            float(np.median(saddles.blur[seen])),
+        return DetectedBoard(
+            np.array(points)[usable],
+            saddles.pixel[usable],
+            saddles.std[usable],
+            float(np.median(saddles.blur[usable])),
         )
 
     def _misplaced(self, corners: FloatArray, numbers: IntArray, size: float) -> str:
@@ -259,7 +249,9 @@ class CharucoFinder(Finder):
         return "markers of the board, but not in the places that they have on it"
 
 
-def _among(places: FloatArray, seen: FittedCorners, good: BoolArray, spacing: float) -> FloatArray:
+def _among(
+    places: FloatArray, fitted: FittedCorners, good: BoolArray, spacing: float
+) -> FloatArray:
     """Where corners (n, 2) are by those around them; NaN where these do not tell it.
 
     A marker that is blurred, or seen aslant, is found some pixels off, and what is then taken for
@@ -267,25 +259,30 @@ def _among(places: FloatArray, seen: FittedCorners, good: BoolArray, spacing: fl
 
     Args:
         places: (n, 2) on the board, squares.
-        seen: where corners were found.
+        fitted: where corners were found.
         good: (n,) which of them are corners.
         spacing: least way from one to the next, px.
     """
-    found = np.full((len(places), 2), np.nan)
+    # Corners around one that say where it is, how far they may be from where a plane has them, in
+    # ways to the next one, and how much less of the picture they may explain than the middle one.
+    around = 8
+    astray = 0.05
+    less_clear = 0.1
+    predicted = np.full((len(places), 2), np.nan)
     if not good.any():
-        return found
-    clear = np.flatnonzero(good & (seen.score >= np.median(seen.score[good]) - _LESS_CLEAR))
+        return predicted
+    clear = np.flatnonzero(good & (fitted.score >= np.median(fitted.score[good]) - less_clear))
     for k, place in enumerate(places):
-        others = clear[clear != k]
-        near = others[np.argsort(np.linalg.norm(places[others] - place, axis=1))[:_AROUND]]
-        apart = places[near] - place
+        candidates = clear[clear != k]
+        near = candidates[np.argsort(np.linalg.norm(places[candidates] - place, axis=1))[:around]]
+        offsets = places[near] - place
         # On one line they tell nothing of what is beside it.
-        if len(near) <= _NEAREST or np.linalg.matrix_rank(apart - apart.mean(axis=0), 0.1) < 2:
+        if len(near) <= _NEAREST or np.linalg.matrix_rank(offsets - offsets.mean(axis=0), 0.1) < 2:
             continue
-        H, agreeing = homography(places[near], seen.pixel[near], _ASTRAY * spacing)
+        H, agreeing = homography(places[near], fitted.pixel[near], astray * spacing)
         if H is not None and agreeing.sum() > _NEAREST:
-            found[k] = transformed(H, place[None])[0]
-    return found
+            predicted[k] = transformed(H, place[None])[0]
+    return predicted
 
 
 def _plane(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -300,7 +297,9 @@ def _angle(direction: FloatArray) -> FloatArray:
 
 def _in_place(marked: FloatArray, corners: FloatArray, size: float) -> Any:
     """(m,) which markers lie where a plane board has them."""
-    _, inliers = homography(marked.reshape(-1, 2), corners.reshape(-1, 2), _PLANE * size)
+    # How far marker corners may be from where a plane board has them, in edges of a marker: a lens
+    # bends a board more than a marker is misread.
+    _, inliers = homography(marked.reshape(-1, 2), corners.reshape(-1, 2), 0.35 * size)
     return inliers.reshape(-1, 4).all(axis=1)
 
 
@@ -318,7 +317,7 @@ def _check_numbers(dictionary: str, largest: int, where: str) -> None:
 
 def marker_bits(dictionary: str, number: int) -> FloatArray:
     """A marker's cells (k, k) with its black border: 0 black, 1 white."""
-    known = marker_dictionary(dictionary)
-    cells = int(known.markerSize) + 2
-    drawn = opencv().aruco.generateImageMarker(known, number, cells)
+    marker_set = marker_dictionary(dictionary)
+    cells = int(marker_set.markerSize) + 2
+    drawn = opencv().aruco.generateImageMarker(marker_set, number, cells)
     return np.asarray(drawn, dtype=float) / 255.0

@@ -57,13 +57,13 @@ def marker_dictionary(name: str) -> Any:
         BoardError: there is none of this name.
     """
     aruco = opencv().aruco
-    known = [each for each in dir(aruco) if each.startswith(_PREFIX)]
-    spelled = {each.lower(): each for each in known}.get(name.lower(), name)
-    if spelled not in known:
+    names = [attribute for attribute in dir(aruco) if attribute.startswith(_PREFIX)]
+    spelled = {spelling.lower(): spelling for spelling in names}.get(name.lower(), name)
+    if spelled not in names:
         raise BoardError(
             repr(name),
             "OpenCV's name of a dictionary, such as DICT_5X5_1000 or DICT_APRILTAG_36h11",
             where="dictionary",
-            hint=did_you_mean(name, known),
+            hint=did_you_mean(name, names),
         )
     return aruco.getPredefinedDictionary(getattr(aruco, spelled))

@@ -22,10 +22,6 @@ SUFFIXES: Final = frozenset(
     {*(".png", ".jpg", ".jpeg", ".bmp", ".dib", ".tif", ".tiff", ".webp", ".jp2")}
     | {*(".pbm", ".pgm", ".ppm", ".pnm", ".sr", ".ras")}
 )
-# Per cent of the pixels that are no brighter than what is white; the others shine.
-_LIGHTEST: Final = 99.9
-# Of a compressed file; the largest sensors' raw pictures have a few hundred megabytes.
-MOST_BYTES: Final = 2**30
 
 
 class UnusablePictureError(InputError):
@@ -54,13 +50,13 @@ def find_pictures(paths: Iterable[str | Path]) -> list[PictureFile]:
     Raises:
         InputError: there is no such file or folder, or no picture in a folder.
     """
-    found: dict[Path, Path] = {}
+    by_place: dict[Path, Path] = {}
     for path in map(Path, paths):
         for file in _pictures_in(path) if path.is_dir() else [path]:
             if not file.is_file():
                 raise InputError("no such file", "a picture, or a folder of pictures", file=file)
-            found.setdefault(file.resolve(), file)
-    files = list(found.values())
+            by_place.setdefault(file.resolve(), file)
+    files = list(by_place.values())
     if any(count > 1 for count in Counter(file.name for file in files).values()):
         # Not resolved: a link's name is what its owner calls it.
         absolute = [Path(os.path.abspath(file)) for file in files]  # noqa: PTH100
@@ -96,11 +92,13 @@ def read_picture(path: Path) -> Grey:
     Raises:
         UnusablePictureError: not readable, not a picture, cut off, or too large.
     """
+    # Of a compressed file; the largest sensors' raw pictures have a few hundred megabytes.
+    most_bytes = 2**30
     cv2 = opencv()
     try:
-        if (size := path.stat().st_size) > MOST_BYTES:
-            raise UnusablePictureError(f"a file of {size:,} bytes", f"at most {MOST_BYTES:,}")
-        data = read_input(path, MOST_BYTES)
+        if (size := path.stat().st_size) > most_bytes:
+            raise UnusablePictureError(f"a file of {size:,} bytes", f"at most {most_bytes:,}")
+        data = read_input(path, most_bytes)
     except OSError as problem:
         raise UnusablePictureError(f"an unreadable file ({problem.strerror})") from None
     if not data:
@@ -125,7 +123,8 @@ def _eight_bits(picture: NDArray[Any]) -> Grey:
     """
     if picture.dtype == np.uint8:
         return picture
-    light = float(np.nanpercentile(picture, _LIGHTEST))
+    # Per cent of the pixels that are no brighter than what is white; the others shine.
+    light = float(np.nanpercentile(picture, 99.9))
     if np.issubdtype(picture.dtype, np.integer):
         scale = 2.0 ** -max(int(light).bit_length() - 8, 0)
     else:

@@ -63,23 +63,23 @@ def rendered(
     """
     how = options or RenderOptions()
     behind = how.background if scene is None else scene
-    whole = np.full((camera.height, camera.width), behind, dtype=float)
+    picture = np.full((camera.height, camera.width), behind, dtype=float)
     rays = _rays(camera.width, camera.height, tuple(camera.intrinsics.tolist()))
     plane = np.asarray(np.linalg.inv(T_camera_board[:3][:, [0, 1, 3]]), dtype=np.float64)
     paper, _ = _taken(board, rays, plane, how)
     rows, columns = np.flatnonzero(paper.any(axis=1)), np.flatnonzero(paper.any(axis=0))
     if len(rows):
         # Many rays to a pixel are worth their time only where the board is.
-        at = tuple(slice(max(seen[0] - 1, 0), seen[-1] + 2) for seen in (rows, columns))
+        at = tuple(slice(max(pixels[0] - 1, 0), pixels[-1] + 2) for pixels in (rows, columns))
         fine = _finer(rays[at], how.samples)
         paper, grey = _taken(board, fine, plane, how)
-        there = np.repeat(np.repeat(whole[at], how.samples, axis=0), how.samples, axis=1)
+        there = np.repeat(np.repeat(picture[at], how.samples, axis=0), how.samples, axis=1)
         mixed = np.where(paper, grey, there)
-        height, width = whole[at].shape
-        whole[at] = mixed.reshape(height, how.samples, width, how.samples).mean(axis=(1, 3))
+        height, width = picture[at].shape
+        picture[at] = mixed.reshape(height, how.samples, width, how.samples).mean(axis=(1, 3))
     if how.blur > 0:
-        whole = opencv().GaussianBlur(whole, (0, 0), how.blur)
-    noisy = whole + how.noise * random.standard_normal(whole.shape)
+        picture = opencv().GaussianBlur(picture, (0, 0), how.blur)
+    noisy = picture + how.noise * random.standard_normal(picture.shape)
     return np.asarray(np.clip(np.round(noisy), 0, 255), dtype=np.uint8)
 
 
