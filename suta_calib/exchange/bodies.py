@@ -45,12 +45,12 @@ class Body:
     rotation: FloatArray | None = None
 
     @property
-    def seen(self) -> BoolArray:
+    def observed(self) -> BoolArray:
         """(n,) where all of it was measured."""
-        seen = np.isfinite(self.position).all(axis=1)
+        observed = np.isfinite(self.position).all(axis=1)
         if self.rotation is not None:
-            seen &= np.isfinite(self.rotation).all(axis=(1, 2))
-        return np.asarray(seen)
+            observed &= np.isfinite(self.rotation).all(axis=(1, 2))
+        return np.asarray(observed)
 
     def take(self, rows: NDArray[Any]) -> Body:
         """Some of its rows."""
@@ -117,23 +117,23 @@ class Recording:
             )
         prefix, parts, dropped = given.text(PREFIX, prefix), list[dict[str, NDArray[Any]]](), 0
         for name in names:
-            body, seen = self.bodies[name], self.bodies[name].seen
+            body, observed = self.bodies[name], self.bodies[name].observed
             if reference is not None:
                 frame = self._posed(reference, "a reference")
-                seen = seen & frame.seen
-                body = body.take(seen).relative_to(frame.take(seen))
+                observed = observed & frame.observed
+                body = body.take(observed).relative_to(frame.take(observed))
             else:
-                body = body.take(seen)
+                body = body.take(observed)
             if INVERT in given:
                 self._posed(name, "what is inverted")
                 body = body.inverse()
-            columns = {} if self.time is None else {"time": self.time[seen]}
-            columns |= {column: values[seen] for column, values in self.beside.items()}
+            columns = {} if self.time is None else {"time": self.time[observed]}
+            columns |= {column: values[observed] for column, values in self.beside.items()}
             columns |= pose_columns(body.position, body.rotation, prefix)
             if len(names) > 1:
-                columns["target"] = np.full(int(seen.sum()), name)
+                columns["target"] = np.full(int(observed.sum()), name)
             parts.append(columns)
-            dropped += int((~seen).sum())
+            dropped += int((~observed).sum())
         together = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
         position = np.stack([together[prefix + axis] for axis in "xyz"], axis=1)
         of = listed(names) + (f" in {reference}" if reference is not None else "")
@@ -144,13 +144,13 @@ class Recording:
             columns=together,
             dropped=dropped,
             notes=(note,) if note else (),
-            seen=(f"The pose of {of}; lengths are {self.unit}.",),
+            remarks=(f"The pose of {of}; lengths are {self.unit}.",),
         )
 
     def _chosen(self, pattern: str, reference: str | None) -> list[str]:
         if not pattern:
-            others = [name for name in self.bodies if name != reference]
-            if len(others) > 1:
+            bodies = [name for name in self.bodies if name != reference]
+            if len(bodies) > 1:
                 raise ForeignFileError(
                     f"{len(self.bodies)} bodies or markers: {listed(list(self.bodies))}",
                     "one, or the name of those that are meant",
@@ -158,19 +158,19 @@ class Recording:
                     hint="say which with --body NAME, and --reference NAME for what it is seen "
                     "relative to",
                 )
-            return others or list(self.bodies)
+            return bodies or list(self.bodies)
         names = [name for name in self.bodies if fnmatchcase(name, pattern)]
         names = names or [self._one(pattern)]
         if len({self.bodies[name].rotation is None for name in names}) > 1:
-            said = f"bodies and markers of the name {pattern!r}"
-            raise ForeignFileError(said, "either", file=self.path, where=BODY.switch)
+            problem = f"bodies and markers of the name {pattern!r}"
+            raise ForeignFileError(problem, "either", file=self.path, where=BODY.switch)
         return names
 
     def _one(self, name: str) -> str:
         # Of a table they are what stands in front of the columns' names: Tool of Tool.x.
-        alike = [each for each in self.bodies if _bare(each) == _bare(name)]
-        if name not in self.bodies and len(alike) == 1:
-            return alike[0]
+        candidates = [body for body in self.bodies if _bare(body) == _bare(name)]
+        if name not in self.bodies and len(candidates) == 1:
+            return candidates[0]
         if name not in self.bodies:
             raise ForeignFileError(
                 f"no body or marker {name!r}",
@@ -182,6 +182,6 @@ class Recording:
 
     def _posed(self, name: str, as_what: str) -> Body:
         if self.bodies[name].rotation is None:
-            said = f"{name!r}, a marker, as {as_what}"
-            raise ForeignFileError(said, "a body with an orientation", file=self.path)
+            problem = f"{name!r}, a marker, as {as_what}"
+            raise ForeignFileError(problem, "a body with an orientation", file=self.path)
         return self.bodies[name]

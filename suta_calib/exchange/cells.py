@@ -28,7 +28,7 @@ MISSING: Final = frozenset(
 
 
 @dataclass(frozen=True)
-class Row:
+class TableRow:
     """One row of a foreign table.
 
     Attributes:
@@ -78,8 +78,8 @@ def read_bounded(path: Path) -> bytes:
                 file=path,
                 hint="cut it, or record less often: averages over rests carry as much",
             ) from None
-        found = f"an unreadable file ({reason})"
-        raise ForeignFileError(found, "a readable file", file=path) from None
+        description = f"an unreadable file ({reason})"
+        raise ForeignFileError(description, "a readable file", file=path) from None
     if not data.strip(b"\0 \t\r\n"):
         raise ForeignFileError("an empty file", "data", file=path)
     return data
@@ -130,14 +130,14 @@ def split_lines(path: Path, text: str, separator: str) -> Iterator[tuple[int, li
             try:
                 yield number, next(csv.reader([content], delimiter=separator, strict=True))
             except csv.Error as problem:
-                said = f"a line that is no row of cells ({problem})"
-                raise ForeignFileError(said, file=path, line=number) from None
+                description = f"a line that is no row of cells ({problem})"
+                raise ForeignFileError(description, file=path, line=number) from None
 
 
-def rows_of_text(path: Path, text: str, separator: str) -> list[Row]:
+def rows_of_text(path: Path, text: str, separator: str) -> list[TableRow]:
     """Rows of `split_lines`, their cells stripped; raises as that does."""
     return [
-        Row(number, tuple(cell.strip() for cell in cells))
+        TableRow(number, tuple(cell.strip() for cell in cells))
         for number, cells in split_lines(path, text, separator)
     ]
 
@@ -147,29 +147,27 @@ def is_missing(cell: str) -> bool:
     return cell.strip().lower() in MISSING
 
 
-def numbers_of(path: Path, rows: Sequence[Row], columns: Sequence[int]) -> FloatArray:
+def numbers_of(path: Path, rows: Sequence[TableRow], columns: Sequence[int]) -> FloatArray:
     """Numbers (rows, columns) in some columns; NaN where a cell is missing.
 
     Raises:
         ForeignFileError: a cell that is neither a finite number nor missing, with its line.
     """
-    found = np.full((len(rows), len(columns)), np.nan)
+    numbers = np.full((len(rows), len(columns)), np.nan)
     for k, row in enumerate(rows):
         for j, column in enumerate(columns):
             cell = row.cells[column] if column < len(row.cells) else ""
             if is_missing(cell):
                 continue
-            found[k, j] = number_in(cell)
-            if not np.isfinite(found[k, j]):
+            numbers[k, j] = number_in(cell)
+            if not np.isfinite(numbers[k, j]):
                 raise no_number(path, row.line, column, cell)
-    return found
+    return numbers
 
 
 def no_number(path: Path, line: int, column: int, cell: str) -> ForeignFileError:
     """Error about a cell that is no number, to be raised by the caller; columns count from 0."""
-    shown = repr(cell if len(cell) <= _LONGEST else cell[:_LONGEST] + "…")
+    longest = 40
+    shown = repr(cell if len(cell) <= longest else cell[:longest] + "…")
     where = f"column {column + 1}"
     return ForeignFileError(shown, "a finite number", file=path, line=line, where=where)
-
-
-_LONGEST: Final = 40

@@ -23,7 +23,6 @@ COLUMNS: Final = Option(
 JOINT_NAMES: Final = ("*joint*", "*axis*", "q[0-9]", "q[0-9][0-9]", "j[0-9]", "j[0-9][0-9]")
 # A time with its unit behind it, and how many of it make a second.
 _TIME: Final = re.compile(r"(?:time|timestamp|t)\s*[\[(](s|ms|us|µs|ns)[\])]", re.IGNORECASE)
-_PER_SECOND: Final = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9}
 # As EuRoC calls them: the position of S from R in the axes of R, and the quaternion of S in R.
 _WITH_FRAMES: Final = re.compile(r"(p_([A-Z]+)_[A-Z]+|q_([A-Z]+))_([wxyz])(\s*[\[(].*)?")
 # TUM's trajectories: seconds, metres, scalar last.
@@ -39,7 +38,8 @@ def is_joint(name: str) -> bool:
 def seconds_in(name: str) -> float:
     """How many of a time's unit make a second, by a column's name; 0 where it names no such."""
     match = _TIME.fullmatch(name)
-    return 0.0 if match is None else _PER_SECOND[match[1].lower()]
+    per_second = {"s": 1.0, "ms": 1e3, "us": 1e6, "µs": 1e6, "ns": 1e9}
+    return 0.0 if match is None else per_second[match[1].lower()]
 
 
 def usual_names(names: Sequence[str]) -> list[str]:
@@ -49,11 +49,11 @@ def usual_names(names: Sequence[str]) -> list[str]:
     """
     if tuple(names) == TUM:
         return ["time", *names[1:]]
-    found = {name: _WITH_FRAMES.fullmatch(name) for name in names}
-    if len({match[2] or match[3] for match in found.values() if match}) != 1:
+    matches = {name: _WITH_FRAMES.fullmatch(name) for name in names}
+    if len({match[2] or match[3] for match in matches.values() if match}) != 1:
         return list(names)
     plain = []
-    for name, match in found.items():
+    for name, match in matches.items():
         if match is None:
             plain.append(name)
         elif match[2]:
@@ -72,17 +72,17 @@ def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
     numbered = dict.fromkeys(name[1:] for name in names if name[:1] == "x" and name[1:].isdigit())
     for number in numbered:
         if {f"{axis}{number}" for axis in "xyz"} <= {*names}:
-            others = [
+            angle_columns = [
                 n for n in names if n.endswith(number) and not is_joint(n) and n[1:] != number
             ]
-            found = [*(f"{axis}{number}" for axis in "xyz"), *others]
+            columns = [*(f"{axis}{number}" for axis in "xyz"), *angle_columns]
             renamed = [f"{axis}{number}={axis}" for axis in "xyz"]
             angles = ""
-            if len(others) == len(_ANGLES):
-                renamed += [f"{a}={b}" for a, b in zip(others, _ANGLES, strict=True)]
+            if len(angle_columns) == len(_ANGLES):
+                renamed += [f"{a}={b}" for a, b in zip(angle_columns, _ANGLES, strict=True)]
                 angles = f" {UNIT.switch} rad --rotation xyz"
             raise ForeignFileError(
-                f"columns {', '.join(found)}, which are no names of a pose",
+                f"columns {', '.join(columns)}, which are no names of a pose",
                 "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw",
                 file=sheet.path,
                 line=max(1, sheet.lines[0] - 1),

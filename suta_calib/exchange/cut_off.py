@@ -2,7 +2,7 @@
 
 A file that ends with the end of a line is cut between its rows at most. Where the last line has no
 end, the file may be cut inside the last number, and 1.208077 reads as 1.2. Such a file is read only
-where its last cell is complete for certain; `WHOLE` is how the user says that it is.
+where its last cell is complete for certain; `COMPLETE` is how the user says that it is.
 """
 
 from __future__ import annotations
@@ -19,7 +19,9 @@ from suta_calib.exchange.option import Given, Option
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
 
-WHOLE: Final = Option("whole", "The file is complete, although its end looks cut off.", flag=True)
+COMPLETE: Final = Option(
+    "whole", "The file is complete, although its end looks cut off.", flag=True
+)
 # More decimals than programs write where their number is fixed; the shortest text that gives a
 # number back has up to 17, and as many as it happens to need.
 _MOST_DECIMALS: Final = 12
@@ -43,13 +45,13 @@ def check_end_of_rows(
         path: for messages.
         text: of the whole file.
         separator: between cells; a blank stands for any number of blanks and tabs.
-        given: `WHOLE`.
+        given: `COMPLETE`.
         fixed_width: whether all rows' last cells have the same number of characters.
 
     Raises:
         ForeignFileError: the last row may be cut off.
     """
-    if WHOLE in given or text.endswith(("\n", "\r")):
+    if COMPLETE in given or text.endswith(("\n", "\r")):
         return
     # Of a long file its end is enough; blank lines in front keep the numbers of the lines.
     start = text.find("\n", max(0, len(text) - _TAIL)) + 1 if len(text) > _TAIL else 0
@@ -60,8 +62,8 @@ def check_end_of_rows(
     if line.lstrip().startswith(("#", "%")) or not (line.strip() or indented):
         return
     if not line.strip():
-        found = "spaces at the end of the file, where a row begins"
-        raise cut_off(path, len(lines_of(tail)), found, "a complete row, or nothing")
+        problem = "spaces at the end of the file, where a row begins"
+        raise cut_off(path, len(lines_of(tail)), problem, "a complete row, or nothing")
     *above, last = rows_of_text(path, tail, separator)
     width = len(last.cells)
     same_width = takewhile(lambda row: len(row.cells) == width, reversed(above))
@@ -73,8 +75,8 @@ def check_end_of_rows(
     blanks = before.rstrip("\r\n").endswith(" ") <= line.endswith(" ")
     if blanks and _is_complete(line, separator, last.cells, earlier, fixed_width=fixed_width):
         return
-    found = f"{last.cells[-1][-_LONGEST:]!r} at the end of the file, without a line break"
-    raise cut_off(path, last.line, found, "a line break after it, as in all other lines")
+    problem = f"{last.cells[-1][-_LONGEST:]!r} at the end of the file, without a line break"
+    raise cut_off(path, last.line, problem, "a line break after it, as in all other lines")
 
 
 def _is_complete(
@@ -98,15 +100,15 @@ def _is_complete(
         return False
     if line.endswith('"') or (separator == " " and line[-1].isspace()):
         return True
-    cell, others = last[-1], [cells[-1] for cells in earlier]
+    cell, cells_before = last[-1], [cells[-1] for cells in earlier]
     if not cell:
-        return not any(others)
+        return not any(cells_before)
     if fixed_width:
-        return {len(cell)} == set(map(len, others))
+        return {len(cell)} == set(map(len, cells_before))
     if _ends_matrix(last, len(earlier) + 1):
         return True
     # Up to the header, whose cells are no numbers.
-    numbers = [*takewhile(_NUMBER.fullmatch, others)]
+    numbers = [*takewhile(_NUMBER.fullmatch, cells_before)]
     forms = {*map(_form, numbers)}
     # Rows before the last one whose decimals say how many the last one has: four of equal length by
     # chance are rare, and `measurements.csv_table` asks for as many.
@@ -145,7 +147,7 @@ def check_end_of_program(
     Args:
         path: for messages.
         text: of the program.
-        given: `WHOLE`.
+        given: `COMPLETE`.
         comment: begins a comment.
         opening: matches a line that begins a block, such as a module.
         closing: matches a line that ends one.
@@ -154,21 +156,21 @@ def check_end_of_program(
     Raises:
         ForeignFileError: the program has no end.
     """
-    if WHOLE in given:
+    if COMPLETE in given:
         return
     lines = [line.partition(comment)[0].strip() for line in lines_of(text)]
     begun = [line for line in lines if opening.match(line)]
     ended = sum(closing.match(line) is not None for line in lines)
     if ended < len(begun):
-        found = f"no end of the block {begun[ended][:_LONGEST]!r}"
-        raise cut_off(path, len(lines), found, "a complete program")
+        problem = f"no end of the block {begun[ended][:_LONGEST]!r}"
+        raise cut_off(path, len(lines), problem, "a complete program")
     last = lines[-1] if lines else ""
     if text.endswith(("\n", "\r")) or not last or last_word.match(last):
         return
     balance = sum(last.count(sign) for sign in _OPENING) - sum(map(last.count, _CLOSING))
     if balance > 0 or not last.endswith((";", *_CLOSING)):
-        found = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
-        raise cut_off(path, len(lines), found, "a complete statement")
+        problem = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
+        raise cut_off(path, len(lines), problem, "a complete statement")
 
 
 def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
@@ -177,15 +179,15 @@ def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
     Args:
         path: for messages.
         text: of the file.
-        given: `WHOLE`.
+        given: `COMPLETE`.
 
     Raises:
         ForeignFileError: the last line may be cut off.
     """
     last = lines_of(text)[-1].rstrip(" ")
-    if WHOLE not in given and not last.endswith(("\n", "\r", *_CLOSING)):
-        found = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
-        raise cut_off(path, len(lines_of(text)), found, "a line break after it")
+    if COMPLETE not in given and not last.endswith(("\n", "\r", *_CLOSING)):
+        problem = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
+        raise cut_off(path, len(lines_of(text)), problem, "a line break after it")
 
 
 def check_count(path: Path, count: int, stated: float, what: str, given: Given) -> None:
@@ -196,24 +198,24 @@ def check_count(path: Path, count: int, stated: float, what: str, given: Given) 
         count: how many there are.
         stated: how many the file says; NaN where it does not.
         what: they are.
-        given: `WHOLE`.
+        given: `COMPLETE`.
 
     Raises:
         ForeignFileError: there are fewer.
     """
-    if WHOLE not in given and count < stated:
+    if COMPLETE not in given and count < stated:
         raise cut_off(path, None, f"{count} {what}", f"{stated:.0f}, as the file says")
 
 
-def cut_off(path: Path, line: int | None, found: str, expected: str) -> ForeignFileError:
+def cut_off(path: Path, line: int | None, problem: str, expected: str) -> ForeignFileError:
     """Error that a file seems cut off, to be raised by the caller."""
     hint = (
         "was the file cut off while it was written or copied? If nothing is missing, "
-        f"give {WHOLE.switch}"
+        f"give {COMPLETE.switch}"
     )
     if line is not None:
         hint += ", or add a line break at its end"
-    return ForeignFileError(found, expected, file=path, line=line, hint=hint)
+    return ForeignFileError(problem, expected, file=path, line=line, hint=hint)
 
 
 _LONGEST: Final = 40

@@ -22,7 +22,7 @@ from suta_calib.exchange.cells import (
     read_foreign_text,
     split_lines,
 )
-from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
+from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.sheet import RawRow, Sheet, sheet_of
 from suta_calib.extras import load
@@ -37,7 +37,7 @@ DECIMAL: Final = Option("decimal", "Decimal sign.", choices=tuple(_DECIMALS))
 HEADER: Final = Option("header", "Whether the first row names the columns.", choices=("yes", "no"))
 SKIP: Final = Option("skip", "Lines before the table that are no part of it.", "N")
 SHEET: Final = Option("sheet", "Sheet of a spreadsheet, by name.", "NAME")
-DELIMITED_OPTIONS: Final = (SEPARATOR, DECIMAL, HEADER, SKIP, SHEET, WHOLE)
+DELIMITED_OPTIONS: Final = (SEPARATOR, DECIMAL, HEADER, SKIP, SHEET, COMPLETE)
 SPREADSHEETS: Final = (".xlsx", ".xlsm")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
 # Characters in which the comments above the rows are.
@@ -62,7 +62,7 @@ def read_sheet(path: Path, given: Given) -> Sheet:
     text = separator = decimal = ""
     if path.suffix.lower() in SPREADSHEETS:
         cells = _spreadsheet(path, given.text(SHEET))
-        seen: tuple[str, ...] = ()
+        remarks: tuple[str, ...] = ()
 
         def everything() -> Iterator[RawRow]:
             return iter(cells)
@@ -72,7 +72,7 @@ def read_sheet(path: Path, given: Given) -> Sheet:
         separator, decimal = _signs(path, text, given)
         check_end_of_rows(path, text, _SEPARATORS[separator], given)
         skipped = _skipped(given)
-        seen = (f"Cells between {separator}s, decimal {decimal}.",)
+        remarks = (f"Cells between {separator}s, decimal {decimal}.",)
 
         def everything() -> Iterator[RawRow]:
             return _split(path, text, separator, decimal, skipped)
@@ -94,16 +94,16 @@ def read_sheet(path: Path, given: Given) -> Sheet:
         rows = everything()
         return _even(path, len(names), islice(rows, int(headed), None), headed=headed)
 
-    said = "The first row names the columns." if headed else "No row names the columns."
+    header = "The first row names the columns." if headed else "No row names the columns."
     _check_names(path, line, names)
     begin, numbers = head[int(headed)][0], None
     if text and decimal == "point":
         numbers = _plain_numbers(text, _SEPARATORS[separator], begin, len(names))
     if numbers is not None:
         lines = range(begin, begin + len(numbers))
-        sheet = Sheet(path, names, lines, tuple(numbers.T), data, headed, (*seen, said))
+        sheet = Sheet(path, names, lines, tuple(numbers.T), data, headed, (*remarks, header))
     else:
-        sheet = sheet_of(path, names, data, headed=headed, seen=(*seen, said))
+        sheet = sheet_of(path, names, data, headed=headed, remarks=(*remarks, header))
     if headed or not text or HEADER in given:
         return sheet
     return replace(sheet, comment=_comment(text, begin, _SEPARATORS[separator], len(names)))
@@ -126,9 +126,9 @@ def _comment(text: str, begin: int, separator: str, width: int) -> tuple[str, ..
 
 def _too_wide(path: Path, line: int, columns: int) -> ForeignFileError:
     """Error about a row with too many cells, to be raised by the caller."""
-    said, expected = f"{columns} columns", f"at most {_MOST_COLUMNS}"
+    problem, expected = f"{columns} columns", f"at most {_MOST_COLUMNS}"
     hint = "are its rows its columns?"
-    return ForeignFileError(said, expected, file=path, line=line, hint=hint)
+    return ForeignFileError(problem, expected, file=path, line=line, hint=hint)
 
 
 def _plain_numbers(text: str, separator: str, begin: int, width: int) -> FloatArray | None:
@@ -145,11 +145,11 @@ def _plain_numbers(text: str, separator: str, begin: int, width: int) -> FloatAr
         return None
     delimiter = None if separator == " " else separator
     try:
-        found = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
+        numbers = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
     except ValueError:
         return None
-    whole = found.shape == (len(lines), width) and not np.isinf(found).any()
-    return found if whole else None
+    complete = numbers.shape == (len(lines), width) and not np.isinf(numbers).any()
+    return numbers if complete else None
 
 
 def _even(path: Path, width: int, rows: Iterator[RawRow], *, headed: bool) -> Iterator[RawRow]:
@@ -163,19 +163,19 @@ def _even(path: Path, width: int, rows: Iterator[RawRow], *, headed: bool) -> It
             yield line, cells
             continue
         # Many programs end every line with a separator, some only those of the data.
-        kept = len(cells)
-        while kept > width and not cells[kept - 1].strip():
-            kept -= 1
-        if kept != width:
+        count = len(cells)
+        while count > width and not cells[count - 1].strip():
+            count -= 1
+        if count != width:
             last = next(rows, None) is None
             raise ForeignFileError(
-                f"{kept} {'cell' if kept == 1 else 'cells'}",
+                f"{count} {'cell' if count == 1 else 'cells'}",
                 f"{width}, as in {'the header' if headed else 'the first row'}",
                 file=path,
                 line=line,
-                hint=_why_uneven(kept, width, last=last),
+                hint=_why_uneven(count, width, last=last),
             )
-        yield line, cells[:kept]
+        yield line, cells[:count]
 
 
 def _why_uneven(cells: int, width: int, *, last: bool) -> str:
@@ -216,8 +216,8 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     # Rows that tell how a file is laid out.
     enough = 200
     lines = text[: 400 * enough].splitlines(keepends=True)
-    whole = lines[:-1] if len(lines) > 1 and len(text) > 400 * enough else lines
-    head, skip = "".join(whole[: enough + _skipped(given)]), _skipped(given)
+    whole_lines = lines[:-1] if len(lines) > 1 and len(text) > 400 * enough else lines
+    head, skip = "".join(whole_lines[: enough + _skipped(given)]), _skipped(given)
     separators = [given.text(SEPARATOR)] if SEPARATOR in given else list(_SEPARATORS)
     decimals = [given.text(DECIMAL)] if DECIMAL in given else list(_DECIMALS)
     ranked: list[tuple[tuple[float, float], tuple[str, str], list[tuple[float, ...]]]] = []
@@ -243,7 +243,7 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
             file=path,
             hint="say what is between cells with --separator",
         )
-    best = max(ranked, key=lambda each: (each[0][1], each[0][0]))
+    best = max(ranked, key=lambda candidate: (candidate[0][1], candidate[0][0]))
     rivals = [
         signs
         for rank, signs, numbers in ranked
@@ -251,8 +251,8 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     ]
     if rivals:
         ways = " or ".join(f"--separator {s} --decimal {d}" for s, d in [best[1], *rivals])
-        said = "cells that may be taken apart in several ways"
-        raise ForeignFileError(said, "one way", file=path, hint=f"say {ways}")
+        problem = "cells that may be taken apart in several ways"
+        raise ForeignFileError(problem, "one way", file=path, hint=f"say {ways}")
     return best[1]
 
 
@@ -299,8 +299,8 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
     except ForeignFileError:
         raise
     except Exception as problem:  # noqa: BLE001 (its readers raise whatever they meet)
-        said = f"a file that is no spreadsheet ({type(problem).__name__})"
-        raise ForeignFileError(said, "an .xlsx file", file=path) from None
+        description = f"a file that is no spreadsheet ({type(problem).__name__})"
+        raise ForeignFileError(description, "an .xlsx file", file=path) from None
     # Of a spreadsheet, empty ones between others included.
     most_cells = 10_000_000
     try:
@@ -313,8 +313,8 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
             )
         name = sheet or book.sheetnames[0]
         if name not in book.sheetnames:
-            said = f"no sheet {name!r}"
-            raise ForeignFileError(said, f"one of {listed(book.sheetnames)}", file=path)
+            description = f"no sheet {name!r}"
+            raise ForeignFileError(description, f"one of {listed(book.sheetnames)}", file=path)
         rows, count = list[RawRow](), 0
         sheet_ = book[name]
         # The size that the file states may be anything: its cells are read as they come.
@@ -324,8 +324,8 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
             if len(values) > _MOST_COLUMNS:
                 raise _too_wide(path, number, len(values))
             if number > _MOST_ROWS or count > most_cells:
-                said = f"more than {_MOST_ROWS:,} rows or {most_cells:,} cells"
-                raise ForeignFileError(said, "fewer", file=path)
+                description = f"more than {_MOST_ROWS:,} rows or {most_cells:,} cells"
+                raise ForeignFileError(description, "fewer", file=path)
             cells = tuple("" if value is None else str(value).strip() for value in values)
             if any(cells):
                 rows.append((number, cells))
@@ -337,7 +337,7 @@ def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
     except ForeignFileError:
         raise
     except Exception as problem:  # noqa: BLE001 (as above: sheets are read when they are asked for)
-        said = f"a damaged spreadsheet ({type(problem).__name__})"
-        raise ForeignFileError(said, "an .xlsx file", file=path) from None
+        description = f"a damaged spreadsheet ({type(problem).__name__})"
+        raise ForeignFileError(description, "an .xlsx file", file=path) from None
     finally:
         book.close()

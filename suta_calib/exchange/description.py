@@ -52,12 +52,12 @@ def named(formats: dict[str, Kind], name: str) -> Kind:
         InputError: there is none; says which there are.
     """
     if name not in formats:
-        known = ", ".join(formats)
-        found = f"the format {name!r}"
-        raise InputError(found, f"one of {known}", hint=did_you_mean(name, formats))
+        names = ", ".join(formats)
+        problem = f"the format {name!r}"
+        raise InputError(problem, f"one of {names}", hint=did_you_mean(name, formats))
     return formats[name]
 
 
 def options_of(formats: Iterable[Described]) -> list[Option]:
     """Every option of these formats, each once, in the order of the formats."""
-    return list({option.name: option for each in formats for option in each.options}.values())
+    return list({option.name: option for form in formats for option in form.options}.values())

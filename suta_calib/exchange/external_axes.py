@@ -92,12 +92,12 @@ class ExternalAxes:
         most_degrees = 360.0
         for k, axis in enumerate(axes):
             values, unit = self.values[axis], units.get(axis, "")
-            known = values[np.isfinite(values)]
-            extent = f"{known.min():g} to {known.max():g}"
+            finite = values[np.isfinite(values)]
+            extent = f"{finite.min():g} to {finite.max():g}"
             if unit == "unused":
                 continue
             named = bool(names)
-            if not unit and named and np.abs(known).max() <= most_degrees:
+            if not unit and named and np.abs(finite).max() <= most_degrees:
                 unit = "deg"
                 notes.append(
                     f"{names[k]} is the external axis {axis} ({extent}); its numbers are taken "
@@ -111,15 +111,15 @@ class ExternalAxes:
                 if not required:
                     notes.append(f"The external axis {axis}, {extent}, is left out: {hint}.")
                     continue
-                found = f"the external axis {axis}, {extent}, in mm or degrees"
+                problem = f"the external axis {axis}, {extent}, in mm or degrees"
                 raise ForeignFileError(
-                    found, "its unit", file=self.path, line=self._line(axis), hint=hint
+                    problem, "its unit", file=self.path, line=self._line(axis), hint=hint
                 )
-            if len(known) < len(values):
+            if len(finite) < len(values):
                 line = self.lines[int(np.flatnonzero(np.isnan(values))[0])]
-                found = f"a position without the external axis {axis}, which other positions have"
+                problem = f"a position without the external axis {axis}, which other positions have"
                 raise ForeignFileError(
-                    found, "the same axes in all positions", file=self.path, line=line, hint=hint
+                    problem, "the same axes in all positions", file=self.path, line=line, hint=hint
                 )
             columns[names[k] if named else axis] = (from_mm if unit == "mm" else from_deg)(values)
             if not named:

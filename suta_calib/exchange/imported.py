@@ -25,7 +25,7 @@ from suta_calib.measurements.camera import Camera, camera_text
 from suta_calib.measurements.csv_table import number_in, rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
 from suta_calib.words import listed
@@ -45,7 +45,7 @@ GRID_HINT: Final = (
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Imported(Shown, ABC):
+class Imported(Displayable, ABC):
     """A foreign file, read.
 
     Attributes:
@@ -58,7 +58,7 @@ class Imported(Shown, ABC):
     source: Path
     form: str
     notes: tuple[str, ...] = ()
-    seen: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     suffix: ClassVar[str]
 
@@ -75,7 +75,7 @@ class Imported(Shown, ABC):
     @judged
     def assessment(self) -> Assessment:
         """Care where something must be known; it is of use in any case."""
-        return Assessment.of(self.sentence, care=self.notes, known=self.seen)
+        return Assessment.of(self.sentence, care=self.notes, facts=self.remarks)
 
     def write(self, path: str | Path) -> None:
         """Write it, whole or not at all.
@@ -109,8 +109,8 @@ class ImportedRows(Imported):
 
     def __post_init__(self) -> None:
         if not len(self):
-            said = f"no row in which all was measured ({self.dropped} with something missing)"
-            raise ForeignFileError(said, "at least one whole row", file=self.source)
+            problem = f"no row in which all was measured ({self.dropped} with something missing)"
+            raise ForeignFileError(problem, "at least one whole row", file=self.source)
 
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
@@ -119,8 +119,10 @@ class ImportedRows(Imported):
     def sentence(self) -> str:
         """How many rows, of what."""
         rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
-        said = f"{rows}: {listed(list(self.columns), _MOST_NAMES)}"
-        return said + (f"; {self.dropped} with something missing left out" if self.dropped else "")
+        summary = f"{rows}: {listed(list(self.columns), _MOST_NAMES)}"
+        return summary + (
+            f"; {self.dropped} with something missing left out" if self.dropped else ""
+        )
 
     def write(self, path: str | Path) -> None:
         """Write it, its pictures into the folder ``…_images`` and the camera ``…_camera.yaml``.
@@ -158,12 +160,12 @@ class ImportedRows(Imported):
         at_once = 10_000
         # Of a million rows the numbers as objects would be most of the memory.
         for begin in range(0, len(self), at_once):
-            some = (values[begin : begin + at_once] for values in self.columns.values())
+            chunks = (values[begin : begin + at_once] for values in self.columns.values())
             if all(values.dtype.kind == "f" for values in self.columns.values()):
-                cells = (map(repr, values.tolist()) for values in some)
+                cells = (map(repr, values.tolist()) for values in chunks)
                 text.write("".join(f"{row}\n" for row in map(",".join, zip(*cells, strict=True))))
             else:
-                writer.writerows(zip(*(values.tolist() for values in some), strict=True))
+                writer.writerows(zip(*(values.tolist() for values in chunks), strict=True))
         return text.getvalue()
 
 
@@ -195,12 +197,12 @@ def pose_columns(
     position: FloatArray, rotation: FloatArray | None, prefix: str = ""
 ) -> dict[str, NDArray[Any]]:
     """Columns of a poses CSV: ``x, y, z`` (m) and, with rotations (n, 3, 3), ``qx, qy, qz, qw``."""
-    found: dict[str, NDArray[Any]] = dict(
+    columns: dict[str, NDArray[Any]] = dict(
         zip((prefix + axis for axis in "xyz"), position.T, strict=True)
     )
     if rotation is not None:
-        found |= zip(rotation_columns(prefix), quaternion_from_rotation(rotation).T, strict=True)
-    return found
+        columns |= zip(rotation_columns(prefix), quaternion_from_rotation(rotation).T, strict=True)
+    return columns
 
 
 def origin_of(given: Given, position: FloatArray) -> FloatArray | None:
@@ -215,9 +217,9 @@ def origin_of(given: Given, position: FloatArray) -> FloatArray | None:
     """
     if ORIGIN not in given:
         return None
-    known = position[np.isfinite(position).all(axis=1)]
+    finite = position[np.isfinite(position).all(axis=1)]
     if given.text(ORIGIN) == FIRST_POINT:
-        return known[0] if len(known) else np.zeros(3)
+        return finite[0] if len(finite) else np.zeros(3)
     numbers = np.array([number_in(text) for text in given.texts(ORIGIN)])
     if numbers.shape != (3,) or not np.isfinite(numbers).all():
         raise given.refuse(ORIGIN, repr(given.text(ORIGIN)), "first, or three numbers x,y,z in m")
@@ -246,23 +248,23 @@ def checked_places(
         ForeignFileError: one is, with its line.
     """
     for row in np.flatnonzero((np.abs(position) > FARTHEST).any(axis=1)):
-        found = f"a position {np.nanmax(np.abs(position[row])):.3g} m away"
+        problem = f"a position {np.nanmax(np.abs(position[row])):.3g} m away"
         expected = f"one within {FARTHEST:g} m"
-        raise ForeignFileError(found, expected, file=path, line=lines[int(row)], hint=hint)
+        raise ForeignFileError(problem, expected, file=path, line=lines[int(row)], hint=hint)
     return position
 
 
-def distance_note(position: FloatArray, said: str) -> str:
+def distance_note(position: FloatArray, unit: str) -> str:
     """A question where lengths (n, 3), m, look like another unit; empty where they do not.
 
     Args:
         position: as it was understood.
-        said: in which unit the source has it, and who says so.
+        unit: in which unit the source has it, and who says so.
     """
     distance = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
     if distance > FAR:
-        return f"Positions some {distance:.0f} m away, with {said}: are they millimetres?"
+        return f"Positions some {distance:.0f} m away, with {unit}: are they millimetres?"
     if 0.0 < distance < NEAR:
         shown = shown_text(distance, "m", with_unit=True)
-        return f"Positions some {shown} away, with {said}: are they metres?"
+        return f"Positions some {shown} away, with {unit}: are they metres?"
     return ""

@@ -12,8 +12,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
-from suta_calib.exchange.cells import Row, numbers_of, read_foreign_text, rows_of_text
-from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
+from suta_calib.exchange.cells import TableRow, numbers_of, read_foreign_text, rows_of_text
+from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -35,7 +35,7 @@ class InstrumentReader(Reader):
         separator: between cells.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, COMPLETE)
     separator: ClassVar[str] = ","
 
     def read(self, path: Path, given: Given) -> ImportedRows:
@@ -54,17 +54,19 @@ class InstrumentReader(Reader):
         return self.separator
 
     @abstractmethod
-    def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
+    def recording(self, path: Path, rows: Sequence[TableRow], given: Given) -> Recording:
         """Everything the file holds.
 
         Raises:
             ForeignFileError: it is not of this format, or holds no body and no marker.
         """
 
-    def strange(self, path: Path, found: str, expected: str, line: int | None = None) -> Exception:
+    def strange(
+        self, path: Path, problem: str, expected: str, line: int | None = None
+    ) -> Exception:
         """Error that a file is not what it seems, to be raised by the caller."""
         return ForeignFileError(
-            found,
+            problem,
             expected,
             file=path,
             line=line,
@@ -74,7 +76,7 @@ class InstrumentReader(Reader):
 
 def body_of(
     path: Path,
-    rows: Sequence[Row],
+    rows: Sequence[TableRow],
     position: Sequence[int],
     rotation: Sequence[int],
     form: str,
@@ -102,7 +104,7 @@ def body_of(
     return Body(places, rotations_from(form, angle * numbers_of(path, rows, rotation), path, lines))
 
 
-def column_of_time(path: Path, rows: Sequence[Row], column: int | None) -> FloatArray | None:
+def column_of_time(path: Path, rows: Sequence[TableRow], column: int | None) -> FloatArray | None:
     """(n,) s in a column, or None where there is none or a time is missing."""
     if column is None:
         return None

@@ -23,14 +23,14 @@ def one_pose(result: Result, given: Given, form: str) -> Transform:
     Raises:
         InputError: none, several and none was named, or none of that name.
     """
-    found = result.need_transforms(form)
+    poses = result.need_transforms(form)
     if POSE in given:
-        found = tuple(each for each in found if each.child == given.text(POSE))
-    if len(found) != 1:
-        names = listed([each.child for each in result.need_transforms(form)])
-        said = f"{len(found)} poses" + (f" {given.text(POSE)!r}" if POSE in given else "")
-        raise given.refuse(POSE, said, f"the name of one: {names}")
-    return found[0]
+        poses = tuple(pose for pose in poses if pose.child == given.text(POSE))
+    if len(poses) != 1:
+        names = listed([pose.child for pose in result.need_transforms(form)])
+        problem = f"{len(poses)} poses" + (f" {given.text(POSE)!r}" if POSE in given else "")
+        raise given.refuse(POSE, problem, f"the name of one: {names}")
+    return poses[0]
 
 
 def itk_parameters(transform: Transform) -> FloatArray:

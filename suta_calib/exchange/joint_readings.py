@@ -56,8 +56,8 @@ class Readings:
             text = given.text(COUNTS)
             counts = float(text) if text.isascii() and text.isdigit() else 0.0
             if not 1 <= counts < math.inf:
-                found = repr(text) if text else "ticks, and not how many make a turn"
-                raise given.refuse(COUNTS, found, "a whole number, such as 4096")
+                problem = repr(text) if text else "ticks, and not how many make a turn"
+                raise given.refuse(COUNTS, problem, "a whole number, such as 4096")
         sign, ratio = given.numbers(SIGN), given.numbers(RATIO)
         for name, value in sign.items():
             if value not in (-1.0, 1.0):

@@ -20,12 +20,12 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         data = json.loads(text)
     except json.JSONDecodeError as problem:
-        said = f"text that is not JSON ({problem.msg})"
-        raise ForeignFileError(said, "a JSON object", file=path, line=problem.lineno) from None
+        reason = f"text that is not JSON ({problem.msg})"
+        raise ForeignFileError(reason, "a JSON object", file=path, line=problem.lineno) from None
     except (RecursionError, ValueError) as problem:
-        said = f"JSON that cannot be read ({type(problem).__name__})"
-        raise ForeignFileError(said, "a JSON object", file=path) from None
+        reason = f"JSON that cannot be read ({type(problem).__name__})"
+        raise ForeignFileError(reason, "a JSON object", file=path) from None
     if not isinstance(data, dict) or not data:
-        found = "an empty JSON object" if data == {} else f"a JSON {type(data).__name__}"
-        raise ForeignFileError(found, "a JSON object with something in it", file=path)
+        description = "an empty JSON object" if data == {} else f"a JSON {type(data).__name__}"
+        raise ForeignFileError(description, "a JSON object with something in it", file=path)
     return data

@@ -50,8 +50,8 @@ def read_motors(path: Path) -> dict[str, dict[str, Any]]:
             number = motor.get(key)
             if not isinstance(number, int) or isinstance(number, bool) or abs(number) > _LARGEST:
                 where = f"{name}.{key}"
-                found = repr(number)[:40]
-                raise ForeignFileError(found, "a whole number", file=path, where=where)
+                problem = repr(number)[:40]
+                raise ForeignFileError(problem, "a whole number", file=path, where=where)
         least, most = motor["range_min"], motor["range_max"]
         if least >= most:
             raise ForeignFileError(

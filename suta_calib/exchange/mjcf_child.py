@@ -105,8 +105,8 @@ def _counts(model: Any) -> dict[str, int]:
 
 
 def _name(model: Any, k: int, kind: str) -> str:
-    found = mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), k)
-    return str(found or "")
+    name = mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), k)
+    return str(name or "")
 
 
 def _postures(model: Any) -> Iterator[dict[str, Any]]:

@@ -47,14 +47,14 @@ def nameless_pose(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet
     if count not in (3, 4, 6, 7, 12, 16):
         return None, sheet
     numbers = sheet.numbers(range(count))
-    known = numbers[np.isfinite(numbers).all(axis=1)]
+    finite = numbers[np.isfinite(numbers).all(axis=1)]
     if count == 3:
         return PoseColumns("", (0, 1, 2)), sheet
     if count == 4:
-        return _stacked(sheet, known, len(numbers))
+        return _stacked(sheet, finite, len(numbers))
     if count in (6, 7):
-        return _position_and_rotation(sheet, known, count - 3, given), sheet
-    return _matrix(sheet, known, given), sheet
+        return _position_and_rotation(sheet, finite, count - 3, given), sheet
+    return _matrix(sheet, finite, given), sheet
 
 
 def _position_and_rotation(
@@ -66,36 +66,38 @@ def _position_and_rotation(
         lengths = {name: np.linalg.norm(numbers[:, k], axis=1) for name, k in orders.items()}
         fitting = [name for name, one in lengths.items() if np.all(np.abs(one - 1.0) < UNIT_LENGTH)]
         if not fitting:
-            said = "seven numbers a row, no four of which, first or last, are a quaternion"
+            problem = "seven numbers a row, no four of which, first or last, are a quaternion"
             raise sheet.refuse(
-                said,
+                problem,
                 "a position and a quaternion",
                 hint="say which columns are what with --columns 1=x,2=y,…",
             )
-        seen = "seven numbers a row, of which the first and the last four may be a quaternion"
-        first = settled(sheet, given, FIRST, fitting, seen, likeliest=fitting[0])
-        seen = "seven numbers a row, a quaternion whose scalar may be its first or its last number"
+        content = "seven numbers a row, of which the first and the last four may be a quaternion"
+        first = settled(sheet, given, FIRST, fitting, content, likeliest=fitting[0])
+        content = (
+            "seven numbers a row, a quaternion whose scalar may be its first or its last number"
+        )
         choices = ["xyzw", "wxyz"] if first == "position" else ["wxyz", "xyzw"]
         likeliest = quaternion_order(numbers[:, list(orders[first])])
-        form = settled(sheet, given, ROTATION, choices, seen, likeliest=likeliest)
+        form = settled(sheet, given, ROTATION, choices, content, likeliest=likeliest)
     else:
-        seen = "six numbers a row, of which three are a position and three may be any angles"
+        content = "six numbers a row, of which three are a position and three may be any angles"
         if GUESS in given:
-            return _guessed_pose(sheet, numbers, seen, given)
-        asked = [each for each, numbers_ in NUMBERS.items() if numbers_ == 3]
-        form = settled(sheet, given, ROTATION, asked, seen, likeliest=RPY)
+            return _guessed_pose(sheet, numbers, content, given)
+        asked = [form_name for form_name, numbers_ in NUMBERS.items() if numbers_ == 3]
+        form = settled(sheet, given, ROTATION, asked, content, likeliest=RPY)
         first = given.text(FIRST, "position")
     position = (0, 1, 2) if first == "position" else tuple(range(count, count + 3))
     return PoseColumns("", position, orders[first], form)
 
 
-def _guessed_pose(sheet: Sheet, numbers: FloatArray, seen: str, given: Given) -> PoseColumns:
+def _guessed_pose(sheet: Sheet, numbers: FloatArray, content: str, given: Given) -> PoseColumns:
     """The only reading of six numbers a row that is plausible.
 
     Args:
         sheet: for messages.
         numbers: (n, 6), of rows in which none is missing.
-        seen: what leaves the reading open.
+        content: what leaves the reading open.
         given: what the options settle.
 
     Raises:
@@ -106,16 +108,16 @@ def _guessed_pose(sheet: Sheet, numbers: FloatArray, seen: str, given: Given) ->
     units = open_units(given, LENGTHS), open_units(given, ANGLES)
     readings = plausible_readings(numbers, firsts, forms, *units) if len(numbers) else []
     if len(readings) != 1:
-        said = "; ".join(map(str, readings)) or "none for an arm or a tracker"
+        choices = "; ".join(map(str, readings)) or "none for an arm or a tracker"
         raise sheet.refuse(
-            f"{seen}; plausible readings: {said}",
+            f"{content}; plausible readings: {choices}",
             "exactly one plausible reading",
             hint=f"say {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg",
         )
     first, form, length, angle = readings[0]
     for option, value in ((FIRST, first), (ROTATION, form), (UNIT, f"{length},{angle}")):
         if option not in given:
-            given.note_guess(option, value, seen)
+            given.note_guess(option, value, content)
     ahead, behind = (0, 1, 2), (3, 4, 5)
     if first == "rotation":
         ahead, behind = behind, ahead
@@ -156,10 +158,10 @@ def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
     elif ROTATION in given:
         chosen = next((n for n in fitting if n.startswith(given.text(ROTATION))), fitting[0])
     else:
-        seen = f"{4 * width} numbers a row, which are a transform as {' and as '.join(fitting)}"
+        content = f"{4 * width} numbers a row, which are a transform as {' and as '.join(fitting)}"
         asked = ["columns" if n == "columns" else "rows" for n in fitting]
         ways = list(dict.fromkeys(asked))
-        answer = settled(sheet, given, ROTATION, ways, seen, likeliest=ways[0])
+        answer = settled(sheet, given, ROTATION, ways, content, likeliest=ways[0])
         chosen = next(n for n, a in zip(fitting, asked, strict=True) if a == answer)
     rotation, position = arranged[chosen]
     return PoseColumns("", position, rotation, "rows")
@@ -170,14 +172,14 @@ def _stacked(sheet: Sheet, numbers: FloatArray, rows: int) -> tuple[PoseColumns 
     if len(numbers) != rows or rows % 4:
         return None, sheet
     blocks = numbers.reshape(-1, 4, 4)
-    told = "4x4 matrices, stacked."
+    remark = "4x4 matrices, stacked."
     if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
-        blocks, told = blocks.swapaxes(1, 2), "4x4 matrices, stacked, each by columns."
+        blocks, remark = blocks.swapaxes(1, 2), "4x4 matrices, stacked, each by columns."
     if not np.allclose(blocks[:, 3], [0, 0, 0, 1], atol=1e-6):
         return None, sheet
     names = tuple(str(k + 1) for k in range(16))
     columns = tuple(blocks.reshape(-1, 16).T)
-    seen = (*sheet.seen, told)
-    whole = replace(sheet, names=names, lines=sheet.lines[::4], values=columns, seen=seen)
+    remarks = (*sheet.remarks, remark)
+    stacked = replace(sheet, names=names, lines=sheet.lines[::4], values=columns, remarks=remarks)
     rotation = tuple(4 * row + column for row in range(3) for column in range(3))
-    return PoseColumns("", (3, 7, 11), rotation, "rows"), whole
+    return PoseColumns("", (3, 7, 11), rotation, "rows"), stacked

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.measurements.csv_table import number_in
@@ -52,8 +52,8 @@ class Given:
         InputError: an option that the format does not take, or a value that is no choice.
     """
 
-    def __init__(self, known: Iterable[Option], values: Mapping[str, Any], who: str) -> None:
-        self._known = {option.name: option for option in known}
+    def __init__(self, options: Iterable[Option], values: Mapping[str, Any], who: str) -> None:
+        self._known = {option.name: option for option in options}
         self._values: dict[str, tuple[str, ...]] = {}
         self._guesses: list[str] = []
         for name, value in values.items():
@@ -67,7 +67,7 @@ class Given:
                     hint=did_you_mean(name, self._known),
                 )
             listed = value if isinstance(value, list | tuple) else (value,)
-            self._values[name] = tuple(str(each) for each in listed)
+            self._values[name] = tuple(str(text) for text in listed)
             self._check(self._known[name])
 
     def _check(self, option: Option) -> None:
@@ -93,8 +93,8 @@ class Given:
 
     def texts(self, option: Option) -> tuple[str, ...]:
         """Every value that was given; parts between commas are values of their own."""
-        whole = self._values.get(option.name, ())
-        return tuple(part.strip() for each in whole for part in each.split(",") if part.strip())
+        values = self._values.get(option.name, ())
+        return tuple(part.strip() for value in values for part in value.split(",") if part.strip())
 
     def path(self, option: Option) -> Path | None:
         """The value as a file's name."""
@@ -106,15 +106,15 @@ class Given:
         Raises:
             InputError: a part without ``=``, or a name twice.
         """
-        found: dict[str, str] = {}
+        pairs: dict[str, str] = {}
         for part in self.texts(option):
-            name, equals, value = (each.strip() for each in part.partition("="))
+            name, equals, value = (text.strip() for text in part.partition("="))
             if not (name and equals and value):
                 raise self.refuse(option, repr(part), f"parts such as {option.metavar}")
-            if name in found:
+            if name in pairs:
                 raise self.refuse(option, f"{name!r} twice", "each name once")
-            found[name] = value
-        return found
+            pairs[name] = value
+        return pairs
 
     def numbers(self, option: Option) -> dict[str, float]:
         """``a=1,b=2`` as numbers by name.
@@ -122,19 +122,17 @@ class Given:
         Raises:
             InputError: as `pairs`, or a value that is no finite number.
         """
-        found = {name: number_in(value) for name, value in self.pairs(option).items()}
-        for name, number in found.items():
-            if not abs(number) < _LARGEST:
+        numbers = {name: number_in(value) for name, value in self.pairs(option).items()}
+        largest = 1e12
+        for name, number in numbers.items():
+            if not abs(number) < largest:
                 raise self.refuse(option, f"no number for {name!r}", "a finite number")
-        return found
+        return numbers
 
     @staticmethod
-    def refuse(option: Option, found: str, expected: str, hint: str = "") -> InputError:
+    def refuse(option: Option, problem: str, expected: str, hint: str = "") -> InputError:
         """Error about an option, to be raised by the caller."""
-        return InputError(found, expected, where=option.switch, hint=hint)
-
-
-_LARGEST: Final = 1e12
+        return InputError(problem, expected, where=option.switch, hint=hint)
 
 
 def options_from_file(path: Path) -> dict[str, Any]:
@@ -147,15 +145,15 @@ def options_from_file(path: Path) -> dict[str, Any]:
         InputError: unreadable, not YAML, or a value of another shape.
     """
     top = YamlSection(read_yaml(path), InputError)
-    found: dict[str, Any] = {}
+    options: dict[str, Any] = {}
     for key, value in top.data.items():
         listed = value if isinstance(value, list) else [value]
         if isinstance(value, dict):
             listed = list(value.values())
-        if any(isinstance(each, dict | list) or each is None for each in listed):
+        if any(isinstance(item, dict | list) or item is None for item in listed):
             raise top.refuse("a nested value", "a text, a number or a list of them", at=(key,))
-        texts = [("yes" if each else "no") if isinstance(each, bool) else each for each in listed]
+        texts = [("yes" if item else "no") if isinstance(item, bool) else item for item in listed]
         if isinstance(value, dict):
-            texts = [f"{name}={each}" for name, each in zip(value, texts, strict=True)]
-        found[key.replace("-", "_")] = texts if isinstance(value, dict | list) else texts[0]
-    return found
+            texts = [f"{name}={item}" for name, item in zip(value, texts, strict=True)]
+        options[key.replace("-", "_")] = texts if isinstance(value, dict | list) else texts[0]
+    return options

@@ -25,16 +25,9 @@ RPY: Final = "xyz"
 # Median distance from the origin, in the unit, of positions that are an arm's or a tracker's.
 _DISTANCES: Final = {"m": (0.003, 10.0), "mm": (100.0, 10_000.0)}
 _TURNS: Final = {"rad": math.tau, "deg": 360.0}
-# A form of rotation fits its neighbours worse than another where its largest step from row to row
-# is so many times as large, and larger than steps of recorded motions are, rad.
-_WORSE: Final = 3.0
-_STEP: Final = 0.5
-# Rows that are looked at for steps, and that tell something.
-_ROWS: Final = 2000
-_LEAST_ROWS: Final = 5
 
 
-class Reading(NamedTuple):
+class Interpretation(NamedTuple):
     """How six numbers may be read.
 
     Attributes:
@@ -110,11 +103,18 @@ def _fitting_neighbours(numbers: FloatArray, forms: Sequence[str], unit: str) ->
 
     Where a motion passes half a turn, numbers jump, and are near each other in the right form only.
     """
-    if len(numbers) < _LEAST_ROWS or len(forms) < 2:
+    # A form of rotation fits its neighbours worse than another where its largest step from row to
+    # row is so many times as large, and larger than steps of recorded motions are, rad.
+    worse = 3.0
+    step = 0.5
+    # Rows that are looked at for steps, and that tell something.
+    rows = 2000
+    least_rows = 5
+    if len(numbers) < least_rows or len(forms) < 2:
         return list(forms)
-    angles = from_deg(numbers[:_ROWS]) if unit == "deg" else numbers[:_ROWS]
+    angles = from_deg(numbers[:rows]) if unit == "deg" else numbers[:rows]
     steps = {form: _largest_step(form, angles) for form in forms}
-    most = max(_STEP, _WORSE * min(steps.values()))
+    most = max(step, worse * min(steps.values()))
     return [form for form in forms if steps[form] <= most]
 
 
@@ -133,7 +133,7 @@ def plausible_readings(
     forms: Sequence[str],
     lengths: Sequence[str],
     angles: Sequence[str],
-) -> list[Reading]:
+) -> list[Interpretation]:
     """Readings of six numbers (n, 6) a row that are plausible, the likeliest first.
 
     Args:
@@ -143,7 +143,7 @@ def plausible_readings(
         lengths: units of the position that are possible.
         angles: units of the rotation that are possible.
     """
-    readings = list[Reading]()
+    readings = list[Interpretation]()
     for first in firsts:
         position, rotation = numbers[:, :3], numbers[:, 3:]
         if first == "rotation":
@@ -151,7 +151,7 @@ def plausible_readings(
         rotations = plausible_rotations(rotation, forms, angles)
         units = plausible_lengths(position, lengths)
         readings += [
-            Reading(first, form, length, angle)
+            Interpretation(first, form, length, angle)
             for (form, angle), length in product(rotations, units)
         ]
     return readings

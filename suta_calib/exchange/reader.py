@@ -14,7 +14,6 @@ from suta_calib.exchange.imported import Imported
 from suta_calib.exchange.option import Given
 from suta_calib.inputs import read_input
 
-_HEAD: Final = 4096
 # Endings of files that hold no rows of cells.
 _NO_TABLES: Final = (".yaml", ".yml", ".json", ".xml", ".urdf")
 # What is read where nothing else recognises a file.
@@ -85,30 +84,30 @@ def recognised(path: Path) -> Reader:
         ForeignFileError: there is no such file, or several formats recognise it.
     """
     head = _head(path)
-    known = import_formats()
-    found = [
+    readers = import_formats()
+    recognising = [
         reader
-        for reader in known.values()
+        for reader in readers.values()
         if reader.name != TABLE
         and (not reader.suffixes or path.suffix.lower() in reader.suffixes)
         and reader.recognises(path, head)
     ]
-    if len(found) > 1:
-        names = ", ".join(reader.name for reader in found)
+    if len(recognising) > 1:
+        names = ", ".join(reader.name for reader in recognising)
         hint = "say which with --format NAME"
         raise ForeignFileError(f"what may be {names}", "one format", file=path, hint=hint)
-    if not found and is_folder(path):
-        said = "a folder of an unknown format"
+    if not recognising and is_folder(path):
+        problem = "a folder of an unknown format"
         hint = "suta-calib import --list names them"
-        raise ForeignFileError(said, "a file, or a recording's folder", file=path, hint=hint)
-    if not found and path.suffix.lower() in _NO_TABLES:
+        raise ForeignFileError(problem, "a file, or a recording's folder", file=path, hint=hint)
+    if not recognising and path.suffix.lower() in _NO_TABLES:
         raise ForeignFileError(
             f"a {path.suffix.lower()} file of an unknown format",
             "a table, or a file of one of the formats",
             file=path,
             hint="suta-calib import --list names them; cameras, boards and arms need no import",
         )
-    return found[0] if found else known[TABLE]
+    return recognising[0] if recognising else readers[TABLE]
 
 
 def _refuse_pipe(path: Path) -> None:
@@ -127,18 +126,19 @@ def _refuse_pipe(path: Path) -> None:
 
 
 def _head(path: Path) -> str:
+    head = 4096
     if is_folder(path):
         return ""
     try:
         if path.is_file():
             with path.open("rb") as file:
-                data = file.read(_HEAD)
+                data = file.read(head)
         else:
-            data = read_input(path)[:_HEAD]
+            data = read_input(path)[:head]
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
         gone = isinstance(problem, FileNotFoundError)
-        said = "no such file" if gone else f"an unreadable file ({reason})"
-        raise ForeignFileError(said, "a file that can be read", file=path) from None
+        description = "no such file" if gone else f"an unreadable file ({reason})"
+        raise ForeignFileError(description, "a file that can be read", file=path) from None
     utf_16 = data.startswith((b"\xff\xfe", b"\xfe\xff"))
     return data.decode("utf-16" if utf_16 else "utf-8-sig", errors="replace")

@@ -11,20 +11,20 @@ from suta_calib.exchange.result import Result
 
 def record(result: Result) -> dict[str, Any]:
     """Values, covariance, origins and poses by key; arrays, and lists of names. m and rad."""
-    found: dict[str, Any] = {}
+    entries: dict[str, Any] = {}
     if result.arm is not None:
-        known, model = result.arm.known, result.arm.model
-        found |= {
+        calibration, model = result.arm.calibration, result.arm.model
+        entries |= {
             "joints": list(model.joints),
-            "parameters": list(known.values),
-            "values": np.array([*known.values.values()]),
-            "estimated": list(known.names),
-            "covariance": known.covariance,
+            "parameters": list(calibration.values),
+            "values": np.array([*calibration.values.values()]),
+            "estimated": list(calibration.names),
+            "covariance": calibration.covariance,
             "origins": list(result.arm.origins),
             "T_parent_joint": np.array([*result.arm.origins.values()]),
         }
     poses = (*result.transforms, *(() if result.arm is None else (result.arm.tool,)))
-    return found | {
+    return entries | {
         "poses": [f"T_{pose.parent}_{pose.child}" for pose in poses],
         "T": np.array([pose.matrix for pose in poses]).reshape(-1, 4, 4),
     }

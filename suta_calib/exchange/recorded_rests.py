@@ -62,14 +62,14 @@ def rests_of(
         angles: (n, joints), rad.
         seconds: that a rest lasts at least.
     """
-    finder, found = StopFinder(joints, seconds), list[Rest]()
+    finder, rests = StopFinder(joints, seconds), list[Rest]()
     fine = np.zeros(len(joints), dtype=np.bool_)
     for k, (at, row) in enumerate(zip(time.tolist(), angles, strict=True)):
         for event in finder.feed([Reading(k, at, row, fine, fine, at)]):
             if isinstance(event, Complete):
                 begin = at - event.average.seconds
-                found.append(Rest(event.average.angles, begin, at))
-    return found
+                rests.append(Rest(event.average.angles, begin, at))
+    return rests
 
 
 def seconds_of(given: Given) -> float:
@@ -79,12 +79,10 @@ def seconds_of(given: Given) -> float:
         InputError: no positive number.
     """
     seconds = number_in(given.text(SECONDS, _USUAL))
-    if not 0.0 < seconds < _LONGEST:
+    longest = 3600.0
+    if not 0.0 < seconds < longest:
         raise given.refuse(SECONDS, repr(given.text(SECONDS)), "a number of seconds above 0")
     return seconds
-
-
-_LONGEST: Final = 3600.0
 
 
 def found_rests(
@@ -120,7 +118,7 @@ def imported_rests(
     form: str,
     joints: Sequence[str],
     rests: Sequence[Rest],
-    seen: tuple[FloatArray, Body] | None = None,
+    tracked: tuple[FloatArray, Body] | None = None,
     prefix: str = "",
     pictures: Sequence[RecordedPicture | None] | None = None,
 ) -> ImportedRows:
@@ -133,49 +131,49 @@ def imported_rests(
         form: name of its format.
         joints: names.
         rests: `found_rests`.
-        seen: what was seen of the arm, (m,) s and m rows.
+        tracked: what was seen of the arm, (m,) s and m rows.
         prefix: in front of the pose's columns.
         pictures: of each rest.
 
     Raises:
         ForeignFileError: nothing was seen, or no picture was taken, during any rest.
     """
-    means = [None if seen is None else _mean(*seen, rest) for rest in rests]
-    kept = [k for k in range(len(rests)) if seen is None or means[k] is not None]
-    if not kept:
-        said = f"{len(rests)} rests, and no pose during any of them"
-        raise ForeignFileError(said, "poses by the same clock", file=path)
+    means = [None if tracked is None else _mean(*tracked, rest) for rest in rests]
+    usable = [k for k in range(len(rests)) if tracked is None or means[k] is not None]
+    if not usable:
+        problem = f"{len(rests)} rests, and no pose during any of them"
+        raise ForeignFileError(problem, "poses by the same clock", file=path)
     if pictures is not None:
-        kept = [k for k in kept if pictures[k] is not None]
-        if not kept:
-            said = f"{len(rests)} rests, and no picture during any of them"
-            raise ForeignFileError(said, "pictures by the same clock", file=path)
+        usable = [k for k in usable if pictures[k] is not None]
+        if not usable:
+            problem = f"{len(rests)} rests, and no picture during any of them"
+            raise ForeignFileError(problem, "pictures by the same clock", file=path)
     columns, files = dict[str, NDArray[Any]](), dict[str, bytes]()
-    if seen is not None:
-        bodies = [mean for k in kept if (mean := means[k]) is not None]
+    if tracked is not None:
+        bodies = [mean for k in usable if (mean := means[k]) is not None]
         position = np.array([body.position[0] for body in bodies])
         turned = [body.rotation[0] for body in bodies if body.rotation is not None]
         columns |= pose_columns(position, np.array(turned) if turned else None, prefix)
     if pictures is not None:
-        for k in kept:
+        for k in usable:
             if (picture := pictures[k]) is not None:
                 files[f"{path.stem}_{k + 1:03d}{picture.suffix}"] = picture.data
         columns["image"] = np.array([*files])
-    readings = np.array([rests[k].angles for k in kept])
+    readings = np.array([rests[k].angles for k in usable])
     of_joints: Mapping[str, NDArray[Any]] = dict(zip(joints, readings.T, strict=True))
     return ImportedRows(
         source=path,
         form=form,
-        columns={**of_joints, **columns, "time": np.array([rests[k].end for k in kept])},
-        dropped=len(rests) - len(kept),
-        seen=("Each row is the mean over a rest.",),
+        columns={**of_joints, **columns, "time": np.array([rests[k].end for k in usable])},
+        dropped=len(rests) - len(usable),
+        remarks=("Each row is the mean over a rest.",),
         pictures=files,
     )
 
 
 def _mean(time: FloatArray, body: Body, rest: Rest) -> Body | None:
     """What was seen during a rest, as one; None where nothing was."""
-    rows = np.flatnonzero((time >= rest.begin) & (time <= rest.end) & body.seen)
+    rows = np.flatnonzero((time >= rest.begin) & (time <= rest.end) & body.observed)
     if not len(rows):
         return None
     during = body.take(rows)

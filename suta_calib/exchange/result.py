@@ -25,7 +25,7 @@ from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.pose_calibration.eye_poses import FRAMES
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.tracking.made_from import made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
@@ -39,7 +39,7 @@ RECORD: Final = "result.json"
 
 
 @dataclass(frozen=True, eq=False)
-class Transform(Shown):
+class Transform(Displayable):
     """A pose that does not move: ``T_parent_child``.
 
     Attributes:
@@ -75,16 +75,16 @@ class CalibratedArm:
 
     Attributes:
         model: the arm at nominal.
-        known: values, covariance and what was held, as ``result.json`` has them.
+        calibration: values, covariance and what was held, as ``result.json`` has them.
     """
 
     model: ArmModel
-    known: CalibrationUncertainty
+    calibration: CalibrationUncertainty
 
     @property
     def values(self) -> Mapping[str, float]:
         """By parameter's name, those of no geometry included."""
-        return self.known.values
+        return self.calibration.values
 
     @cached_property
     def origins(self) -> dict[str, FloatArray]:
@@ -96,17 +96,17 @@ class CalibratedArm:
 
     def steps(self) -> tuple[list[Step], FloatArray]:
         """The chain from base to tip, and the fixed transform (4, 4) that is left at its end."""
-        pose, found = np.eye(4), list[Step]()
+        pose, steps = np.eye(4), list[Step]()
         for joint in self.model.chain.joints:
             origin = self.origins[joint.name]
             if not joint.climbed:
                 pose = pose @ origin
             if joint.moving:
-                found.append(Step(joint, pose, -joint.axis if joint.climbed else joint.axis))
+                steps.append(Step(joint, pose, -joint.axis if joint.climbed else joint.axis))
                 pose = np.eye(4)
             if joint.climbed:
                 pose = pose @ np.linalg.inv(origin)
-        return found, pose
+        return steps, pose
 
     @cached_property
     def tool(self) -> Transform:
@@ -116,7 +116,7 @@ class CalibratedArm:
 
 
 @dataclass(frozen=True, eq=False)
-class Result(Shown):
+class Result(Displayable):
     """An answer as it was written.
 
     Attributes:
@@ -145,8 +145,8 @@ class Result(Shown):
             InputError: it is no calibration of an arm.
         """
         if self.arm is None:
-            said = f"no calibrated arm, which {form} is a format of"
-            raise InputError(said, "the result of suta-calib calibrate", file=self.path)
+            problem = f"no calibrated arm, which {form} is a format of"
+            raise InputError(problem, "the result of suta-calib calibrate", file=self.path)
         return self.arm
 
     def need_transforms(self, form: str) -> tuple[Transform, ...]:
@@ -155,11 +155,11 @@ class Result(Shown):
         Raises:
             InputError: it holds none.
         """
-        found = (*self.transforms, *(() if self.arm is None else (self.arm.tool,)))
-        if not found:
-            said = f"no pose of a tool, camera or instrument, which {form} is a format of"
-            raise InputError(said, "a result that holds one", file=self.path)
-        return found
+        transforms = (*self.transforms, *(() if self.arm is None else (self.arm.tool,)))
+        if not transforms:
+            problem = f"no pose of a tool, camera or instrument, which {form} is a format of"
+            raise InputError(problem, "a result that holds one", file=self.path)
+        return transforms
 
 
 def read_result(
@@ -188,11 +188,11 @@ def read_result(
     data = read_json_object(path)
     refuse_unusable(data, path, anyway=anyway)
     if "parameters" not in data:
-        found = tuple(_closed(data, path))
-        if not found:
+        transforms = tuple(_closed(data, path))
+        if not transforms:
             expected = "the answer of calibrate, hand-eye, pivot or register"
             raise InputError("no answer that can be exported", expected, file=path)
-        return Result(path, None, found, None, data)
+        return Result(path, None, transforms, None, data)
     job = None
     if urdf is None:
         origin = made_from(data, path, "the nominal arm with --urdf and --tip")
@@ -207,18 +207,18 @@ def read_result(
         if tip is None:
             raise InputError("no tip", "the link or frame of the tip", where="--tip")
         model = ArmModel.from_urdf(str(urdf), tip, base)
-    known = read_uncertainty(path, model, anyway=anyway)
-    check_nominal(model, path, known.values)
-    arm = CalibratedArm(model, known)
+    calibration = read_uncertainty(path, model, anyway=anyway)
+    check_nominal(model, path, calibration.values)
+    arm = CalibratedArm(model, calibration)
     return Result(path, arm, tuple(_external(data, arm, path)), _camera(data, job, path), data)
 
 
 def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterator[Transform]:
-    told = data.get("external_poses")
+    poses = data.get("external_poses")
     # The arm's own frames by the names that its URDF gives them.
     chain = arm.model.chain
-    own = {"base": chain.base, "tip": arm.model.tip}
-    for name, pose in told.items() if isinstance(told, dict) else ():
+    ends = {"base": chain.base, "tip": arm.model.tip}
+    for name, pose in poses.items() if isinstance(poses, dict) else ():
         if not isinstance(pose, dict) or pose.get("matrix") is None:
             continue
         matrix = _pose(pose["matrix"], path, f"external_poses: {name}: matrix")
@@ -226,15 +226,15 @@ def _external(data: Mapping[str, Any], arm: CalibratedArm, path: Path) -> Iterat
         # Of several placements or instruments each is a frame of its own.
         label = name.partition("[")[2].removesuffix("]")
         parent, child = (
-            own.get(frame, f"{frame}_{label}" if label else frame) for frame in (parent, child)
+            ends.get(frame, f"{frame}_{label}" if label else frame) for frame in (parent, child)
         )
         yield Transform(parent, child, matrix)
 
 
 def _closed(data: Mapping[str, Any], path: Path) -> Iterator[Transform]:
     """The poses of hand-eye, pivot and register."""
-    setups = [each for setup, each in FRAMES.items() if setup == data.get("setup")]
-    for key, name in [*(row for each in setups for row in each.items()), ("T_b_a", "T_b_a")]:
+    setups = [frames for setup, frames in FRAMES.items() if setup == data.get("setup")]
+    for key, name in [*(row for frames in setups for row in frames.items()), ("T_b_a", "T_b_a")]:
         if key not in data:
             continue
         _, parent, child = name.split("_")
@@ -272,8 +272,8 @@ def _camera(data: Mapping[str, Any], job: JobSpec | None, path: Path) -> Camera 
         for key in INTRINSICS:
             entry = parameters.get(f"{owner}.{key}", {})
             values[key] = float(numbers(entry.get("value"), (), path, f"{owner}.{key}"))
-    found = np.array([values[key] for key in INTRINSICS])
-    return Camera(camera.width, camera.height, found, None if owners else camera.covariance)
+    intrinsics = np.array([values[key] for key in INTRINSICS])
+    return Camera(camera.width, camera.height, intrinsics, None if owners else camera.covariance)
 
 
 def json_bytes(data: Mapping[str, Any]) -> bytes:

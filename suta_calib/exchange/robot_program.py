@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import WHOLE, check_end_of_program
+from suta_calib.exchange.cut_off import COMPLETE, check_end_of_program
 from suta_calib.exchange.external_axes import EXTERNAL_UNIT, ExternalAxes
 from suta_calib.exchange.imported import ImportedRows, checked_places, pose_columns
 from suta_calib.exchange.option import Given, Option
@@ -31,12 +31,11 @@ NAMES: Final = Option(
 NUMBER: Final = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 # The digit of a name, as in A1, is no number.
 _NUMBERS: Final = re.compile(rf"(?<![A-Za-z\d.]){NUMBER}", re.ASCII)
-_LONGEST: Final = 20_000
 # What a position is given to: ``p10 := ``, ``XP1=``.
 _NAME: Final = re.compile(r"(\w+)\s*:?=\s*$")
 
 
-class _Found(NamedTuple):
+class _Positions(NamedTuple):
     """Positions of one kind: lines, names (empty where they have none), and their numbers.
 
     External axes are by name of each position.
@@ -61,7 +60,7 @@ class ProgramReader(Reader):
         settings: matches what sets something other than a position, up to its end.
     """
 
-    options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES, EXTERNAL_UNIT, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES, EXTERNAL_UNIT, COMPLETE)
     joint_pattern: ClassVar[re.Pattern[str]]
     pose_pattern: ClassVar[re.Pattern[str]]
     comment: ClassVar[str]
@@ -92,20 +91,20 @@ class ProgramReader(Reader):
     def read(self, path: Path, given: Given) -> ImportedRows:
         """A row for each position, in the program's order, with its line and its name."""
         text = read_foreign_text(path)
-        found = {
-            "joints": self._found(path, text, self.joint_pattern),
-            "poses": self._found(path, text, self.pose_pattern),
+        by_kind = {
+            "joints": self._positions(path, text, self.joint_pattern),
+            "poses": self._positions(path, text, self.pose_pattern),
         }
-        there = [what for what, each in found.items() if each.lines]
+        there = [what for what, positions in by_kind.items() if positions.lines]
         what = given.text(WHAT)
         if not what and len(there) > 1:
-            counts = " and ".join(f"{len(found[each].lines)} {each}" for each in there)
+            counts = " and ".join(f"{len(by_kind[kind].lines)} {kind}" for kind in there)
             hint = f"say which with {WHAT.switch} joints or {WHAT.switch} poses"
             raise ForeignFileError(counts, "one of them", file=path, hint=hint)
         what = what or next(iter(there), "")
         if what not in there:
-            said = f"no {what or 'positions'}"
-            raise ForeignFileError(said, f"positions as {self.summary} has them", file=path)
+            problem = f"no {what or 'positions'}"
+            raise ForeignFileError(problem, f"positions as {self.summary} has them", file=path)
         check_end_of_program(
             path,
             text,
@@ -115,7 +114,7 @@ class ProgramReader(Reader):
             closing=self.closing,
             last_word=self.last_word or self.closing,
         )
-        lines, labels, numbers, external = found[what]
+        lines, labels, numbers, external = by_kind[what]
         axes = ExternalAxes.of(path, lines, external)
         beside: dict[str, NDArray[Any]] = {"line": np.array(lines)}
         if any(labels):
@@ -142,12 +141,13 @@ class ProgramReader(Reader):
             notes=tuple(notes),
         )
 
-    def _found(self, path: Path, text: str, pattern: re.Pattern[str]) -> _Found:
+    def _positions(self, path: Path, text: str, pattern: re.Pattern[str]) -> _Positions:
         """Each match; all must have as many numbers."""
         lines, names, rows = list[int](), list[str](), list[list[float]]()
         external = list[Mapping[str, float]]()
+        longest = 20_000
         for number, line in enumerate(lines_of(text), 1):
-            if len(line) > _LONGEST:
+            if len(line) > longest:
                 raise ForeignFileError(
                     f"a line of {len(line)} characters", "a program", file=path, line=number
                 )
@@ -155,17 +155,17 @@ class ProgramReader(Reader):
             if self.settings is not None:
                 content = self.settings.sub("", content)
             for match in pattern.finditer(content):
-                row = [number_in(each) for each in _NUMBERS.findall(match[1])]
+                row = [number_in(number_text) for number_text in _NUMBERS.findall(match[1])]
                 if not np.isfinite(row).all():
-                    said = repr(match[1][:40])
-                    raise ForeignFileError(said, "finite numbers", file=path, line=number)
+                    problem = repr(match[1][:40])
+                    raise ForeignFileError(problem, "finite numbers", file=path, line=number)
                 if rows and len(row) != len(rows[0]):
-                    said = f"{len(row)} numbers"
+                    problem = f"{len(row)} numbers"
                     expected = f"{len(rows[0])}, as in line {lines[0]}"
-                    raise ForeignFileError(said, expected, file=path, line=number)
+                    raise ForeignFileError(problem, expected, file=path, line=number)
                 name = _NAME.search(content[: match.start()])
                 lines.append(number)
                 names.append("" if name is None else name[1])
                 rows.append(row)
                 external.append(self.external(content[match.end(1) :]))
-        return _Found(lines, names, np.array(rows), external)
+        return _Positions(lines, names, np.array(rows), external)

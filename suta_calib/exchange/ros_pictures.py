@@ -49,8 +49,8 @@ def picture_of(path: Path, topic: str, message: Any) -> RecordedPicture:
         data = bytes(message.data)
         suffix = next((s for magic, s in _MAGIC.items() if data.startswith(magic)), None)
         if suffix is None:
-            said = f"a picture of {topic} compressed as {message.format!r}"
-            raise ForeignFileError(said, "JPEG or PNG", file=path)
+            problem = f"a picture of {topic} compressed as {message.format!r}"
+            raise ForeignFileError(problem, "JPEG or PNG", file=path)
         return RecordedPicture(suffix, data)
     cv2 = load("cv2", "vision")
     pixels = _pixels(path, topic, message)
@@ -62,8 +62,8 @@ def picture_of(path: Path, topic: str, message: Any) -> RecordedPicture:
 def _pixels(path: Path, topic: str, message: Any) -> NDArray[Any]:
     """The array (height, width) or (height, width, channels) of a message."""
     if message.encoding not in _ENCODINGS:
-        said = f"a picture of {topic} in the encoding {message.encoding!r}"
-        raise ForeignFileError(said, f"one of {', '.join(_ENCODINGS)}", file=path)
+        problem = f"a picture of {topic} in the encoding {message.encoding!r}"
+        raise ForeignFileError(problem, f"one of {', '.join(_ENCODINGS)}", file=path)
     kind, channels, _ = _ENCODINGS[message.encoding]
     height, width, step = int(message.height), int(message.width), int(message.step)
     dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
@@ -72,11 +72,11 @@ def _pixels(path: Path, topic: str, message: Any) -> NDArray[Any]:
     # More than any sensor has, px.
     most_pixels = 400_000_000
     if not (0 < row <= step and 0 < height * width <= most_pixels and len(data) >= height * step):
-        said = f"a picture of {topic} of {width} x {height} in {len(data)} bytes, {step} a row"
-        raise ForeignFileError(said, "as many bytes as its size says", file=path)
+        problem = f"a picture of {topic} of {width} x {height} in {len(data)} bytes, {step} a row"
+        raise ForeignFileError(problem, "as many bytes as its size says", file=path)
     rows = np.ascontiguousarray(data[: height * step].reshape(height, step)[:, :row])
-    found = rows.view(dtype).astype(np.dtype(kind), copy=False)
-    return found if channels == 1 else found.reshape(height, width, channels)
+    pixels = rows.view(dtype).astype(np.dtype(kind), copy=False)
+    return pixels if channels == 1 else pixels.reshape(height, width, channels)
 
 
 def pictures_at(
@@ -94,13 +94,13 @@ def pictures_at(
         ForeignFileError: a picture that cannot be read, or more than fit into memory.
     """
     best: dict[int, tuple[float, Any]] = {}
-    found: list[RecordedPicture | None] = [None] * len(rests)
+    pictures: list[RecordedPicture | None] = [None] * len(rests)
     total, first = 0, 0
 
     def keep(until: float) -> int:
         total = 0
         for k in [k for k in best if rests[k].end < until]:
-            picture = found[k] = picture_of(path, topic, best.pop(k)[1])
+            picture = pictures[k] = picture_of(path, topic, best.pop(k)[1])
             total += len(picture.data)
         return total
 
@@ -119,10 +119,10 @@ def pictures_at(
                 best[k] = off, message
         total += keep(at - late)
         if total > most_bytes:
-            said = f"pictures of more than {most_bytes / 1e6:.0f} MB"
-            raise ForeignFileError(said, "a shorter recording", file=path)
+            problem = f"pictures of more than {most_bytes / 1e6:.0f} MB"
+            raise ForeignFileError(problem, "a shorter recording", file=path)
     keep(np.inf)
-    return found
+    return pictures
 
 
 def camera_of(message: Any) -> tuple[Camera | None, str]:

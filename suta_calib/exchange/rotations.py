@@ -47,33 +47,33 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
         ForeignFileError: a quaternion that is not of length 1, a matrix that is no rotation, or an
             angle of thousands of turns.
     """
-    found = np.full((len(numbers), 3, 3), np.nan)
-    known = np.asarray(np.isfinite(numbers).all(axis=1))
+    matrices = np.full((len(numbers), 3, 3), np.nan)
+    complete = np.asarray(np.isfinite(numbers).all(axis=1))
     if numbers.shape[1] != NUMBERS[form]:
-        said = f"{numbers.shape[1]} columns of a rotation"
-        raise ForeignFileError(said, f"{NUMBERS[form]}, as {form} has", file=path)
-    if not known.any():
-        return found
-    values = numbers[known]
+        problem = f"{numbers.shape[1]} columns of a rotation"
+        raise ForeignFileError(problem, f"{NUMBERS[form]}, as {form} has", file=path)
+    if not complete.any():
+        return matrices
+    values = numbers[complete]
     if form in ("xyzw", "wxyz"):
         quaternion = values if form == "xyzw" else np.roll(values, -1, axis=1)
         with np.errstate(over="ignore"):
             off = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0)
-        _refuse(off, known, path, lines, "four numbers that are no quaternion", "length 1")
-        found[known] = rotation_from_quaternion(quaternion)
+        _refuse(off, complete, path, lines, "four numbers that are no quaternion", "length 1")
+        matrices[complete] = rotation_from_quaternion(quaternion)
     elif form in ("rows", "columns"):
         matrix = values.reshape(-1, 3, 3)
-        found[known] = _rotation(
-            matrix if form == "rows" else matrix.swapaxes(1, 2), known, path, lines
+        matrices[complete] = _rotation(
+            matrix if form == "rows" else matrix.swapaxes(1, 2), complete, path, lines
         )
     else:
-        _refuse_angles(values, known, path, lines)
+        _refuse_angles(values, complete, path, lines)
         if form == "vector":
-            found[known] = rotation_from_vector(values)
-            return found
+            matrices[complete] = rotation_from_vector(values)
+            return matrices
 
-        found[known] = Rotation.from_euler(form, values).as_matrix()
-    return found
+        matrices[complete] = Rotation.from_euler(form, values).as_matrix()
+    return matrices
 
 
 def is_rotation(matrix: FloatArray) -> bool:
@@ -88,29 +88,38 @@ def _error(matrix: FloatArray) -> FloatArray:
     return np.asarray(np.nan_to_num(off, nan=np.inf))
 
 
-def _rotation(matrix: FloatArray, known: BoolArray, path: Path, lines: Sequence[int]) -> FloatArray:
-    said = "nine numbers that are no rotation matrix"
-    _refuse(_error(matrix), known, path, lines, said, "orthonormal, right-handed")
+def _rotation(
+    matrix: FloatArray, complete: BoolArray, path: Path, lines: Sequence[int]
+) -> FloatArray:
+    problem = "nine numbers that are no rotation matrix"
+    _refuse(_error(matrix), complete, path, lines, problem, "orthonormal, right-handed")
     # The nearest rotation: what a few written decimals leave of one is not orthonormal.
     left, _, right = np.linalg.svd(matrix)
     return np.asarray(left @ right)
 
 
-def _refuse_angles(values: FloatArray, known: BoolArray, path: Path, lines: Sequence[int]) -> None:
+def _refuse_angles(
+    values: FloatArray, complete: BoolArray, path: Path, lines: Sequence[int]
+) -> None:
     """Angles of so many turns are none, and their sines no numbers any more."""
     most = np.abs(values).max(axis=1)
     # Of no orientation, nor of any that has been counted on; rad.
     most_angle = 1e4
     for row in np.flatnonzero(most > most_angle):
-        line = lines[int(np.flatnonzero(known)[row])]
-        found = f"an angle of {most[row]:.3g} rad"
-        raise ForeignFileError(found, f"one within {most_angle:g} rad", file=path, line=line)
+        line = lines[int(np.flatnonzero(complete)[row])]
+        problem = f"an angle of {most[row]:.3g} rad"
+        raise ForeignFileError(problem, f"one within {most_angle:g} rad", file=path, line=line)
 
 
 def _refuse(
-    off: FloatArray, known: BoolArray, path: Path, lines: Sequence[int], found: str, expected: str
+    off: FloatArray,
+    complete: BoolArray,
+    path: Path,
+    lines: Sequence[int],
+    problem: str,
+    expected: str,
 ) -> None:
     for row in np.flatnonzero(~(off < _ROUNDED)):
-        line = lines[int(np.flatnonzero(known)[row])]
+        line = lines[int(np.flatnonzero(complete)[row])]
         hint = "say what they are with --rotation"
-        raise ForeignFileError(found, expected, file=path, line=line, hint=hint)
+        raise ForeignFileError(problem, expected, file=path, line=line, hint=hint)

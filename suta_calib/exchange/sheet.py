@@ -47,7 +47,7 @@ class Sheet:
     values: tuple[FloatArray | None, ...]
     rows: Callable[[], Iterator[RawRow]]
     headed: bool
-    seen: tuple[str, ...]
+    remarks: tuple[str, ...]
     ahead: int = 0
     comment: tuple[str, ...] = ()
 
@@ -60,8 +60,8 @@ class Sheet:
 
     def named_by_comment(self) -> Sheet:
         """With the names that the comment above the rows has."""
-        seen = (*self.seen[:-1], "The comment above the rows names the columns.")
-        return replace(self, names=self.comment, headed=True, seen=seen)
+        remarks = (*self.remarks[:-1], "The comment above the rows names the columns.")
+        return replace(self, names=self.comment, headed=True, remarks=remarks)
 
     def from_column(self, first: int) -> Sheet:
         """Without the columns in front of one, which is counted from 1."""
@@ -84,9 +84,9 @@ class Sheet:
         return np.stack([self._numbers(column) for column in columns], axis=1)
 
     def _numbers(self, column: int) -> FloatArray:
-        found = self.values[column]
-        if found is not None:
-            return found
+        numbers = self.values[column]
+        if numbers is not None:
+            return numbers
         where = self.ahead + column
         for line, cells in self.rows():
             cell = cells[where].strip()
@@ -101,7 +101,7 @@ def sheet_of(
     rows: Callable[[], Iterator[RawRow]],
     *,
     headed: bool,
-    seen: tuple[str, ...],
+    remarks: tuple[str, ...],
 ) -> Sheet:
     """A sheet of rows that all have as many cells as there are names.
 
@@ -113,18 +113,18 @@ def sheet_of(
     given = rows()
     # Rows whose cells are text at the same time.
     at_once = 10_000
-    while some := list(islice(given, at_once)):
-        lines.extend(line for line, _ in some)
-        for k, cells in enumerate(zip(*(row for _, row in some), strict=True)):
+    while chunk := list(islice(given, at_once)):
+        lines.extend(line for line, _ in chunk)
+        for k, cells in enumerate(zip(*(row for _, row in chunk), strict=True)):
             if (part := parts[k]) is None:
                 continue
-            found = _numbers_in(cells)
-            if found is None:
+            numbers = _numbers_in(cells)
+            if numbers is None:
                 parts[k] = None
             else:
-                part.append(found)
+                part.append(numbers)
     values = tuple(None if part is None else np.concatenate(part) for part in parts)
-    return Sheet(path, names, lines, values, rows, headed, seen)
+    return Sheet(path, names, lines, values, rows, headed, remarks)
 
 
 def _numbers_in(cells: Sequence[str]) -> FloatArray | None:
@@ -136,5 +136,5 @@ def _numbers_in(cells: Sequence[str]) -> FloatArray | None:
             numbers = np.array([*map(float, cells)])
             return None if np.isinf(numbers).any() else numbers
     numbers = np.array([number_in(cell) for cell in cells])
-    odd = np.flatnonzero(~np.isfinite(numbers))
-    return numbers if all(is_missing(cells[row]) for row in odd.tolist()) else None
+    not_finite = np.flatnonzero(~np.isfinite(numbers))
+    return numbers if all(is_missing(cells[row]) for row in not_finite.tolist()) else None

@@ -150,11 +150,11 @@ def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseCo
     for k, name in enumerate(names):
         bare, unit = plain_name(name)
         plain.setdefault(bare.lower(), (k, unit))
-    kept = {k for k, _ in plain.values()}
-    twice = {plain_name(name)[0].lower() for k, name in enumerate(names) if k not in kept}
-    found = list[PoseColumns]()
+    first_columns = {k for k, _ in plain.values()}
+    twice = {plain_name(name)[0].lower() for k, name in enumerate(names) if k not in first_columns}
+    poses = list[PoseColumns]()
     # The x of ``orientation.x`` is no position, nor is that of ``sigma_x``.
-    other = {name for _, whole in _with_prefix(plain, _ORIENTATIONS) for name in whole}
+    other = {name for _, columns in _with_prefix(plain, _ORIENTATIONS) for name in columns}
     other |= {*SIGMAS}
     places = {name: at for name, at in plain.items() if name not in other}
     # A transform and nothing else is looked at as numbers: whatever its columns are called, its
@@ -163,16 +163,16 @@ def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseCo
     for prefix, triple in _with_prefix(places, sets):
         if prefix in _SPREADS:
             continue
-        if any(prefix == each.prefix for each in found):
-            earlier = [names[k] for each in found if each.prefix == prefix for k in each.position]
+        if any(prefix == pose.prefix for pose in poses):
+            earlier = [names[k] for pose in poses if pose.prefix == prefix for k in pose.position]
             raise _refused(sheet, f"{', '.join(earlier)} and {', '.join(triple)}, both a position")
         position, unit = _numbers(sheet, plain, triple)
         rotation, angle, form = _named_rotation(sheet, plain, prefix, given)
-        found.append(PoseColumns(prefix, position, rotation, form, unit, angle))
+        poses.append(PoseColumns(prefix, position, rotation, form, unit, angle))
         for column in (*position, *rotation):
             if (bare := plain_name(names[column])[0].lower()) in twice:
                 raise _refused(sheet, f"several columns of {bare!r}, in units of their own")
-    return found
+    return poses
 
 
 def _with_prefix(
@@ -181,15 +181,15 @@ def _with_prefix(
     """Prefixes with which all names of a set are there, each column taken once."""
     taken: set[str] = set()
     # The longest names first: ``pos_x`` is not an ``x`` of something called ``pos_``.
-    for names in sorted(sets, key=lambda each: -len(each[0])):
+    for names in sorted(sets, key=lambda columns_of: -len(columns_of[0])):
         for column in list(plain):
             prefix = column.removesuffix(names[0])
-            whole = [prefix + name for name in names]
+            columns = [prefix + name for name in names]
             if not column.endswith(names[0]) or (prefix and prefix[-1] not in "_. :/"):
                 continue
-            if all(name in plain for name in whole) and not taken & set(whole):
-                taken |= set(whole)
-                yield prefix, whole
+            if all(name in plain for name in columns) and not taken & set(columns):
+                taken |= set(columns)
+                yield prefix, columns
 
 
 def _numbers(
@@ -198,15 +198,15 @@ def _numbers(
     """Columns of some numbers, and the unit that all of their names give."""
     units = {plain[name][1] for name in names}
     if len(units) > 1:
-        told = ", ".join(f"{name} in {plain[name][1] or 'no unit'}" for name in names)
-        raise _refused(sheet, f"columns {told}")
+        stated_units = ", ".join(f"{name} in {plain[name][1] or 'no unit'}" for name in names)
+        raise _refused(sheet, f"columns {stated_units}")
     return tuple(plain[name][0] for name in names), units.pop()
 
 
-def _refused(sheet: Sheet, found: str) -> ForeignFileError:
+def _refused(sheet: Sheet, problem: str) -> ForeignFileError:
     """Error about names that contradict each other, to be raised by the caller."""
     return sheet.refuse(
-        found,
+        problem,
         "each number of a pose once, all of a kind in one unit",
         hint="name the columns that are meant with --columns 1=x,2=qx,…, and others by other names",
     )
@@ -218,28 +218,32 @@ def _named_rotation(
     kinds = ((_QUATERNIONS, "xyzw"), (_MATRICES, "rows"), (_AXES, "columns"), (_ANGLES, ""))
     for sets, form in kinds:
         for names in sets:
-            whole = [prefix + name for name in names]
-            if not all(name in plain for name in whole):
+            present = [prefix + name for name in names]
+            if not all(name in plain for name in present):
                 continue
-            columns, angle = _numbers(sheet, plain, whole)
+            columns, angle = _numbers(sheet, plain, present)
             if form:
                 return columns, angle, form
-            seen = f"orientations in columns {', '.join(whole)}, which may be any of many angles"
-            asked = [each for each, count in NUMBERS.items() if count == 3]
+            content = (
+                f"orientations in columns {', '.join(present)}, which may be any of many angles"
+            )
+            asked = [name_of_form for name_of_form, count in NUMBERS.items() if count == 3]
             if GUESS in given and ROTATION not in given:
                 form, angle = _guessed_angles(sheet, columns, angle, names, given)
-                given.note_guess(ROTATION, form, seen)
+                given.note_guess(ROTATION, form, content)
                 return columns, angle, form
-            return columns, angle, settled(sheet, given, ROTATION, asked, seen, likeliest=RPY)
+            return columns, angle, settled(sheet, given, ROTATION, asked, content, likeliest=RPY)
     for names in _COUNTED:
-        whole = [prefix + name for name in names]
-        if not all(name in plain for name in whole) or not _is_quaternion(sheet, plain, whole):
+        present = [prefix + name for name in names]
+        if not all(name in plain for name in present) or not _is_quaternion(sheet, plain, present):
             continue
-        seen = f"a quaternion in columns {', '.join(whole)}, whose scalar may be the first or last"
-        columns, angle = _numbers(sheet, plain, whole)
+        content = (
+            f"a quaternion in columns {', '.join(present)}, whose scalar may be the first or last"
+        )
+        columns, angle = _numbers(sheet, plain, present)
         numbers = sheet.numbers(columns)
         likeliest = quaternion_order(numbers[np.isfinite(numbers).all(axis=1)])
-        order = settled(sheet, given, ROTATION, ["wxyz", "xyzw"], seen, likeliest=likeliest)
+        order = settled(sheet, given, ROTATION, ["wxyz", "xyzw"], content, likeliest=likeliest)
         return columns, angle, order
     for names in _QUATERNIONS:
         gone = [prefix + name for name in names if prefix + name not in plain]
@@ -269,15 +273,15 @@ def _guessed_angles(
         ForeignFileError: several forms are plausible, or none is.
     """
     numbers = sheet.numbers(columns)
-    known = numbers[np.isfinite(numbers).all(axis=1)]
+    finite = numbers[np.isfinite(numbers).all(axis=1)]
     forms = _USUAL_ANGLES.get(names[0], open_forms())
     units = open_units(given, ANGLES, unit)
-    readings = plausible_rotations(known, forms, units) if len(known) else []
+    readings = plausible_rotations(finite, forms, units) if len(finite) else []
     if len(readings) == 1:
         return readings[0]
-    said = " or ".join(f"{form} in {angle}" for form, angle in readings)
+    choices = " or ".join(f"{form} in {angle}" for form, angle in readings)
     raise sheet.refuse(
-        f"columns {', '.join(names)}, which may be {said or 'no angles of a usual form'}",
+        f"columns {', '.join(names)}, which may be {choices or 'no angles of a usual form'}",
         "one form that their numbers allow",
         hint=f"say {ROTATION.switch} vector or an order of Euler angles, and {UNIT.switch} rad|deg",
     )
@@ -289,11 +293,11 @@ def guessed_length(sheet: Sheet, position: FloatArray, given: Given) -> str:
     Raises:
         ForeignFileError: no unit is plausible.
     """
-    known = position[np.isfinite(position).all(axis=1)]
-    if not len(known):
+    finite = position[np.isfinite(position).all(axis=1)]
+    if not len(finite):
         return "m"
-    distance = float(np.median(np.linalg.norm(known, axis=1)))
-    units = plausible_lengths(known, LENGTHS)
+    distance = float(np.median(np.linalg.norm(finite, axis=1)))
+    units = plausible_lengths(finite, LENGTHS)
     if not units:
         raise _no_guess(sheet, f"positions some {distance:.4g} away, in m or mm", "m|mm")
     if units[0] != "m":
@@ -307,26 +311,28 @@ def guessed_angle(sheet: Sheet, form: str, numbers: FloatArray, given: Given) ->
     Raises:
         ForeignFileError: no unit is plausible.
     """
-    known = numbers[np.isfinite(numbers).all(axis=1)]
-    if not len(known):
+    finite = numbers[np.isfinite(numbers).all(axis=1)]
+    if not len(finite):
         return "rad"
-    most = float(np.abs(known).max())
-    found = plausible_rotations(known, [form], ANGLES)
-    if not found:
+    most = float(np.abs(finite).max())
+    plausible = plausible_rotations(finite, [form], ANGLES)
+    if not plausible:
         raise _no_guess(sheet, f"angles up to {most:.4g}, in rad or degrees", "rad|deg")
-    given.note_guess(UNIT, found[0][1], f"angles up to {most:.4g}")
-    return found[0][1]
+    given.note_guess(UNIT, plausible[0][1], f"angles up to {most:.4g}")
+    return plausible[0][1]
 
 
-def _no_guess(sheet: Sheet, found: str, choices: str) -> ForeignFileError:
+def _no_guess(sheet: Sheet, problem: str, choices: str) -> ForeignFileError:
     """Error that nothing is plausible, to be raised by the caller."""
-    return sheet.refuse(found, "numbers that allow a guess", hint=f"say {UNIT.switch} {choices}")
+    return sheet.refuse(problem, "numbers that allow a guess", hint=f"say {UNIT.switch} {choices}")
 
 
 def open_units(given: Given, units: Sequence[str], stated: str = "") -> Sequence[str]:
     """Those of some units that the options, or else a name, leave open."""
-    said = [unit for unit in given.texts(UNIT) if unit in units] or [stated] * (stated in units)
-    return said or units
+    stated_units = [unit for unit in given.texts(UNIT) if unit in units] or [stated] * (
+        stated in units
+    )
+    return stated_units or units
 
 
 def _is_quaternion(
@@ -337,8 +343,8 @@ def _is_quaternion(
     if any(sheet.values[k] is None for k in columns):
         return False
     length = np.linalg.norm(sheet.numbers(columns), axis=1)
-    known = length[np.isfinite(length)]
-    return bool(len(known) and np.all(np.abs(known - 1.0) < UNIT_LENGTH))
+    finite = length[np.isfinite(length)]
+    return bool(len(finite) and np.all(np.abs(finite - 1.0) < UNIT_LENGTH))
 
 
 def settled(
@@ -346,7 +352,7 @@ def settled(
     given: Given,
     option: Option,
     choices: Sequence[str],
-    seen: str,
+    content: str,
     *,
     likeliest: str = "",
 ) -> str:
@@ -357,7 +363,7 @@ def settled(
         given: the options.
         option: that settles it.
         choices: that the file allows.
-        seen: what was found that leaves them open.
+        content: what was found that leaves them open.
         likeliest: of the choices; empty where none is likelier than the others.
 
     Raises:
@@ -367,17 +373,17 @@ def settled(
         chosen = given.text(option)
         if chosen not in choices:
             raise ForeignFileError(
-                f"{seen}, read as {chosen}", " or ".join(choices), file=sheet.path
+                f"{content}, read as {chosen}", " or ".join(choices), file=sheet.path
             )
         return chosen
     if len(choices) == 1:
         return choices[0]
     if GUESS in given and likeliest:
-        given.note_guess(option, likeliest, seen)
+        given.note_guess(option, likeliest, content)
         return likeliest
     shown = choices if len(choices) <= _MOST_CHOICES else (*choices[:_MOST_CHOICES], "…")
     raise sheet.refuse(
-        seen,
+        content,
         "that it be said which",
         hint=f"say {option.switch} {'|'.join(shown)}" + (", or --guess" if likeliest else ""),
     )

@@ -14,7 +14,7 @@ from suta_calib.atomic import exchange_files
 from suta_calib.exchange.description import Described, formats_of, named
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.words import listed
 
 # Behind the name of an exported file: what its format cannot hold.
@@ -50,7 +50,7 @@ class Writer(Described, ABC):
 
     def lost(self, arm: CalibratedArm) -> list[str]:
         """Names of the arm's values that differ from nominal and that the format cannot hold."""
-        return [] if self.holds_everything else list(arm.known.beside_geometry)
+        return [] if self.holds_everything else list(arm.calibration.beside_geometry)
 
     def care(self, arm: CalibratedArm) -> tuple[str, ...]:
         """What of this arm the user must do by hand, one sentence each."""
@@ -59,7 +59,7 @@ class Writer(Described, ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Exported(Shown):
+class Exported(Displayable):
     """A result in a foreign format.
 
     Attributes:
@@ -93,10 +93,10 @@ class Exported(Shown):
             names = listed(list(self.lost))
             care.append(f"{self.form} cannot hold {names}: without it the arm is another.")
         care.extend(self.care)
-        known = list(self.notes)
+        facts = list(self.notes)
         if "covariance" in self.left_out:
-            known.append(f"{self.form} has no place for the covariance.")
-        return Assessment.of(f"exported as {self.form}", care=care, known=known)
+            facts.append(f"{self.form} has no place for the covariance.")
+        return Assessment.of(f"exported as {self.form}", care=care, facts=facts)
 
     def write(self, path: str | Path) -> list[Path]:
         """Write the file, and beside it what its format cannot hold, both or none.
@@ -146,12 +146,16 @@ def write_foreign(result: Result, form: str, **options: Any) -> Exported:
         lost, care = writer.lost(result.arm), writer.care(result.arm)
         left_out = {name: result.arm.values[name] for name in lost}
         left_out = {"parameters": left_out} if lost else {}
-        if not writer.holds_covariance and result.arm.known.names:
+        if not writer.holds_covariance and result.arm.calibration.names:
             left_out["covariance"] = covariance_record(result.arm)
     return Exported(result, form, content, writer.file, left_out, lost, writer.notes, care)
 
 
 def covariance_record(arm: CalibratedArm) -> dict[str, Any]:
     """The covariance of an arm's parameters as JSON has it: names, unit, matrix."""
-    known = arm.known
-    return {"parameters": list(known.names), "unit": "m, rad", "matrix": known.covariance.tolist()}
+    calibration = arm.calibration
+    return {
+        "parameters": list(calibration.names),
+        "unit": "m, rad",
+        "matrix": calibration.covariance.tolist(),
+    }

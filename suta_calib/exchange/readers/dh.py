@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import ClassVar, Final
 
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
+from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -21,7 +21,7 @@ class DhReader(Reader):
     name: ClassVar[str] = "dh"
     summary: ClassVar[str] = "Denavit-Hartenberg table (classic or modified) as CSV: a URDF"
     example: ClassVar[str] = "arm_dh.csv --format dh --robot arm --out arm.urdf"
-    options: ClassVar[tuple[Option, ...]] = (ROBOT, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (ROBOT, COMPLETE)
 
     def recognises(self, path: Path, head: str) -> bool:
         """Theta and alpha among the names of the columns."""
@@ -34,5 +34,5 @@ class DhReader(Reader):
         check_end_of_rows(path, read_foreign_text(path), ",", given)
         table = read_dh_table(path)
         text = table.urdf(given.text(ROBOT, path.stem or "arm"))
-        said = f"a URDF of {len(table.joints)} joints from a {table.convention} table"
-        return ImportedFile(source=path, form=self.name, content=text, what=said, kind=".urdf")
+        what = f"a URDF of {len(table.joints)} joints from a {table.convention} table"
+        return ImportedFile(source=path, form=self.name, content=text, what=what, kind=".urdf")

@@ -47,8 +47,8 @@ class KrlReader(ProgramReader):
 
     def external(self, position: str) -> Mapping[str, float]:
         """``E1 …`` to the position's end."""
-        found = _EXTERNAL.findall(position.partition("}")[0])
-        return {name.upper(): number_in(number) for name, number in found}
+        axes = _EXTERNAL.findall(position.partition("}")[0])
+        return {name.upper(): number_in(number) for name, number in axes}
 
     def joints(self, numbers: FloatArray) -> FloatArray:
         """They are in degrees."""

@@ -12,7 +12,7 @@ import numpy as np
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import WHOLE, check_end_of_rows
+from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.imported import (
     GRID_HINT,
     ORIGIN,
@@ -40,8 +40,8 @@ _EAST, _NORTH, _HEIGHT = "81", "82", "83"
 
 def _sexagesimal(number: float) -> float:
     """dddmmsss, the last digit a tenth of a second."""
-    whole = int(abs(number))
-    degrees, minutes, tenths = whole // 100_000, whole // 1000 % 100, whole % 1000
+    digits = int(abs(number))
+    degrees, minutes, tenths = digits // 100_000, digits // 1000 % 100, digits % 1000
     return from_deg(math.copysign(degrees + minutes / 60 + tenths / 36_000, number))
 
 
@@ -60,7 +60,7 @@ class LeicaGsiReader(Reader):
     name: ClassVar[str] = "leica-gsi"
     summary: ClassVar[str] = "Leica GSI-8 and GSI-16 of total stations: points by name"
     example: ClassVar[str] = "points.gsi --format leica-gsi --out points.csv"
-    options: ClassVar[tuple[Option, ...]] = (ORIGIN, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (ORIGIN, COMPLETE)
     suffixes: ClassVar[tuple[str, ...]] = (".gsi", ".txt", ".dat")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -80,8 +80,8 @@ class LeicaGsiReader(Reader):
                 continue
             words = {m[1]: (m[2], m[3], m[4]) for m in _WORD.finditer(content)}
             if _POINT not in words:
-                said = f"{content[:40]!r}, without the word {_POINT} of a point"
-                raise ForeignFileError(said, "a line of GSI", file=path, line=number)
+                problem = f"{content[:40]!r}, without the word {_POINT} of a point"
+                raise ForeignFileError(problem, "a line of GSI", file=path, line=number)
             if len({len(digits) for _, _, digits in words.values()}) > 1:
                 mixed = "words of 8 and of 16 characters"
                 raise ForeignFileError(mixed, "words of one length", file=path, line=number)
@@ -105,7 +105,7 @@ class LeicaGsiReader(Reader):
             columns={"point": np.array(labels, dtype=np.str_), **pose_columns(position, None)},
             dropped=left_out,
             notes=(note,) if note else (),
-            seen=() if origin is None else (origin_told(origin),),
+            remarks=() if origin is None else (origin_told(origin),),
         )
 
 
@@ -120,15 +120,15 @@ def _place(path: Path, line: int, words: dict[str, tuple[str, str, str]]) -> lis
             )
         return unit, math.copysign(float(int(digits)), -1.0 if sign == "-" else 1.0)
 
-    def of_unit(index: str, known: dict[str, Callable[[float], float]]) -> float:
+    def of_unit(index: str, units: dict[str, Callable[[float], float]]) -> float:
         unit, value = number(index)
-        if unit not in known:
-            expected = f"one of {', '.join(known)}"
+        if unit not in units:
+            expected = f"one of {', '.join(units)}"
             where = f"word {index}"
             raise ForeignFileError(
                 f"the unit {unit!r}", expected, file=path, line=line, where=where
             )
-        return known[unit](value)
+        return units[unit](value)
 
     lengths: dict[str, Callable[[float], float]] = {
         code: scale.__mul__ for code, scale in _LENGTH.items()

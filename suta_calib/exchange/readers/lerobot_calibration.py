@@ -79,11 +79,13 @@ class LerobotCalibrationReader(Reader):
         if bus == LINES:
             comment += " Send each motor's Present_Position, from which\n"
             comment += "the servo has taken its homing offset, as a line of counts."
-        said = [] if PORT in given else [f"The port is {device['port']}, unless --port says else."]
+        remarks = (
+            [] if PORT in given else [f"The port is {device['port']}, unless --port says else."]
+        )
         if BUS not in given and bus != LINES:
-            said.append(f"The servos are {bus}, unless {BUS.switch} says else.")
+            remarks.append(f"The servos are {bus}, unless {BUS.switch} says else.")
         if turned := [name for name, motor in motors.items() if motor["drive_mode"]]:
-            said.append(
+            remarks.append(
                 f"drive_mode of {listed(turned)} is not applied, as in LeRobot's degrees: "
                 "readings count as the servo's Present_Position does."
             )
@@ -93,7 +95,7 @@ class LerobotCalibrationReader(Reader):
             content=yaml_text(device, comment),
             what=f"a device of {len(joints)} motor{'s' * (len(joints) != 1)}",
             kind=".yaml",
-            seen=tuple(said),
+            remarks=tuple(remarks),
         )
 
 

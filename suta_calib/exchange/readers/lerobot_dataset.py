@@ -12,7 +12,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import is_folder, is_plain_file
-from suta_calib.exchange.cut_off import WHOLE, check_count
+from suta_calib.exchange.cut_off import COMPLETE, check_count
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.json_input import read_json
 from suta_calib.exchange.lerobot_motors import MOTORS
@@ -36,7 +36,7 @@ class LerobotDatasetReader(Reader):
     name: ClassVar[str] = "lerobot-dataset"
     summary: ClassVar[str] = "LeRobot dataset (a folder with meta/info.json): rests of its states"
     example: ClassVar[str] = "my_dataset --state-unit deg --motors elbow_flex=joint_3 --out a.csv"
-    options: ClassVar[tuple[Option, ...]] = (STATE_UNIT, MOTORS, SECONDS, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (STATE_UNIT, MOTORS, SECONDS, COMPLETE)
     extra: ClassVar[str] = "parquet"
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -47,15 +47,15 @@ class LerobotDatasetReader(Reader):
     def read(self, path: Path, given: Given) -> ImportedRows:
         """A samples CSV: joints in rad, and the time in its episode after those before it."""
         if not is_folder(path):
-            found = "a file" if is_plain_file(path) else "no such file"
-            raise ForeignFileError(found, "the folder of a dataset", file=path)
+            problem = "a file" if is_plain_file(path) else "no such file"
+            raise ForeignFileError(problem, "the folder of a dataset", file=path)
         info = read_json(path / "meta" / "info.json")
         names = _motors(path / "meta" / "info.json", info)
         unit = given.text(STATE_UNIT)
         if not unit:
-            found = "states, and not in which unit"
+            problem = "states, and not in which unit"
             expected = "deg or rad: a share of a motor's range is no angle"
-            raise given.refuse(STATE_UNIT, found, expected)
+            raise given.refuse(STATE_UNIT, problem, expected)
         time, states = self._rows(path, len(names))
         stated = info.get("total_frames")
         stated = float(stated) if isinstance(stated, int) else float("nan")
@@ -89,19 +89,19 @@ class LerobotDatasetReader(Reader):
                 columns = [] if table is None else [table[name].to_pylist() for name in _COLUMNS]
             # Damaged files make Arrow raise errors of many kinds, none of them its own.
             except Exception as problem:  # noqa: BLE001
-                said = " ".join(f"{type(problem).__name__}: {problem}".split())[:120]
-                found = f"a file that cannot be read ({said})"
+                reason = " ".join(f"{type(problem).__name__}: {problem}".split())[:120]
+                description = f"a file that cannot be read ({reason})"
                 expected = f"Parquet with {listed(_COLUMNS)}"
-                raise ForeignFileError(found, expected, file=file) from None
+                raise ForeignFileError(description, expected, file=file) from None
             if not columns:
-                said = f"more than {most_rows} rows"
-                raise ForeignFileError(said, "a smaller dataset", file=path)
+                reason = f"more than {most_rows} rows"
+                raise ForeignFileError(reason, "a smaller dataset", file=path)
             state, stamp, episode = (
-                _array(file, *each) for each in zip(_COLUMNS, columns, strict=True)
+                _array(file, *column) for column in zip(_COLUMNS, columns, strict=True)
             )
             if state.shape != (len(state), count) or stamp.ndim != 1 or episode.ndim != 1:
-                said = f"states of shape {state.shape}"
-                raise ForeignFileError(said, f"{count} numbers in each row", file=file)
+                reason = f"states of shape {state.shape}"
+                raise ForeignFileError(reason, f"{count} numbers in each row", file=file)
             times.append(stamp + between * episode)
             states.append(state)
         return np.concatenate(times), np.concatenate(states)
@@ -109,25 +109,25 @@ class LerobotDatasetReader(Reader):
 
 def _array(file: Path, name: str, values: Sequence[Any]) -> FloatArray:
     try:
-        found = np.array(values, dtype=float)
+        array = np.array(values, dtype=float)
     except (TypeError, ValueError):
-        found = np.full(1, np.nan)
-    if not len(found) or not np.isfinite(found).all():
-        said = "rows without it, or no numbers"
-        raise ForeignFileError(said, "finite numbers in every row", file=file, where=name)
-    return found
+        array = np.full(1, np.nan)
+    if not len(array) or not np.isfinite(array).all():
+        problem = "rows without it, or no numbers"
+        raise ForeignFileError(problem, "finite numbers in every row", file=file, where=name)
+    return array
 
 
 def _motors(path: Path, info: Any) -> list[str]:
     """Names of the states' motors in ``info.json``, without what LeRobot puts behind them."""
-    told = info
+    names = info
     for key in ("features", _STATE, "names"):
-        told = told.get(key) if isinstance(told, dict) else None
-    if isinstance(told, dict) and len(told) == 1:
-        told = next(iter(told.values()))
-    if not isinstance(told, list) or not told or not all(isinstance(each, str) for each in told):
+        names = names.get(key) if isinstance(names, dict) else None
+    if isinstance(names, dict) and len(names) == 1:
+        names = next(iter(names.values()))
+    if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
         where = f"features: {_STATE}: names"
         raise ForeignFileError(
             "no list of motors", "the motors of the states", file=path, where=where
         )
-    return [name.removesuffix(".pos") for name in told]
+    return [name.removesuffix(".pos") for name in names]

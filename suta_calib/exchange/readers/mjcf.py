@@ -63,28 +63,28 @@ class MjcfReader(Reader):
         _check(path, read_bounded(path))
         require("mujoco", self.extra)
         try:
-            found = run_confined(_CHILD, str(path))
+            model = run_confined(_CHILD, str(path))
         except ConfinedError as problem:
-            said = f"a model that takes {problem} to read"
-            raise ForeignFileError(said, "a model of an arm", file=path) from None
-        if "refused" in found:
-            raise _refusal(path, str(found["refused"]))
-        if not any(joint["kind"] in (_SLIDE, _HINGE) for joint in found["joints"]):
-            said = "a model without a joint that turns or slides"
-            raise ForeignFileError(said, "an arm: bodies with joints", file=path)
-        tree = _Tree(path, found)
+            description = f"a model that takes {problem} to read"
+            raise ForeignFileError(description, "a model of an arm", file=path) from None
+        if "refused" in model:
+            raise _refusal(path, str(model["refused"]))
+        if not any(joint["kind"] in (_SLIDE, _HINGE) for joint in model["joints"]):
+            description = "a model without a joint that turns or slides"
+            raise ForeignFileError(description, "an arm: bodies with joints", file=path)
+        tree = _Tree(path, model)
         text = "\n".join(tree.lines()) + "\n"
         tree.compare(text)
-        count = len(found["joints"])
+        count = len(model["joints"])
         joints = "1 joint" if count == 1 else f"{count} joints"
         return ImportedFile(
             source=path,
             form=self.name,
             content=text,
-            what=f"a URDF of {joints}, as MuJoCo {found['version']} reads it",
+            what=f"a URDF of {joints}, as MuJoCo {model['version']} reads it",
             kind=".urdf",
             notes=tuple(tree.care()),
-            seen=tuple(tree.known()),
+            remarks=tuple(tree.differences()),
         )
 
 
@@ -95,12 +95,12 @@ def _check(path: Path, data: bytes) -> None:
     try:
         root = _parsed(data)
     except etree.XMLSyntaxError as problem:
-        said = f"text that is not XML ({' '.join(problem.msg.split())})"
+        description = f"text that is not XML ({' '.join(problem.msg.split())})"
         line = problem.lineno or None
-        raise ForeignFileError(said, "an MJCF file", file=path, line=line) from None
+        raise ForeignFileError(description, "an MJCF file", file=path, line=line) from None
     if root.tag != "mujoco":
-        found = f"the root element <{str(root.tag)[:40]}>"
-        raise ForeignFileError(found, "<mujoco>", file=path, line=root.sourceline)
+        root_found = f"the root element <{str(root.tag)[:40]}>"
+        raise ForeignFileError(root_found, "<mujoco>", file=path, line=root.sourceline)
     _check_included(path, root, path.parent, {path})
 
 
@@ -109,54 +109,56 @@ def _parsed(data: bytes) -> Any:
     return etree.fromstring(data, parser)
 
 
-def _check_included(path: Path, root: Any, folder: Path, known: set[Path]) -> None:
+def _check_included(path: Path, root: Any, folder: Path, checked: set[Path]) -> None:
     """Refuse pipes and devices in place of the files that a model includes: MuJoCo would wait.
 
     Args:
         path: a file.
         root: its root element.
         folder: of the model, in which MuJoCo looks.
-        known: files that were looked at already.
+        checked: files that were looked at already.
     """
     for element in root.iter("include", "model"):
         target = folder / element.get("file", "")
         # What is not there MuJoCo may find elsewhere, or refuses itself.
-        if not element.get("file") or target in known or not target.exists():
+        if not element.get("file") or target in checked or not target.exists():
             continue
-        known.add(target)
+        checked.add(target)
         try:
             data = read_bounded(target)
         except ForeignFileError as problem:
             raise ForeignFileError.of(problem, path, element.sourceline, str(target)) from None
         with contextlib.suppress(etree.XMLSyntaxError):
-            _check_included(target, _parsed(data), folder, known)
+            _check_included(target, _parsed(data), folder, checked)
 
 
 def _refusal(path: Path, reason: str) -> ForeignFileError:
     """What MuJoCo refuses, with its line where it can be no line of an included file."""
     at = re.search(r"line (\d+)", reason)
-    whole = b"<include" not in path.read_bytes() and b"<model" not in path.read_bytes()
+    single_file = b"<include" not in path.read_bytes() and b"<model" not in path.read_bytes()
     return ForeignFileError(
         f"a model that MuJoCo refuses ({reason[:_LONGEST_REASON]})",
         "a file that MuJoCo loads, with the files that it includes",
         file=path,
-        line=int(at[1]) if at and whole and int(at[1]) else None,
+        line=int(at[1]) if at and single_file and int(at[1]) else None,
     )
 
 
 class _Tree:
     """A compiled model as links and joints of a URDF."""
 
-    def __init__(self, path: Path, found: Mapping[str, Any]) -> None:
-        self.path, self.found = path, found
-        self.bodies: Sequence[Any] = found["bodies"]
-        self.joints: Sequence[Any] = found["joints"]
-        self.sites = [site for site in found["sites"] if site["name"]]
+    def __init__(self, path: Path, model: Mapping[str, Any]) -> None:
+        self.path, self.found = path, model
+        self.bodies: Sequence[Any] = model["bodies"]
+        self.joints: Sequence[Any] = model["joints"]
+        self.sites = [site for site in model["sites"] if site["name"]]
         for joint in self.joints:
             if joint["kind"] == _BALL:
-                said = f"the joint {joint['name'][:_LONGEST]!r}, which turns about any axis (ball)"
+                problem = (
+                    f"the joint {joint['name'][:_LONGEST]!r}, which turns about any axis (ball)"
+                )
                 expected = "joints of one axis, as URDF has them"
-                raise ForeignFileError(said, expected, file=path)
+                raise ForeignFileError(problem, expected, file=path)
         numbers = [n for e in (*self.bodies, *self.sites) for n in (*e["pos"], *e["quat"])]
         for joint in self.joints:
             numbers += [*joint["pos"], *joint["axis"], joint["ref"], *(joint["range"] or ())]
@@ -188,7 +190,7 @@ class _Tree:
                 "URDF each joint has its own reading."
             )
 
-    def known(self) -> Iterator[str]:
+    def differences(self) -> Iterator[str]:
         """What the URDF says otherwise than the model."""
         for k, joint in enumerate(self.joints):
             if joint["kind"] == _FREE:
@@ -233,8 +235,8 @@ class _Tree:
         """The joints from a body's parent to the body."""
         body, name = self.bodies[k], self.body_names[k]
         parent, pose = self.body_names[body["parent"]], _pose(body)
-        own = [(n, joint) for n, joint in self._named() if joint["body"] == k]
-        for place, (joint_name, joint) in enumerate(own):
+        joints = [(n, joint) for n, joint in self._named() if joint["body"] == k]
+        for place, (joint_name, joint) in enumerate(joints):
             if joint["kind"] == _FREE:
                 x, y, z, *quat = joint["pose"]
                 pose = _pose({"pos": (x, y, z), "quat": quat})
@@ -248,7 +250,7 @@ class _Tree:
             else:
                 pose = pose @ homogeneous(np.eye(3), -joint["ref"] * axis)
                 back = np.eye(4)
-            last = place == len(own) - 1 and np.array_equal(back, np.eye(4))
+            last = place == len(joints) - 1 and np.array_equal(back, np.eye(4))
             child = name if last else self._link(f"{joint_name}_link")
             yield _joint(joint_name, _motion(joint), parent, child, pose, axis, _limits(joint))
             parent, pose = child, back
@@ -265,7 +267,7 @@ class _Tree:
         data = model.createData()
         names = (*self.body_names, *self.site_names)
         frames = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
-        kept = [k for k, site in enumerate(self.found["sites"]) if site["name"]]
+        named = [k for k, site in enumerate(self.found["sites"]) if site["name"]]
         # How far the URDF may be from MuJoCo's kinematics, m and as a cosine: numbers of 1e-12
         # along a long chain, and rotations as roll, pitch and yaw.
         agree = 1e-9
@@ -278,14 +280,15 @@ class _Tree:
                 both = (np.cos(reading), np.sin(reading)) if of.nq == 2 else (reading,)
                 q[of.idx_q : of.idx_q + of.nq] = both
             pin.framesForwardKinematics(model, data, q)
-            expected = [*posture["bodies"], *(posture["sites"][k] for k in kept)]
+            expected = [*posture["bodies"], *(posture["sites"][k] for k in named)]
             for name, frame, numbers in zip(names, frames, expected, strict=True):
                 pose = data.oMf[frame]
                 ours = np.concatenate([pose.translation, pose.rotation.ravel()])
-                apart = np.abs(ours - numbers).max() / max(1.0, float(np.abs(numbers).max()))
-                if not apart <= agree:
+                difference = np.abs(ours - numbers).max() / max(1.0, float(np.abs(numbers).max()))
+                if not difference <= agree:
                     raise ForeignFileError(
-                        f"a URDF that places {name[:_LONGEST]!r} off by {apart:.2g} from the model",
+                        f"a URDF that places {name[:_LONGEST]!r} off by {difference:.2g} from the "
+                        "model",
                         f"agreement with MuJoCo's own kinematics to {agree:g}",
                         file=self.path,
                         hint="please report this file",

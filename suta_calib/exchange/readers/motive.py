@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar, Final
 
 from suta_calib.exchange.bodies import Body, Recording
-from suta_calib.exchange.cells import Row
+from suta_calib.exchange.cells import TableRow
 from suta_calib.exchange.cut_off import check_count
 from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of, column_of_time
 from suta_calib.exchange.option import Given
@@ -33,18 +33,18 @@ class MotiveReader(InstrumentReader):
         del path
         return head.startswith("Format Version,") and "Take Name" in head
 
-    def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
+    def recording(self, path: Path, rows: Sequence[TableRow], given: Given) -> Recording:
         """Bodies and markers by name, as in the file."""
-        told = dict(pairwise(rows[0].cells))
-        unit = told.get("Length Units", "")
+        header = dict(pairwise(rows[0].cells))
+        unit = header.get("Length Units", "")
         if unit.lower() not in LENGTH_UNITS:
             raise self.strange(path, f"lengths in {unit!r}", "Meters or Millimeters", rows[0].line)
         at = next((k for k, row in enumerate(rows) if row.cells[0] == "Frame"), 0)
         if not 3 <= at < len(rows) - 1:
-            said = "no rows of names above a row that begins with Frame"
-            raise self.strange(path, said, "an export with its header", rows[-1].line)
+            problem = "no rows of names above a row that begins with Frame"
+            raise self.strange(path, problem, "an export with its header", rows[-1].line)
         axes, kinds, data = rows[at], rows[at - 1].cells, rows[at + 1 :]
-        stated = number_in(told.get("Total Exported Frames", ""))
+        stated = number_in(header.get("Total Exported Frames", ""))
         check_count(path, len(data), stated, "frames", given)
         kind = next((k for k in range(1, at - 1) if not _KINDS.isdisjoint(rows[k].cells)), None)
         if kind is None:
@@ -55,24 +55,24 @@ class MotiveReader(InstrumentReader):
             if types[k] in _KINDS and names[k]:
                 of = f"{kinds[k]} {axes.cells[k]}".lower()
                 columns.setdefault(names[k], {}).setdefault(of, k)
-        angles = told.get("Rotation Type", "Quaternion")
+        angles = header.get("Rotation Type", "Quaternion")
         bodies: dict[str, Body] = {}
         for name, where in columns.items():
             if not all(key in where for key in _POSITION):
                 continue
             turned = "rotation x" in where
             if turned and (not all(key in where for key in _ROTATION) or angles != "Quaternion"):
-                said = f"orientations of {name} as {angles}"
+                problem = f"orientations of {name} as {angles}"
                 raise self.strange(
-                    path, said, "an export with Rotation Type: Quaternion", axes.line
+                    path, problem, "an export with Rotation Type: Quaternion", axes.line
                 )
             position = [where[key] for key in _POSITION]
             rotation = [where[key] for key in _ROTATION] if turned else []
             scale = LENGTH_UNITS[unit.lower()]
             bodies[name] = body_of(path, data, position, rotation, "xyzw", scale)
         if not bodies:
-            said = "bodies and markers without positions"
-            raise self.strange(path, said, "an export of positions", axes.line)
+            problem = "bodies and markers without positions"
+            raise self.strange(path, problem, "an export of positions", axes.line)
         time = next((k for k, cell in enumerate(axes.cells) if cell.startswith("Time")), None)
-        said = f"in {unit.lower()}, as the file says"
-        return Recording(path, bodies, column_of_time(path, data, time), said)
+        unit_source = f"in {unit.lower()}, as the file says"
+        return Recording(path, bodies, column_of_time(path, data, time), unit_source)

@@ -9,7 +9,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from suta_calib.exchange.bodies import Body, Recording
-from suta_calib.exchange.cells import Row, is_missing
+from suta_calib.exchange.cells import TableRow, is_missing
 from suta_calib.exchange.instrument import InstrumentReader, body_of, column_of_time
 from suta_calib.exchange.option import Given
 from suta_calib.measurements.csv_table import number_in
@@ -19,9 +19,7 @@ _POSE: Final = ("q0", "qx", "qy", "qz", "tx", "ty", "tz")
 _STATES: Final = ("state", "status", "transformstatus")
 _NAMES: Final = ("toolinfo", "tool", "toolid", "tool id", "name")
 _HANDLES: Final = ("porthandle", "toolhandle", "handle", "port")
-_SEEN: Final = frozenset({"ok", "valid", "enabled", "tracked", "00", "0x00", "visible"})
-# What NDI's interface writes for a number that it does not have is beyond any place.
-_NOWHERE: Final = 1e12
+_VALID_STATES: Final = frozenset({"ok", "valid", "enabled", "tracked", "00", "0x00", "visible"})
 
 
 class NdiReader(InstrumentReader):
@@ -44,13 +42,13 @@ class NdiReader(InstrumentReader):
         """Tabs where the header has them."""
         return "\t" if "\t" in text[: text.lower().find("tz") + 2] else self.separator
 
-    def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
+    def recording(self, path: Path, rows: Sequence[TableRow], given: Given) -> Recording:
         """Tools by what the file calls them."""
         del given
         at = next((k for k, row in enumerate(rows) if _starts(row)), None)
         if at is None or at + 1 >= len(rows):
-            said = "no header with Q0, Qx, Qy, Qz, Tx, Ty, Tz, or nothing below it"
-            raise self.strange(path, said, "an export of tools", rows[0].line)
+            problem = "no header with Q0, Qx, Qy, Qz, Tx, Ty, Tz, or nothing below it"
+            raise self.strange(path, problem, "an export of tools", rows[0].line)
         header = [cell.lower() for cell in rows[at].cells]
         data = rows[at + 1 :]
         bodies: dict[str, Body] = {}
@@ -61,9 +59,9 @@ class NdiReader(InstrumentReader):
             name = _name(rows[at], data[0], header, span) or f"tool {len(bodies) + 1}"
             if name in bodies:
                 name = f"{name} ({len(bodies) + 1})"
-            seen = [_seen(row, start, state) for row in data]
+            rows_of_tool = [_without_missing(row, start, state) for row in data]
             quaternion, position = range(start, start + 4), range(start + 4, start + 7)
-            bodies[name] = body_of(path, seen, position, quaternion, "wxyz", from_mm(1.0))
+            bodies[name] = body_of(path, rows_of_tool, position, quaternion, "wxyz", from_mm(1.0))
             before = start + len(_POSE)
         seconds, fraction = (
             column_of_time(path, data, header.index(key) if key in header else None)
@@ -76,13 +74,13 @@ class NdiReader(InstrumentReader):
         return Recording(path, bodies, time, "in mm, as NDI exports them")
 
 
-def _starts(row: Row) -> list[int]:
+def _starts(row: TableRow) -> list[int]:
     """Where Q0 … Tz begin in a header."""
     cells = tuple(cell.lower() for cell in row.cells)
     return [k for k in range(len(cells)) if cells[k : k + len(_POSE)] == _POSE]
 
 
-def _name(header: Row, first: Row, small: Sequence[str], span: range) -> str:
+def _name(header: TableRow, first: TableRow, small: Sequence[str], span: range) -> str:
     """What stands in the columns in front of a tool's pose, or above them."""
     for names in (_NAMES, _HANDLES):
         for k in reversed(span):
@@ -92,12 +90,13 @@ def _name(header: Row, first: Row, small: Sequence[str], span: range) -> str:
     return next((header.cells[k] for k in reversed(span) if small[k].startswith("port ")), "")
 
 
-def _seen(row: Row, start: int, state: int | None) -> Row:
+def _without_missing(row: TableRow, start: int, state: int | None) -> TableRow:
     """The row, without numbers of a tool that was not seen."""
-    told = row.cells[state].lower() if state is not None and state < len(row.cells) else "ok"
+    state_text = row.cells[state].lower() if state is not None and state < len(row.cells) else "ok"
     pose = row.cells[start : start + len(_POSE)]
-    nowhere = any(abs(number_in(cell)) > _NOWHERE for cell in pose)
-    if told in _SEEN and not nowhere:
+    # What NDI's interface writes for a number that it does not have is beyond any place.
+    nowhere = any(abs(number_in(cell)) > 1e12 for cell in pose)
+    if state_text in _VALID_STATES and not nowhere:
         return row
     gone = ("",) * len(pose)
-    return Row(row.line, (*row.cells[:start], *gone, *row.cells[start + len(_POSE) :]))
+    return TableRow(row.line, (*row.cells[:start], *gone, *row.cells[start + len(_POSE) :]))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY, BODY_OPTIONS, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import WHOLE, check_count, check_end_of_yaml
+from suta_calib.exchange.cut_off import COMPLETE, check_count, check_end_of_yaml
 from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -29,8 +29,6 @@ from suta_calib.words import listed
 _NAME: Final = re.compile(r"(.*?)_?(\d{1,6})")
 # Keys that say how many matrices a series has.
 _COUNTS: Final = ("frameCount", "frame_count", "nframes", "count")
-_SHAPES: Final = ((3, 4), (4, 4))
-_LAST_ROW: Final = (0.0, 0.0, 0.0, 1.0)
 _PREFIXES: Final = ("a_", "b_")
 
 
@@ -42,7 +40,7 @@ class OpencvStorageReader(Reader):
         "OpenCV FileStorage (YAML): 4x4 matrices T1_0, T1_1, …, one or two series"
     )
     example: ClassVar[str] = "poses.yml --format opencv-yaml --unit m --out pairs.csv"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, UNIT, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, UNIT, COMPLETE)
     suffixes: ClassVar[tuple[str, ...]] = (".yml", ".yaml", ".xml")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -115,7 +113,7 @@ class OpencvStorageReader(Reader):
             form=self.name,
             columns=columns,
             notes=(*notes, *filter(None, asked)),
-            seen=(f"Lengths are {unit_text}.",),
+            remarks=(f"Lengths are {unit_text}.",),
         )
 
 
@@ -123,29 +121,31 @@ def _series(
     path: Path, data: Mapping[str, Any], lines: Mapping[KeyPath, int]
 ) -> dict[str, dict[int, tuple[str, list[float]]]]:
     """Matrices by series and number: the key of each, and twelve numbers by rows."""
+    shapes = ((3, 4), (4, 4))
     by_series: dict[str, dict[int, tuple[str, list[float]]]] = {}
     matrices = [
         (key, match, value if isinstance(value, dict) else {})
         for key, value in data.items()
         if (match := _NAME.fullmatch(key))
     ]
-    transforms = {match[1] for _, match, value in matrices if _shape(value) in _SHAPES}
+    transforms = {match[1] for _, match, value in matrices if _shape(value) in shapes}
+    last_row = (0.0, 0.0, 0.0, 1.0)
     for key, match, value in matrices:
         if match[1] not in transforms:
             continue
         numbers, shape = value.get("data"), _shape(value)
         line = lines[(key,)]
-        if shape not in _SHAPES or not isinstance(numbers, list):
-            found = f"a matrix of {shape[0]} x {shape[1]}" if value else "no matrix"
-            raise ForeignFileError(found, "a 4x4 matrix", file=path, line=line, where=key)
+        if shape not in shapes or not isinstance(numbers, list):
+            problem = f"a matrix of {shape[0]} x {shape[1]}" if value else "no matrix"
+            raise ForeignFileError(problem, "a 4x4 matrix", file=path, line=line, where=key)
         count = shape[0] * shape[1]
         finite = all(isinstance(n, int | float) and np.isfinite(n) for n in numbers)
         if len(numbers) != count or not finite:
             expected = f"{count} finite numbers"
             raise ForeignFileError("other data", expected, file=path, line=line, where=key)
-        if tuple(numbers[12:]) not in ((), _LAST_ROW):
-            found = "a last row that is not 0 0 0 1"
-            raise ForeignFileError(found, "a transform", file=path, line=line, where=key)
+        if tuple(numbers[12:]) not in ((), last_row):
+            problem = "a last row that is not 0 0 0 1"
+            raise ForeignFileError(problem, "a transform", file=path, line=line, where=key)
         by_series.setdefault(match[1] or "T", {})[int(match[2])] = (
             key,
             [*map(float, numbers[:12])],

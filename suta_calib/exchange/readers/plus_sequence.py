@@ -13,7 +13,7 @@ from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import MOST_BYTES, is_plain_file, read_bounded
-from suta_calib.exchange.cut_off import WHOLE, cut_off
+from suta_calib.exchange.cut_off import COMPLETE, cut_off
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -31,7 +31,7 @@ class PlusSequenceReader(Reader):
     name: ClassVar[str] = "plus-sequence"
     summary: ClassVar[str] = "PLUS: sequence files .mha/.mhd, transforms of every frame"
     example: ClassVar[str] = "run.mha --body StylusToTracker --reference ReferenceToTracker"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, COMPLETE)
     suffixes: ClassVar[tuple[str, ...]] = (".mha", ".mhd")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -55,42 +55,45 @@ class PlusSequenceReader(Reader):
                 status.setdefault(name, {})[frame] = value
             elif key.endswith("_Timestamp"):
                 stamps[frame] = value
-        frames = sorted({frame for told in numbers.values() for frame in told})
+        frames = sorted({frame for by_frame in numbers.values() for frame in by_frame})
         if not frames:
-            said = "no transforms of frames in the header"
+            problem = "no transforms of frames in the header"
             expected = "a sequence that PLUS recorded with a tracker"
-            raise ForeignFileError(said, expected, file=path)
+            raise ForeignFileError(problem, expected, file=path)
         bodies = {
-            name: _body(path, frames, told, status.get(name, {})) for name, told in numbers.items()
+            name: _body(path, frames, by_frame, status.get(name, {}))
+            for name, by_frame in numbers.items()
         }
         time = np.array([number_in(stamps.get(frame, "")) for frame in frames])
-        said = "in mm, as PLUS writes them"
-        recording = Recording(path, bodies, time if np.isfinite(time).all() else None, said)
+        unit_source = "in mm, as PLUS writes them"
+        times = time if np.isfinite(time).all() else None
+        recording = Recording(path, bodies, times, unit_source)
         return recording.imported(self.name, given)
 
 
 def _body(
-    path: Path, frames: list[int], told: dict[int, tuple[int, str]], status: dict[int, str]
+    path: Path, frames: list[int], by_frame: dict[int, tuple[int, str]], status: dict[int, str]
 ) -> Body:
     """Sixteen numbers by rows in each frame; ``XToY`` is the pose of X in Y."""
     matrices, lines = np.full((len(frames), 16), np.nan), [1] * len(frames)
     for k, frame in enumerate(frames):
-        line, text = told.get(frame, (1, ""))
+        line, text = by_frame.get(frame, (1, ""))
         lines[k] = line
-        if frame not in told or status.get(frame, "OK") != "OK":
+        if frame not in by_frame or status.get(frame, "OK") != "OK":
             continue
         numbers = [number_in(word) for word in text.split()]
         if len(numbers) != 16 or not np.isfinite(numbers).all():
-            found = f"{text[:40]!r}"
-            raise ForeignFileError(found, "16 finite numbers by rows", file=path, line=line)
+            problem = f"{text[:40]!r}"
+            raise ForeignFileError(problem, "16 finite numbers by rows", file=path, line=line)
         matrices[k] = numbers
-    whole = matrices.reshape(-1, 4, 4)
-    rotation = rotations_from("rows", whole[:, :3, :3].reshape(-1, 9), path, lines)
-    return Body(checked_places(path, lines, from_mm(whole[:, :3, 3])), rotation)
+    transforms = matrices.reshape(-1, 4, 4)
+    rotation = rotations_from("rows", transforms[:, :3, :3].reshape(-1, 9), path, lines)
+    return Body(checked_places(path, lines, from_mm(transforms[:, :3, 3])), rotation)
 
 
 def _fields(path: Path, given: Given) -> Iterator[tuple[int, str, str]]:
     """Line, key and value of the header, which ends where the pictures begin."""
+    longest = 100_000
     if not is_plain_file(path):
         read_bounded(path)  # says what it is
     note_input(path)
@@ -98,25 +101,22 @@ def _fields(path: Path, given: Given) -> Iterator[tuple[int, str, str]]:
     try:
         with path.open("rb") as file:
             for number in range(1, MOST_BYTES):
-                line = file.readline(_LONGEST + 1)
+                line = file.readline(longest + 1)
                 read += len(line)
                 if not line:
-                    if WHOLE in given:
+                    if COMPLETE in given:
                         return
                     raise cut_off(path, number, "the end of the file", f"a line {_END} = …")
-                if len(line) > _LONGEST or read > MOST_BYTES:
-                    said = "a header without end"
-                    raise ForeignFileError(said, f"a line {_END} = …", file=path, line=number)
+                if len(line) > longest or read > MOST_BYTES:
+                    reason = "a header without end"
+                    raise ForeignFileError(reason, f"a line {_END} = …", file=path, line=number)
                 key, equals, value = line.decode("latin-1").partition("=")
                 if not equals and line.strip():
-                    found = repr(key.strip()[:40])
-                    raise ForeignFileError(found, "key = value", file=path, line=number)
+                    description = repr(key.strip()[:40])
+                    raise ForeignFileError(description, "key = value", file=path, line=number)
                 if key.strip() == _END:
                     return
                 yield number, key.strip(), value.strip()
     except OSError as problem:
-        said = f"an unreadable file ({problem.strerror})"
-        raise ForeignFileError(said, "a readable file", file=path) from None
-
-
-_LONGEST: Final = 100_000
+        reason = f"an unreadable file ({problem.strerror})"
+        raise ForeignFileError(reason, "a readable file", file=path) from None

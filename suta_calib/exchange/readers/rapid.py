@@ -50,7 +50,7 @@ class RapidReader(ProgramReader):
         """The six numbers of the last list; a robtarget has its configuration before."""
         match = _EXTERNAL.match(position)
         numbers = [] if match is None else match[1].split(",")
-        return {f"eax_{'abcdef'[k]}": number_in(each) for k, each in enumerate(numbers)}
+        return {f"eax_{'abcdef'[k]}": number_in(number) for k, number in enumerate(numbers)}
 
     def joints(self, numbers: FloatArray) -> FloatArray:
         """They are in degrees."""

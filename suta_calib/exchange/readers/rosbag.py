@@ -47,7 +47,6 @@ _POSES: Final = {
     "nav_msgs/msg/Odometry": ("pose", "pose"),
 }
 _PICTURES: Final = frozenset({IMAGE, COMPRESSED})
-_MOST_MESSAGES: Final = 5_000_000
 # How long a joint is where it was said to be last, s.
 _HELD: Final = 0.5
 
@@ -96,30 +95,30 @@ class RosbagReader(Reader):
         poses = self._poses(path, bag, given)
         if joints is None:
             if IMAGE_TOPIC in given:
-                said = "pictures that are asked for, and no joint states"
+                problem = "pictures that are asked for, and no joint states"
                 expected = "a topic of sensor_msgs/JointState: a picture is of a rest"
-                raise ForeignFileError(said, expected, file=path)
+                raise ForeignFileError(problem, expected, file=path)
             if poses is None:
-                said = "no joint states, and no poses that were asked for"
+                problem = "no joint states, and no poses that were asked for"
                 topics = listed(list(bag.poses)) or "none"
                 hint = f"topics with poses: {topics}; --body and --reference name frames of tf"
                 expected = "a topic of sensor_msgs/JointState, or poses"
-                raise ForeignFileError(said, expected, file=path, hint=hint)
+                raise ForeignFileError(problem, expected, file=path, hint=hint)
             time, body = poses
             recording = Recording(path, {"pose": body}, time, "in m, as ROS has them")
             # Whose pose it is was said when it was put together.
             left = {"prefix": given.text(PREFIX) or None, "invert": INVERT in given}
             return recording.imported(self.name, Given(self.options, left, self.name))
         names, time, angles = _together(path, joints, bag.joints[joints])
-        seen = poses
-        if seen is not None and INVERT in given:
-            seen = (seen[0], seen[1].inverse())
+        moving = poses
+        if moving is not None and INVERT in given:
+            moving = (moving[0], moving[1].inverse())
         rests = found_rests(path, names, time, angles, given)
         pictures = _pictures(path, bag, rests, given) if IMAGE_TOPIC in given else None
-        found = imported_rests(
-            path, self.name, names, rests, seen, given.text(PREFIX), pictures=pictures
+        rows = imported_rests(
+            path, self.name, names, rests, moving, given.text(PREFIX), pictures=pictures
         )
-        return found if pictures is None else _with_camera(found, bag, given.text(IMAGE_TOPIC))
+        return rows if pictures is None else _with_camera(rows, bag, given.text(IMAGE_TOPIC))
 
     def _poses(self, path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body] | None:
         """Times (n,), s, and poses, of a topic or of two frames of tf; None where none is asked."""
@@ -151,15 +150,15 @@ def _together(
     time, angles = list[float](), list[list[float]]()
     for at, row in messages:
         latest |= {name: (at, value) for name, value in row.items()}
-        told = len(row) == len(names) or (
+        complete = len(row) == len(names) or (
             len(latest) == len(names) and all(abs(at - when) < _HELD for when, _ in latest.values())
         )
-        if told:
+        if complete:
             time.append(at)
             angles.append([latest[name][1] for name in names])
     if not time:
-        said = f"no time at which {topic} tells every joint of {listed(names)}"
-        raise ForeignFileError(said, f"each of them within {_HELD:g} s", file=path)
+        problem = f"no time at which {topic} tells every joint of {listed(names)}"
+        raise ForeignFileError(problem, f"each of them within {_HELD:g} s", file=path)
     return names, np.array(time), np.array(angles)
 
 
@@ -172,7 +171,7 @@ def _pictures(
         return pictures_at(path, topic, rests, _later_messages(_folder_of(path), topic))
 
 
-def _with_camera(found: ImportedRows, bag: _Bag, topic: str) -> ImportedRows:
+def _with_camera(rows: ImportedRows, bag: _Bag, topic: str) -> ImportedRows:
     """With the camera whose camera_info stands beside the topic of its pictures, or with why not.
 
     ``/left/image_raw/compressed`` is of the camera of ``/left/camera_info``.
@@ -182,11 +181,11 @@ def _with_camera(found: ImportedRows, bag: _Bag, topic: str) -> ImportedRows:
     name = next((f"{p}/camera_info" for p in places if f"{p}/camera_info" in bag.cameras), "")
     if not name:
         hint = f"no camera_info beside {topic}"
-        return replace(found, seen=(*found.seen, f"The recording has {hint}."))
+        return replace(rows, remarks=(*rows.remarks, f"The recording has {hint}."))
     camera, why = camera_of(bag.cameras[name])
     if camera is None:
-        return replace(found, notes=(*found.notes, f"{name} is not written: {why}."))
-    return replace(found, camera=camera)
+        return replace(rows, notes=(*rows.notes, f"{name} is not written: {why}."))
+    return replace(rows, camera=camera)
 
 
 def _chosen(path: Path, topics: dict[str, Any], given: Given, option: Option) -> str:
@@ -197,9 +196,11 @@ def _chosen(path: Path, topics: dict[str, Any], given: Given, option: Option) ->
     if option not in given and option.metavar in topics:
         return option.metavar
     if name not in topics:
-        said = f"no topic {name!r} of that kind" if name else f"{len(topics)} topics of that kind"
+        problem = (
+            f"no topic {name!r} of that kind" if name else f"{len(topics)} topics of that kind"
+        )
         hint = f"say which with {option.switch}"
-        raise ForeignFileError(said, f"one of {listed(list(topics))}", file=path, hint=hint)
+        raise ForeignFileError(problem, f"one of {listed(list(topics))}", file=path, hint=hint)
     return name
 
 
@@ -210,6 +211,7 @@ def _read(path: Path, extra: str) -> _Bag:
         ForeignFileError: it is missing, damaged, or without end.
         MissingExtraError: rosbags is not installed.
     """
+    most_messages = 5_000_000
     if not (is_folder(path) or is_plain_file(path)):
         raise ForeignFileError("no such file", "a recording", file=path)
     load("rosbags", extra)
@@ -219,9 +221,9 @@ def _read(path: Path, extra: str) -> _Bag:
     bag = _Bag()
     with _read_errors(path):
         for count, (kind, topic, at, message) in enumerate(_messages(folder, bag)):
-            if count > _MOST_MESSAGES:
-                said = f"more than {_MOST_MESSAGES} messages"
-                raise ForeignFileError(said, "a shorter recording", file=path)
+            if count > most_messages:
+                problem = f"more than {most_messages} messages"
+                raise ForeignFileError(problem, "a shorter recording", file=path)
             _take(bag, kind, topic, at, message)
     return bag
 
@@ -244,9 +246,9 @@ def _read_errors(path: Path) -> Iterator[None]:
     except (ForeignFileError, MissingExtraError):
         raise
     except Exception as problem:  # noqa: BLE001
-        said = " ".join(f"{type(problem).__name__}: {problem}".split())[:160]
+        message = " ".join(f"{type(problem).__name__}: {problem}".split())[:160]
         raise ForeignFileError(
-            f"a recording that cannot be read ({said})",
+            f"a recording that cannot be read ({message})",
             "a .bag file, or a folder that ros2 bag recorded",
             file=path,
         ) from None
@@ -266,10 +268,14 @@ def _messages(path: Path, bag: _Bag) -> Iterator[tuple[str, str, float, Any]]:
 
     Of pictures only the topics are noted: there may be more of them than memory.
     """
-    wanted = {_JOINT_STATE, _TF, CAMERA_INFO, *_POSES}
+    types = {_JOINT_STATE, _TF, CAMERA_INFO, *_POSES}
     with _opened(path) as reader:
-        bag.pictures |= {each.topic for each in reader.connections if each.msgtype in _PICTURES}
-        connections = [each for each in reader.connections if each.msgtype in wanted]
+        bag.pictures |= {
+            connection.topic for connection in reader.connections if connection.msgtype in _PICTURES
+        }
+        connections = [
+            connection for connection in reader.connections if connection.msgtype in types
+        ]
         for connection, stamp, raw in reader.messages(connections=connections):
             if connection.topic in bag.cameras:
                 continue
@@ -280,7 +286,7 @@ def _messages(path: Path, bag: _Bag) -> Iterator[tuple[str, str, float, Any]]:
 def _later_messages(path: Path, topic: str) -> Iterator[tuple[float, Any]]:
     """Time, s, of each message of a topic, and the message."""
     with _opened(path) as reader:
-        connections = [each for each in reader.connections if each.topic == topic]
+        connections = [connection for connection in reader.connections if connection.topic == topic]
         for connection, stamp, raw in reader.messages(connections=connections):
             message = reader.deserialize(raw, connection.msgtype)
             yield _stamped(message, stamp), message
@@ -288,10 +294,10 @@ def _later_messages(path: Path, topic: str) -> Iterator[tuple[float, Any]]:
 
 def _stamped(message: Any, stamp: int) -> float:
     """Time, s: of the header where there is one, else when it was recorded."""
-    own = 0.0
+    header_time = 0.0
     if hasattr(message, "header"):
-        own = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-    return own or 1e-9 * stamp
+        header_time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
+    return header_time or 1e-9 * stamp
 
 
 def _take(bag: _Bag, kind: str, topic: str, at: float, message: Any) -> None:
@@ -301,14 +307,14 @@ def _take(bag: _Bag, kind: str, topic: str, at: float, message: Any) -> None:
         if row and all(map(np.isfinite, row.values())):
             bag.joints[topic].append((at, row))
     elif kind == _TF:
-        for each in message.transforms:
-            own = each.header.stamp.sec + 1e-9 * each.header.stamp.nanosec
+        for transform in message.transforms:
+            stamp = transform.header.stamp.sec + 1e-9 * transform.header.stamp.nanosec
             parent, child = (
-                name.lstrip("/") for name in (each.header.frame_id, each.child_frame_id)
+                name.lstrip("/") for name in (transform.header.frame_id, transform.child_frame_id)
             )
-            numbers_ = _numbers(each.transform)
+            numbers_ = _numbers(transform.transform)
             bag.transforms.append(
-                (0.0 if topic.endswith("static") else own or at, parent, child, numbers_)
+                (0.0 if topic.endswith("static") else stamp or at, parent, child, numbers_)
             )
     elif kind == CAMERA_INFO:
         bag.cameras.setdefault(topic, message)
@@ -332,15 +338,15 @@ def _through_tf(path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body]:
     frames = {name for _, parent, child, _ in bag.transforms for name in (parent, child)}
     for option, name in ((BODY, body), (REFERENCE, reference)):
         if name not in frames:
-            said = f"no frame {name!r} in tf" if name else f"no {option.switch}"
-            known = listed(sorted(frames), 12) or "no frames: nothing was recorded of tf"
-            raise ForeignFileError(said, f"one of {known}", file=path)
+            problem = f"no frame {name!r} in tf" if name else f"no {option.switch}"
+            frames_known = listed(sorted(frames), 12) or "no frames: nothing was recorded of tf"
+            raise ForeignFileError(problem, f"one of {frames_known}", file=path)
     if body == reference:
         raise given.refuse(REFERENCE, f"{body!r}, the body itself", "another frame than --body")
     latest: dict[str, tuple[str, FloatArray]] = {}
-    times, found = list[float](), list[FloatArray]()
+    times, poses = list[float](), list[FloatArray]()
     # Static ones first: they hold from the beginning.
-    for at, parent, child, numbers in sorted(bag.transforms, key=lambda each: each[0]):
+    for at, parent, child, numbers in sorted(bag.transforms, key=lambda sample: sample[0]):
         rotation = rotation_from_quaternion(numbers[3:]) if any(numbers[3:]) else np.eye(3)
         latest[child] = (parent, homogeneous(rotation, numbers[:3]))
         up, down = _to_root(latest, body), _to_root(latest, reference)
@@ -348,21 +354,21 @@ def _through_tf(path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body]:
         if common is None or (child not in up and child not in down):
             continue
         times.append(at)
-        found.append(np.linalg.inv(down[common]) @ up[common])
-    if not found:
-        said = f"no way from {body!r} to {reference!r} in tf"
-        raise ForeignFileError(said, "frames of one tree", file=path)
-    matrices = np.array(found)
+        poses.append(np.linalg.inv(down[common]) @ up[common])
+    if not poses:
+        problem = f"no way from {body!r} to {reference!r} in tf"
+        raise ForeignFileError(problem, "frames of one tree", file=path)
+    matrices = np.array(poses)
     return np.array(times), Body(matrices[:, :3, 3], matrices[:, :3, :3])
 
 
 def _to_root(latest: dict[str, tuple[str, FloatArray]], frame: str) -> dict[str, FloatArray]:
     """``T_ancestor_frame`` of every frame on the way up, itself first."""
-    found, pose = {frame: np.eye(4)}, np.eye(4)
+    poses, pose = {frame: np.eye(4)}, np.eye(4)
     # Steps from a frame to the root; more is a loop.
     deepest = 100
-    while frame in latest and len(found) < deepest:
+    while frame in latest and len(poses) < deepest:
         frame, step = latest[frame]
         pose = step @ pose
-        found[frame] = pose
-    return found
+        poses[frame] = pose
+    return poses

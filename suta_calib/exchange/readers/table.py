@@ -70,8 +70,6 @@ _DIRECTION: Final = ".direction"
 _CLOCKS: Final = ("time", "timestamp", "frame")
 # Poses of hand-eye files, which stand side by side.
 _PAIR: Final = ("a_", "b_")
-# Distance, in whatever unit, of all positions from the origin that is more than any arm's in mm.
-_GRID: Final = 1e4
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
 
@@ -128,12 +126,12 @@ def _understood(path: Path, given: Given) -> _Columns:
             sheet = by_comment
     names = renamed(sheet, given)
     poses = named_poses(sheet, names, given)
-    told = COLUMNS in given or JOINTS in given
+    named = COLUMNS in given or JOINTS in given
     joints = any(map(is_joint, names))
     bare = not sheet.headed or FROM in given or (len(names) in OF_MATRIX and not joints)
-    if not poses and not told and sheet.headed:
+    if not poses and not named and sheet.headed:
         refuse_numbered(sheet, names)
-    if not poses and not told and bare:
+    if not poses and not named and bare:
         pose, sheet = nameless_pose(sheet, given)
         names, poses = list(sheet.names), [pose] if pose is not None else []
     return _Columns(sheet, names, poses, given)
@@ -158,12 +156,12 @@ class _Columns:
         angles = [unit for unit in units if unit not in LENGTHS]
         for several in (lengths, angles):
             if len(several) > 1:
-                said = " and ".join(several)
-                raise given.refuse(UNIT, said, "one of lengths and one of angles")
+                several_units = " and ".join(several)
+                raise given.refuse(UNIT, several_units, "one of lengths and one of angles")
         self._length = next(iter(lengths), "")
         self._angle = next(iter(angles), "")
         self._notes: list[str] = []
-        self._seen = list(sheet.seen)
+        self._seen = list(sheet.remarks)
         self._angles_used = False
         self._readings: set[int] = set()
         self._others: dict[str, Body] = {}
@@ -177,17 +175,17 @@ class _Columns:
         Raises:
             ForeignFileError: one of them has not one pose, or they have other numbers of rows.
         """
-        for each in (self, other):
-            if len(each._poses) != 1:
-                said = f"{len(each._poses)} poses in a row"
-                raise ForeignFileError(said, "one, in both files", file=each._sheet.path)
+        for table in (self, other):
+            if len(table._poses) != 1:
+                description = f"{len(table._poses)} poses in a row"
+                raise ForeignFileError(description, "one, in both files", file=table._sheet.path)
         rows = len(self._sheet)
         if len(other._sheet) != rows:
-            found = f"{len(other._sheet)} rows"
+            problem = f"{len(other._sheet)} rows"
             expected = f"{rows}, as in {self._sheet.path}: rows correspond"
-            raise ForeignFileError(found, expected, file=other._sheet.path)
+            raise ForeignFileError(problem, expected, file=other._sheet.path)
         clocks = self._clock(), other._clock()
-        if (row := _apart(*clocks)) is not None:
+        if (row := _first_disagreement(*clocks)) is not None:
             raise ForeignFileError(
                 "a row of another time",
                 f"the times of {self._sheet.path}: rows correspond",
@@ -206,7 +204,7 @@ class _Columns:
 
     def imported(self) -> ImportedRows:
         """The rows, in SI."""
-        beside, whole = self._beside()
+        beside, complete = self._beside()
         if not self._poses and not self._readings:
             raise self._nothing()
         self._check_units()
@@ -214,21 +212,21 @@ class _Columns:
             raise self._given.refuse(ORIGIN, "an origin, and no positions", "columns x, y, z")
         bodies = {pose.prefix or "pose": self._body(pose) for pose in self._poses} | self._others
         for body in bodies.values():
-            whole &= body.seen
-        rows = np.flatnonzero(whole)
-        kept = {name: body.take(rows) for name, body in bodies.items()}
+            complete &= body.observed
+        rows = np.flatnonzero(complete)
+        complete_bodies = {name: body.take(rows) for name, body in bodies.items()}
         columns = {name: values[rows] for name, values in beside.items()}
         for pose in self._poses:
             if len(rows):
-                self._question(kept[pose.prefix or "pose"].position, pose)
-        made = self._together(kept, columns)
+                self._question(complete_bodies[pose.prefix or "pose"].position, pose)
+        made = self._together(complete_bodies, columns)
         if self._guessing:
-            self._seen += [self._told(pose) for pose in self._poses]
+            self._seen += [self._pose_remark(pose) for pose in self._poses]
         return replace(
             made,
-            dropped=len(whole) - len(rows),
+            dropped=len(complete) - len(rows),
             notes=(*made.notes, *self._notes, *self._given.guesses),
-            seen=tuple(self._seen),
+            remarks=tuple(self._seen),
         )
 
     def _together(
@@ -245,7 +243,7 @@ class _Columns:
         alone = next(iter(bodies)) if len(bodies) == 1 else ""
         recording = Recording(path, bodies, None, "as they were read", dict(columns))
         made = recording.imported(TABLE, self._given, alone if alone in _PAIR else "")
-        return replace(made, notes=(), seen=())
+        return replace(made, notes=(), remarks=())
 
     def _body(self, pose: PoseColumns) -> Body:
         path = self._sheet.path
@@ -291,12 +289,14 @@ class _Columns:
 
     def _question(self, position: FloatArray, pose: PoseColumns) -> None:
         """Lengths of an odd size: refused where nobody said their unit, noted where one did."""
-        said = self._length or pose.unit
-        if self._guessing and not said:
+        unit = self._length or pose.unit
+        if self._guessing and not unit:
             return
-        note = distance_note(position, f"lengths in {said or 'm'}")
-        if note and not said:
-            far = float(np.linalg.norm(position, axis=1).min()) > _GRID
+        note = distance_note(position, f"lengths in {unit or 'm'}")
+        if note and not unit:
+            # Distance, in whatever unit, of all positions from the origin that is more than any
+            # arm's in mm.
+            far = float(np.linalg.norm(position, axis=1).min()) > 1e4
             grid = f"; {GRID_HINT}" if far and ORIGIN not in self._given else ""
             raise self._sheet.refuse(
                 f"{note[0].lower()}{note[1:]}",
@@ -307,9 +307,9 @@ class _Columns:
 
     def _beside(self) -> tuple[dict[str, NDArray[Any]], BoolArray]:
         """Columns that are no pose, and the rows in which none of their numbers is missing."""
-        sheet, whole = self._sheet, np.ones(len(self._sheet), dtype=bool)
+        sheet, complete = self._sheet, np.ones(len(self._sheet), dtype=bool)
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
-        found: dict[str, NDArray[Any]] = {}
+        columns: dict[str, NDArray[Any]] = {}
         readings = Readings.of(self._given, self._angle or "rad")
         joints = self._readings = self._joints((*self._given.texts(JOINTS), *readings.names))
         for k, name in enumerate(self._names):
@@ -320,37 +320,37 @@ class _Columns:
             if k in joints:
                 self._angles_used |= unit not in LENGTHS
                 numbers = sheet.numbers([k])[:, 0]
-                whole &= np.isfinite(numbers)
+                complete &= np.isfinite(numbers)
                 of = replace(readings, unit=self._angle or unit or "rad")
-                found[bare if unit else name] = self._joint(of, bare, numbers, unit)
+                columns[bare if unit else name] = self._joint(of, bare, numbers, unit)
                 continue
             if bare.lower() in (SIGMA, *SIGMAS):
                 numbers = sheet.numbers([k])[:, 0]
-                whole &= np.isfinite(numbers)
+                complete &= np.isfinite(numbers)
                 length = unit or self._length or next((p.unit for p in self._poses if p.unit), "m")
-                found[bare.lower()] = _metres(length) * numbers
+                columns[bare.lower()] = _metres(length) * numbers
                 continue
             values = sheet.values[k]
             if values is not None and (per_second := seconds_in(name)):
                 name, values = "time", values / per_second
-            known = values is not None and bool(np.isfinite(values).all())
-            found[name] = np.array(sheet.cells(k)) if values is None or not known else values
-        return found, whole
+            numeric = values is not None and bool(np.isfinite(values).all())
+            columns[name] = np.array(sheet.cells(k)) if values is None or not numeric else values
+        return columns, complete
 
-    def _joints(self, said: Sequence[str]) -> set[int]:
+    def _joints(self, patterns_given: Sequence[str]) -> set[int]:
         """Columns that are joint readings: as was said, or by what joints are usually called.
 
         A column that was given a name of its own, which is no label, is one too.
         """
         renamed = set(self._given.pairs(COLUMNS).values()) - _labels()
-        found = set()
+        columns = set()
         for k, name in enumerate(self._names):
             bare = plain_name(name)[0]
-            patterns = said if JOINTS in self._given else (*JOINT_NAMES, *said)
-            meant = any(fnmatchcase(each, p) for p in patterns for each in (name, bare))
-            if (meant or name in renamed) and not name.endswith(_DIRECTION):
-                found.add(k)
-        return found
+            patterns = patterns_given if JOINTS in self._given else (*JOINT_NAMES, *patterns_given)
+            matching = any(fnmatchcase(spelling, p) for p in patterns for spelling in (name, bare))
+            if (matching or name in renamed) and not name.endswith(_DIRECTION):
+                columns.add(k)
+        return columns
 
     def _check_units(self) -> None:
         """Refuse a unit of what is not there: its numbers would stay as they are."""
@@ -390,7 +390,7 @@ class _Columns:
             hint="say --unit deg, --unit ticks or --unit rad; nothing is scaled unasked",
         )
 
-    def _told(self, pose: PoseColumns) -> str:
+    def _pose_remark(self, pose: PoseColumns) -> str:
         names = [self._names[k] for k in (*pose.position, *pose.rotation)]
         unit = self._units[pose.prefix]
         form = f", --rotation {pose.form}" if pose.form else ""
@@ -409,7 +409,7 @@ class _Columns:
         )
 
 
-def _apart(a: FloatArray | None, b: FloatArray | None) -> int | None:
+def _first_disagreement(a: FloatArray | None, b: FloatArray | None) -> int | None:
     """The first row at which two clocks (n,) are more than half a step apart; None where none is.
 
     They may have begun at other times.
@@ -418,8 +418,8 @@ def _apart(a: FloatArray | None, b: FloatArray | None) -> int | None:
         return None
     step = float(np.nanmedian(np.abs(np.diff(a))))
     off = np.abs((a - a[0]) - (b - b[0]))
-    apart = np.flatnonzero(off > step / 2)
-    return int(apart[0]) if len(apart) else None
+    disagreeing = np.flatnonzero(off > step / 2)
+    return int(disagreeing[0]) if len(disagreeing) else None
 
 
 def _metres(unit: str) -> float:
@@ -429,8 +429,8 @@ def _metres(unit: str) -> float:
 
 def _labels() -> set[str]:
     """Columns of samples that are no readings of joints, nor poses, whatever the kind."""
-    found = {"time", "image", SIGMA, *SIGMAS}
+    labels = {"time", "image", SIGMA, *SIGMAS}
     for kind in KINDS.values():
         columns = kind.columns
-        found |= {*columns.labels, *columns.optional_labels, *columns.common_labels}
-    return found
+        labels |= {*columns.labels, *columns.optional_labels, *columns.common_labels}
+    return labels

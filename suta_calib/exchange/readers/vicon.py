@@ -11,8 +11,8 @@ import numpy as np
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
-from suta_calib.exchange.cells import Row
-from suta_calib.exchange.cut_off import WHOLE
+from suta_calib.exchange.cells import TableRow
+from suta_calib.exchange.cut_off import COMPLETE
 from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.table_roles import ROTATION
@@ -33,37 +33,40 @@ class ViconReader(InstrumentReader):
     name: ClassVar[str] = "vicon"
     summary: ClassVar[str] = "Vicon: CSV of Nexus or Tracker, segments or objects, trajectories"
     example: ClassVar[str] = "trial.csv --format vicon --body probe:probe --rotation vector"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, ROTATION, WHOLE)
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, ROTATION, COMPLETE)
 
     def recognises(self, path: Path, head: str) -> bool:
         """It begins with the name of a block, and has frames with sub-frames."""
         del path
         return head.lstrip().startswith(_BLOCKS) and "Sub Frame" in head
 
-    def recording(self, path: Path, rows: Sequence[Row], given: Given) -> Recording:
+    def recording(self, path: Path, rows: Sequence[TableRow], given: Given) -> Recording:
         """Segments and markers by name, as many rows as the first block has."""
         bodies: dict[str, Body] = {}
         rate, count = 0.0, 0
         for kind, block in _blocks(rows):
             if kind not in (*_BODIES, *_MARKERS):
                 continue
-            if len(block) < _LEAST or "Frame" not in block[2].cells:
+            # Rate, names, axes, units, and a frame.
+            if len(block) < 5 or "Frame" not in block[2].cells:
                 line = block[0].line if block else rows[0].line
-                said = f"a block {kind} without its header"
-                raise self.strange(path, said, "rate, names, axes, units and frames", line)
-            found = dict(self._bodies(path, block, given))
+                problem = f"a block {kind} without its header"
+                raise self.strange(path, problem, "rate, names, axes, units and frames", line)
+            block_bodies = dict(self._bodies(path, block, given))
             if count and count != len(block) - 4:
-                said = f"{len(block) - 4} frames, and {count} in the block before"
-                raise self.strange(path, said, "as many", block[0].line)
-            bodies |= found
+                problem = f"{len(block) - 4} frames, and {count} in the block before"
+                raise self.strange(path, problem, "as many", block[0].line)
+            bodies |= block_bodies
             rate, count = number_in(block[0].cells[0]), len(block) - 4
         if not bodies:
-            said = "no block of " + listed([*_BODIES, *_MARKERS])
-            raise self.strange(path, said, "at least one", rows[0].line)
+            problem = "no block of " + listed([*_BODIES, *_MARKERS])
+            raise self.strange(path, problem, "at least one", rows[0].line)
         time = np.arange(count) / rate if rate > 0 else None
         return Recording(path, bodies, time, "as the file's units say")
 
-    def _bodies(self, path: Path, block: Sequence[Row], given: Given) -> Iterator[tuple[str, Body]]:
+    def _bodies(
+        self, path: Path, block: Sequence[TableRow], given: Given
+    ) -> Iterator[tuple[str, Body]]:
         """Each name stands above its first column; units stand below the axes."""
         names, axes, units, data = block[1].cells, block[2].cells, block[3].cells, block[4:]
         starts = [k for k, name in enumerate(names) if name]
@@ -81,17 +84,13 @@ class ViconReader(InstrumentReader):
                 yield name, body_of(path, data, position, (), "", scale)
                 continue
             turn = [at[axis] for axis in ("RX", "RY", "RZ", "RW") if axis in at]
-            form = "xyzw" if "RW" in at else _said(path, given, block[2].line)
+            form = "xyzw" if "RW" in at else _quaternion_form(path, given, block[2].line)
             degrees = units[at["RX"]].startswith("deg") and form != "xyzw"
             angle = from_deg(1.0) if degrees else 1.0
             yield name, body_of(path, data, position, turn, form, scale, angle)
 
 
-# Rate, names, axes, units, and a frame.
-_LEAST: Final = 5
-
-
-def _said(path: Path, given: Given, line: int) -> str:
+def _quaternion_form(path: Path, given: Given, line: int) -> str:
     """What RX, RY and RZ are: the file does not say."""
     if ROTATION not in given:
         raise ForeignFileError(
@@ -108,7 +107,7 @@ def _said(path: Path, given: Given, line: int) -> str:
     return form
 
 
-def _blocks(rows: Sequence[Row]) -> Iterator[tuple[str, Sequence[Row]]]:
+def _blocks(rows: Sequence[TableRow]) -> Iterator[tuple[str, Sequence[TableRow]]]:
     """Name of each block, and the rows below it."""
     starts = [k for k, row in enumerate(rows) if row.cells[0] in _BLOCKS and not any(row.cells[1:])]
     for start, stop in pairwise([*starts, len(rows)]):

@@ -28,8 +28,8 @@ class CameraInfoWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """`camera.yaml`, with the matrices of a camera that is not rectified."""
         if result.camera is None:
-            said = f"no camera, which {self.name} is a format of"
-            raise InputError(said, "the result of a job with a camera", file=result.path)
+            problem = f"no camera, which {self.name} is a format of"
+            raise InputError(problem, "the result of a job with a camera", file=result.path)
         name = given.text(NAME, "camera")
         if not name.replace("_", "").replace("/", "").isalnum():
             raise given.refuse(NAME, repr(name), "letters, digits, _ and /")

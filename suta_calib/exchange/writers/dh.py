@@ -28,10 +28,15 @@ class DhWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """The table; the offsets are part of theta (of d for a slide)."""
         arm = result.need_arm(self.name)
-        odd = [j.name for j in arm.model.chain.joints if j.moving and (j.climbed or j.mimic)]
-        if odd:
-            said = f"{odd[0]}, which mimics another joint or is passed from its child to its parent"
+        unsupported = [
+            j.name for j in arm.model.chain.joints if j.moving and (j.climbed or j.mimic)
+        ]
+        if unsupported:
+            problem = (
+                f"{unsupported[0]}, which mimics another joint or is passed from its child to "
+                "its parent"
+            )
             expected = "a serial chain of joints that are read"
-            raise InputError(said, expected, file=arm.model.chain.path)
+            raise InputError(problem, expected, file=arm.model.chain.path)
         convention = cast(Convention, given.text(CONVENTION, "classic"))
         return dh_text(dh_table(arm.model, arm.values, convention)).encode()

@@ -31,8 +31,8 @@ class JointOffsetsWriter(Writer):
                 f"{OFFSET}_{unit}": value,
                 f"{OFFSET}_{unit_name(unit)}": shown(value, unit),
             }
-        said = "Added to the reading of each joint: angle = reading + offset."
-        return yaml_text({"joint_offsets": offsets}, said).encode()
+        comment = "Added to the reading of each joint: angle = reading + offset."
+        return yaml_text({"joint_offsets": offsets}, comment).encode()
 
     def lost(self, arm: CalibratedArm) -> list[str]:
         """Everything that differs from nominal but the offsets of joints that are read."""
@@ -42,9 +42,9 @@ class JointOffsetsWriter(Writer):
 def lost_beside_offsets(arm: CalibratedArm) -> list[str]:
     """Names of values that differ from nominal and are no offset of a joint that is read."""
     offsets = {f"{joint}.{OFFSET}" for joint in arm.model.joints}
-    known = arm.model.offered
+    offered = arm.model.offered
     return [
         name
         for name, value in arm.values.items()
-        if name in known and name not in offsets and value != known[name].nominal
+        if name in offered and name not in offsets and value != offered[name].nominal
     ]

@@ -55,8 +55,8 @@ class LerobotWriter(Writer):
         arm = result.need_arm(self.name)
         path = given.path(CALIBRATION)
         if path is None:
-            found = "no calibration to correct"
-            raise given.refuse(CALIBRATION, found, "LeRobot's JSON of this arm")
+            problem = "no calibration to correct"
+            raise given.refuse(CALIBRATION, problem, "LeRobot's JSON of this arm")
         motors, counts = read_motors(path), counts_of(given)
         names = given.pairs(MOTORS)
         sign = 1 if given.text(BUS, FEETECH) == DYNAMIXEL else -1

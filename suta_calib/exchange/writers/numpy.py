@@ -27,6 +27,6 @@ class NumpyWriter(Writer):
         """The archive."""
         del given
         stream = io.BytesIO()
-        arrays: dict[str, Any] = {key: np.asarray(each) for key, each in record(result).items()}
+        arrays: dict[str, Any] = {key: np.asarray(value) for key, value in record(result).items()}
         np.savez(stream, **arrays)
         return stream.getvalue()

@@ -16,9 +16,9 @@ from suta_calib.units import mm
 
 def in_mm(matrix: FloatArray) -> FloatArray:
     """A transform (4, 4) with its position in mm."""
-    found = np.array(matrix)
-    found[:3, 3] = mm(found[:3, 3])
-    return found
+    scaled = np.array(matrix)
+    scaled[:3, 3] = mm(scaled[:3, 3])
+    return scaled
 
 
 class PlusWriter(Writer):
@@ -34,14 +34,14 @@ class PlusWriter(Writer):
         del given
         root = etree.Element("PlusConfiguration", version="2.1")
         definitions = etree.SubElement(root, "CoordinateDefinitions")
-        for each in result.need_transforms(self.name):
-            numbers = in_mm(each.matrix).ravel()
+        for transform in result.need_transforms(self.name):
+            numbers = in_mm(transform.matrix).ravel()
             # PLUS's XToY maps coordinates in X to those in Y: T_Y_X.
             etree.SubElement(
                 definitions,
                 "Transform",
-                From=_letters(each.child),
-                To=_letters(each.parent),
+                From=_letters(transform.child),
+                To=_letters(transform.parent),
                 Matrix=" ".join(repr(float(value)) for value in numbers),
             )
         return bytes(

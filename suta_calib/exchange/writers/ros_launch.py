@@ -47,8 +47,8 @@ class RosLaunchWriter(Writer):
         """The launch file."""
         del given
         rows = []
-        for each in result.need_transforms(self.name):
-            place = tuple(map(float, each.matrix[:3, 3]))
-            turn = tuple(map(float, quaternion_from_rotation(each.matrix[:3, :3])))
-            rows.append(f"    ({each.parent!r}, {each.child!r}, {place!r}, {turn!r}),\n")
+        for transform in result.need_transforms(self.name):
+            place = tuple(map(float, transform.matrix[:3, 3]))
+            turn = tuple(map(float, quaternion_from_rotation(transform.matrix[:3, :3])))
+            rows.append(f"    ({transform.parent!r}, {transform.child!r}, {place!r}, {turn!r}),\n")
         return "".join([_HEAD, *rows, _TAIL]).encode()

@@ -38,5 +38,5 @@ class RosTfWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """``transforms: [{header, child_frame_id, transform}, …]``, m and x y z w."""
         del given
-        found = result.need_transforms(self.name)
-        return yaml_text({"transforms": [stamped(each) for each in found]}).encode()
+        transforms = result.need_transforms(self.name)
+        return yaml_text({"transforms": [stamped(transform) for transform in transforms]}).encode()

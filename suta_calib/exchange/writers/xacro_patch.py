@@ -45,12 +45,12 @@ class XacroPatchWriter(Writer):
     def content(self, result: Result, given: Given) -> bytes:
         """The diff; every joint whose origin changed must be in one of the files."""
         arm = result.need_arm(self.name)
-        paths = [Path(each) for each in given.texts(SOURCE)]
+        paths = [Path(source) for source in given.texts(SOURCE)]
         if not paths and is_xacro(arm.model.chain.path):
             paths = [arm.model.chain.path]
         if not paths:
-            found = "no .xacro file to patch"
-            raise given.refuse(SOURCE, found, "the file in which the arm's joints stand")
+            problem = "no .xacro file to patch"
+            raise given.refuse(SOURCE, problem, "the file in which the arm's joints stand")
         origins, parts, placed = _changed(arm), list[bytes](), dict[str, Path]()
         folder = Path(os.path.commonpath([path.resolve().parent for path in paths]))
         for path in paths:
@@ -58,8 +58,8 @@ class XacroPatchWriter(Writer):
             after, here = xacro_bytes(path, before, origins)
             for name in here:
                 if name in placed:
-                    found = f"the joint {name!r}, as {placed[name]} has it"
-                    raise InputError(found, "each joint in one of the files", file=path)
+                    problem = f"the joint {name!r}, as {placed[name]} has it"
+                    raise InputError(problem, "each joint in one of the files", file=path)
                 placed[name] = path
             parts.append(_difference(path.resolve().relative_to(folder), before, after))
         if missing := [name for name in origins if name not in placed]:
