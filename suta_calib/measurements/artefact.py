@@ -37,12 +37,12 @@ from suta_calib.measurements.scale import (
 )
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import deg, mm
 
 
 @dataclass(frozen=True, eq=False)
-class Landmark(Shown):
+class Landmark(Displayable):
     """One place of the artefact that the tip can be brought to.
 
     Attributes:
@@ -151,8 +151,8 @@ class Artefact:
             ArtefactError: a name that is not in the artefact.
         """
         listed = [str(name) for name in names]
-        known = {name: self.landmark(name).position for name in dict.fromkeys(listed)}
-        return np.array([known[name] for name in listed]).reshape(-1, 3)
+        positions = {name: self.landmark(name).position for name in dict.fromkeys(listed)}
+        return np.array([positions[name] for name in listed]).reshape(-1, 3)
 
 
 ARTEFACT_KEYS: Final = Fields(
@@ -178,11 +178,11 @@ ARTEFACT_KEYS: Final = Fields(
 def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | None:
     """Names of two landmarks less than 1 µm apart, in the order given; None if all are distinct."""
     listed = list(landmarks)
-    position = np.array([each.position for each in listed])
-    apart = np.linalg.norm(position[:, None] - position, axis=2)
+    position = np.array([landmark.position for landmark in listed])
+    distances = np.linalg.norm(position[:, None] - position, axis=2)
     # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
     coincident = 1e-6
-    for first, second in np.argwhere(np.triu(apart <= coincident, k=1))[:1]:
+    for first, second in np.argwhere(np.triu(distances <= coincident, k=1))[:1]:
         return listed[first].name, listed[second].name
     return None
 
@@ -208,7 +208,7 @@ def read_artefact(path: str | Path) -> Artefact:
             "landmarks in different places",
             at=(pair[1], "position_mm"),
         )
-    span = float(np.ptp([each.position for each in landmarks.values()], axis=0).max())
+    span = float(np.ptp([landmark.position for landmark in landmarks.values()], axis=0).max())
     # Span of an artefact, m, below which its file must be in metres.
     smallest = 1e-3
     if len(landmarks) > 1 and span < smallest:

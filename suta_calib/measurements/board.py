@@ -42,12 +42,9 @@ from suta_calib.measurements.scale import (
 )
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import deg, mm
 
-# Sizes of a whole board, m, beyond which its file is in another unit than mm.
-_SMALLEST: Final = 2e-3
-_LARGEST: Final = 30.0
 # Most points of a board; no printed one comes near.
 _MOST_POINTS: Final = 100_000
 # Corners of one marker, in the order of their numbers: top left, top right, bottom right, bottom
@@ -56,7 +53,7 @@ _MARKER_CORNERS: Final = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0
 
 
 @dataclass(frozen=True, eq=False)
-class Board(Shown, ABC):
+class Board(Displayable, ABC):
     """Numbered points on a rigid body.
 
     Attributes:
@@ -254,7 +251,7 @@ class Charuco(Board):
 
 
 @dataclass(frozen=True, eq=False)
-class Marker(Shown):
+class Marker(Displayable):
     """One ArUco marker or AprilTag.
 
     Attributes:
@@ -329,8 +326,8 @@ class Markers(Board):
     @property
     def numbering(self) -> str:
         """Four to a marker."""
-        known = ", ".join(str(number) for number in self.markers)
-        return f"4 m + k, corner k from 0 to 3 of a marker m that the board has: {known}"
+        numbers = ", ".join(str(number) for number in self.markers)
+        return f"4 m + k, corner k from 0 to 3 of a marker m that the board has: {numbers}"
 
 
 def _grid(columns: int, rows: int, square: float, first: float) -> dict[int, FloatArray]:
@@ -346,6 +343,9 @@ def read_board(path: str | Path) -> Board:
         BoardError: unreadable, an unknown, missing or unusable key (with its line), or a size that
             speaks of another unit than mm.
     """
+    # Sizes of a whole board, m, beyond which its file is in another unit than mm.
+    smallest = 2e-3
+    largest = 30.0
     top = YamlSection(read_yaml(Path(path), BoardError), BoardError)
     kind = top.choice("type", BOARD_KEYS)
     values = BOARD_KEYS[kind].read(top)
@@ -353,12 +353,12 @@ def read_board(path: str | Path) -> Board:
     board = replace(_READERS[kind](top, values), scale=scale, stretch=read_stretch(top, scale))
     places = np.array(list(board.points.values()))
     size = float(np.ptp(places, axis=0).max())
-    if not _SMALLEST <= size <= _LARGEST:
+    if not smallest <= size <= largest:
         raise top.refuse(
             f"a board of {mm(size):.3g} mm",
-            f"{mm(_SMALLEST):g} mm to {_LARGEST:g} m",
+            f"{mm(smallest):g} mm to {largest:g} m",
             hint="lengths in this file are in mm; "
-            + ("these look like metres" if size < _SMALLEST else "these look like µm"),
+            + ("these look like metres" if size < smallest else "these look like µm"),
         )
     return board
 

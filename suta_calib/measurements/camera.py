@@ -13,16 +13,16 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import CameraError
 from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
 from suta_calib.measurements.camera_files import OTHER_MODELS, PLUMB_BOB, camera_document, plumb_bob
-from suta_calib.measurements.fields import TEXT, Field, Fields, Value, whole
+from suta_calib.measurements.fields import TEXT, Field, Fields, Value, whole_number
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import finite
 from suta_calib.measurements.yaml_file import YamlSection, shown
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 _CORNERS: Final = "corners_sha256"
 # Others are ignored: whoever wrote the file has some of their own.
 # Along one side; no sensor has a tenth of the most.
-_PIXELS: Final = replace(whole(2, 1_000_000), takes="px")
+_PIXELS: Final = replace(whole_number(2, 1_000_000), takes="px")
 _MAPPING: Final = Value("mapping")
 CAMERA_KEYS: Final = Fields(
     Field("image_width", _PIXELS, "Width of the pictures.", required=True, given_attribute="width"),
@@ -57,7 +57,7 @@ _FOCAL: Final = (0.1, 1000.0)
 
 
 @dataclass(frozen=True, eq=False)
-class Camera(Shown):
+class Camera(Displayable):
     """A pinhole camera with distortion: its picture, its intrinsics, and how well they are known.
 
     Attributes:

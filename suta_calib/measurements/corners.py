@@ -18,13 +18,13 @@ from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.files import write_text
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 _COLUMNS: Final = ("image", "point", "u", "v")
 
 
 @dataclass(frozen=True, eq=False)
-class Corners(Shown):
+class Corners(Displayable):
     """Which point of a board was seen where, in which picture. Immutable.
 
     Attributes:
@@ -60,11 +60,11 @@ class Corners(Shown):
         lines = tuple(self.lines[k] for k in index) if self.lines else ()
         return Corners(self.image[index], self.point[index], self.pixel[index], self.path, lines)
 
-    def refuse(self, row: int, found: str, expected: str, hint: str = "") -> SamplesError:
+    def refuse(self, row: int, problem: str, expected: str, hint: str = "") -> SamplesError:
         """Error about one row, to be raised by the caller."""
         line = self.lines[row] if self.lines else None
         where = f"image {self.image[row]}, point {self.point[row]}"
-        return SamplesError(found, expected, file=self.path, line=line, where=where, hint=hint)
+        return SamplesError(problem, expected, file=self.path, line=line, where=where, hint=hint)
 
     def check(self, board: Board, camera: Camera | None = None) -> None:
         """Refuse points that the board does not have, and pixels outside the camera's picture.
@@ -150,9 +150,9 @@ def corners_of(image: ArrayLike, point: ArrayLike, pixel: ArrayLike) -> Corners:
         InputError: shapes that do not fit one another.
     """
     names, numbers = np.asarray(image, dtype=np.str_), np.asarray(point, dtype=np.intp)
-    seen = np.asarray(pixel, dtype=float)
-    if not (names.shape == numbers.shape == seen.shape[:1] and seen.shape[1:] == (2,)):
+    pixels = np.asarray(pixel, dtype=float)
+    if not (names.shape == numbers.shape == pixels.shape[:1] and pixels.shape[1:] == (2,)):
         raise InputError(
-            f"shapes {names.shape}, {numbers.shape}, {seen.shape}", "(n,), (n,), (n, 2)"
+            f"shapes {names.shape}, {numbers.shape}, {pixels.shape}", "(n,), (n,), (n, 2)"
         )
-    return Corners(names, numbers, seen)
+    return Corners(names, numbers, pixels)

@@ -24,15 +24,13 @@ from suta_calib.errors import SamplesError, SutaCalibWarning, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST, SHOWN, Unit, from_mm, stored
 
 _QUATERNION = ("qx", "qy", "qz", "qw")
 # Standard deviation of every measured coordinate, and of each.
 SIGMA = "sigma"
 SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
-_UNIT_NORM_TOLERANCE = 0.01
-_ZERO_NORM = 1e-3
 # Characters of a cell that a message shows.
 _LONGEST_QUOTE = 200
 _DECIMAL = re.compile(r"[+-]?\d+\.\d+", re.ASCII)
@@ -42,7 +40,7 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True)
-class CsvTable(Shown):
+class CsvTable(Displayable):
     """A CSV file with a header row, its cells still text.
 
     Attributes:
@@ -90,9 +88,9 @@ class CsvTable(Shown):
             SamplesError: no such column, or a cell that is not a finite number.
         """
         if name in self.columns and isinstance(self.columns, PlainColumns):
-            found = self.columns.numbers(name)
-            if found is not None and np.isfinite(found).all():
-                return found
+            numbers = self.columns.numbers(name)
+            if numbers is not None and np.isfinite(numbers).all():
+                return numbers
         cells = self.cells(name, expected)
         values = _numbers(cells)
         for row in np.flatnonzero(~np.isfinite(values)):
@@ -139,15 +137,15 @@ class CsvTable(Shown):
         time = self.numbers("time", "a column time, in s")
         for row in np.flatnonzero(np.diff(time) <= 0):
             cells = self.columns["time"][row : row + 2]
-            found = f"{cells[1]} after {cells[0]}"
-            raise self.refuse(int(row) + 1, "time", found, "time that increases", hint)
+            problem = f"{cells[1]} after {cells[0]}"
+            raise self.refuse(int(row) + 1, "time", problem, "time that increases", hint)
         return time
 
     def refuse(
-        self, row: int, name: str, found: str, expected: str, hint: str = ""
+        self, row: int, name: str, problem: str, expected: str, hint: str = ""
     ) -> SamplesError:
         """Error about one cell, to be raised by the caller."""
-        short = found if len(found) <= _LONGEST_QUOTE else f"{found[:_LONGEST_QUOTE]}…"
+        short = problem if len(problem) <= _LONGEST_QUOTE else f"{problem[:_LONGEST_QUOTE]}…"
         return SamplesError(
             short,
             expected,
@@ -208,20 +206,20 @@ def _check_last(path: Path, text: str, rows: Sequence[tuple[int, list[str]]]) ->
     if text.endswith(("\n", "\r")) or len(rows) < enough_lines:
         return
     line, last = rows[-1][0], rows[-1][1][-1]
-    others = [row[-1] for _, row in rows[:-1]]
-    decimals = {len(cell.partition(".")[2]) for cell in others if _DECIMAL.fullmatch(cell)}
-    if not _NUMBER.fullmatch(last) or not all(map(_NUMBER.fullmatch, others)):
+    cells_before = [row[-1] for _, row in rows[:-1]]
+    decimals = {len(cell.partition(".")[2]) for cell in cells_before if _DECIMAL.fullmatch(cell)}
+    if not _NUMBER.fullmatch(last) or not all(map(_NUMBER.fullmatch, cells_before)):
         return
     where = f"{path}:{line}"
-    found = f"{last!r} at the end of the file, without a line break"
+    problem = f"{last!r} at the end of the file, without a line break"
     hint = "if nothing is missing, end the line"
-    fixed = len(decimals) == 1 and all(map(_DECIMAL.fullmatch, others))
+    fixed = len(decimals) == 1 and all(map(_DECIMAL.fullmatch, cells_before))
     if fixed and len(last.partition(".")[2]) < min(decimals):
         expected = f"{min(decimals)} decimals, as in all other rows"
-        raise SamplesError(found, expected, file=path, line=line, hint=f"cut off? {hint}")
-    if len(last) < min(map(len, others)):
+        raise SamplesError(problem, expected, file=path, line=line, hint=f"cut off? {hint}")
+    if len(last) < min(map(len, cells_before)):
         warnings.warn(
-            f"{where}: found {found}; all other rows have a longer one: cut off? {hint}",
+            f"{where}: found {problem}; all other rows have a longer one: cut off? {hint}",
             SutaCalibWarning,
             stacklevel=4,
         )
@@ -312,18 +310,18 @@ def positions(table: CsvTable, prefix: str = "") -> FloatArray:
     expected = f"columns {', '.join(metres)} in m, or {', '.join(millimetres)}"
     chosen = millimetres if in_mm else metres
     read = np.stack([table.numbers(name, expected) for name in chosen], axis=-1)
-    found = from_mm(read) if in_mm else read
-    for row, axis in np.argwhere(np.abs(found) > FARTHEST):
+    position = from_mm(read) if in_mm else read
+    for row, axis in np.argwhere(np.abs(position) > FARTHEST):
         cell = repr(table.columns[chosen[axis]][row])
         expected = f"a position within {FARTHEST:g} m"
         hint = "coordinates of a grid? suta-calib import --origin first subtracts an origin"
         raise table.refuse(int(row), chosen[axis], cell, expected, hint)
-    return found
+    return position
 
 
 def position_sigma_columns() -> tuple[str, ...]:
     """Names of the columns that `position_sigmas` may read."""
-    return tuple(each for name in (SIGMA, *SIGMAS) for each in _sigma(name).names)
+    return tuple(column for name in (SIGMA, *SIGMAS) for column in _sigma(name).names)
 
 
 def position_sigmas(table: CsvTable) -> FloatArray:
@@ -335,7 +333,7 @@ def position_sigmas(table: CsvTable) -> FloatArray:
     Raises:
         SamplesError: no such columns, a cell that is no positive number, or both m and mm.
     """
-    by_axis = any(each in table.columns for name in SIGMAS for each in _sigma(name).names)
+    by_axis = any(column in table.columns for name in SIGMAS for column in _sigma(name).names)
     names = SIGMAS if by_axis else (SIGMA,) * 3
     return np.stack([numbers(table, _sigma(name)) for name in names], axis=1)
 
@@ -411,14 +409,17 @@ def rotations(table: CsvTable, prefix: str = "") -> FloatArray:
     quaternion = np.stack([table.numbers(name, expected) for name in names], axis=-1)
     with np.errstate(over="ignore"):
         length = np.linalg.norm(quaternion, axis=-1)
-    for row in np.flatnonzero((length < _ZERO_NORM) | ~np.isfinite(length)):
-        found = f"a quaternion of length {length[row]:.3g}"
-        raise table.refuse(int(row), names[0], found, "a quaternion of length 1")
-    odd = np.flatnonzero(np.abs(length - 1) > _UNIT_NORM_TOLERANCE)
-    if odd.size:
+    zero_norm = 1e-3
+    for row in np.flatnonzero((length < zero_norm) | ~np.isfinite(length)):
+        problem = f"a quaternion of length {length[row]:.3g}"
+        raise table.refuse(int(row), names[0], problem, "a quaternion of length 1")
+    unit_norm_tolerance = 0.01
+    unnormalised = np.flatnonzero(np.abs(length - 1) > unit_norm_tolerance)
+    if unnormalised.size:
         warnings.warn(
-            f"{table.path}:{table.lines[odd[0]]}: found a quaternion of length "
-            f"{length[odd[0]]:.3f} ({odd.size} such rows); expected length 1; normalised",
+            f"{table.path}:{table.lines[unnormalised[0]]}: found a quaternion of length "
+            f"{length[unnormalised[0]]:.3f} ({unnormalised.size} such rows); expected length 1; "
+            "normalised",
             SutaCalibWarning,
             stacklevel=3,
         )

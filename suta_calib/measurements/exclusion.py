@@ -36,7 +36,7 @@ class Exclusion:
         """By level."""
         return {level: list(names) for level, names in self.names}
 
-    def kept(self, samples: Samples) -> Samples:
+    def remaining(self, samples: Samples) -> Samples:
         """The samples that are left.
 
         Raises:
@@ -47,16 +47,16 @@ class Exclusion:
         for level, names in self.names:
             labels = _labels(samples, level, self.columns[level])
             for name in names:
-                found = (labels == name).any(axis=0)
-                if not found.any():
-                    known = list(dict.fromkeys(labels[-1].tolist()))
+                matching = (labels == name).any(axis=0)
+                if not matching.any():
+                    groups = list(dict.fromkeys(labels[-1].tolist()))
                     raise SamplesError(
                         repr(name),
-                        f"one of {', '.join(known[:20])}{', …' if len(known) > 20 else ''}",
+                        f"one of {', '.join(groups[:20])}{', …' if len(groups) > 20 else ''}",
                         where=f"exclude.{level}",
-                        hint=did_you_mean(name, known),
+                        hint=did_you_mean(name, groups),
                     )
-                out |= found
+                out |= matching
         if out.all():
             raise SamplesError(
                 f"every one of {len(samples)} samples excluded",

@@ -188,7 +188,7 @@ def quantity(unit: Unit = "1", sign: Sign = "any", takes: str = "") -> Value:
     )
 
 
-def whole(minimum: int, maximum: int = LARGEST_WHOLE) -> Value:
+def whole_number(minimum: int, maximum: int = LARGEST_WHOLE) -> Value:
     """A whole number from ``minimum`` to ``maximum``."""
     return Value("whole number", lambda section, name: section.integer(name, minimum, maximum))
 

@@ -91,14 +91,14 @@ def expand(pattern: str, folder: Path) -> list[Path]:
     given = Path(pattern)
     paths = _matching(folder / given.anchor, given.relative_to(given.anchor).parts, count())
     try:
-        found = sorted(set(paths))
+        matches = sorted(set(paths))
     except OverflowError:
         raise SamplesError(
             f"{pattern!r} in {folder}, which goes through more than {MOST_ENTRIES:,} files",
             "a pattern that names the folder of the files",
         ) from None
-    files = [path for path in found if is_file(path)]
-    for path in found:
+    files = [path for path in matches if is_file(path)]
+    for path in matches:
         if path.is_symlink() and not path.exists():
             raise SamplesError(
                 f"{path}, a link to {path.readlink()}, which is not there",

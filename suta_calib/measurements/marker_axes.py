@@ -20,8 +20,6 @@ from suta_calib.measurements.board import Board, Markers
 from suta_calib.measurements.corners import Corners
 from suta_calib.units import deg
 
-# Another way must leave so many times less: the true one leaves ten times less and better.
-FAR_BETTER: Final = 4.0
 # Pictures that are asked: what is wrong with the file is wrong in all.
 ENOUGH: Final = 8
 # Corners of a marker, and corners from which two markers or more are seen.
@@ -62,7 +60,8 @@ def markers_as_seen(board: Board, corners: Corners) -> tuple[Board, str]:
     # Misfit, in edges of a marker, up to which the file is right: a lens bends straight lines by a
     # few hundredths, and another way round leaves 0.3 and more.
     fits = 0.1
-    if misfit[0] < fits or FAR_BETTER * misfit[best] > misfit[0]:
+    # Another way must leave so many times less: the true one leaves ten times less and better.
+    if misfit[0] < fits or 4.0 * misfit[best] > misfit[0]:
         return board, ""
     return ways[best], _sentence(board, ways[best])
 
@@ -96,28 +95,28 @@ def _misfit(points: FloatArray, pixels: FloatArray, numbers: FloatArray) -> floa
     if 2 * len(points) < 3 * plane.shape[1]:
         return 0.0
     middle, scale = pixels.mean(axis=0), pixels.std()
-    seen = (pixels - middle) / scale
+    image_points = (pixels - middle) / scale
     nothing = np.zeros_like(plane)
-    u, v = (seen[:, k : k + 1] * plane for k in (0, 1))
+    u, v = (image_points[:, k : k + 1] * plane for k in (0, 1))
     rows = np.vstack([np.hstack([plane, nothing, -u]), np.hstack([nothing, plane, -v])])
     P = np.linalg.svd(rows, full_matrices=False)[2][-1].reshape(3, -1)
     image = plane @ P.T
     depth = np.where(np.abs(image[:, 2]) > FLAT, image[:, 2], FLAT)
-    off = image[:, :2] / depth[:, None] - seen
+    off = image[:, :2] / depth[:, None] - image_points
     follows = np.flatnonzero((np.diff(numbers) == 1) & (numbers[:-1] % CORNERS < CORNERS - 1))
-    edge = np.median(np.linalg.norm(seen[follows + 1] - seen[follows], axis=1))
+    edge = np.median(np.linalg.norm(image_points[follows + 1] - image_points[follows], axis=1))
     return float(np.sqrt(np.mean(np.sum(np.minimum(off**2, 1.0), axis=1))) / edge)
 
 
-def _sentence(board: Markers, seen: Markers) -> str:
+def _sentence(board: Markers, turned: Markers) -> str:
     """What the file says of the markers, what pictures show, and what to write."""
-    every = [np.round(deg(rpy_from_rotation(m.rotation)), 6) for m in seen.markers.values()]
+    every = [np.round(deg(rpy_from_rotation(m.rotation)), 6) for m in turned.markers.values()]
     # Half a turn is written as 180, and nothing without a sign.
-    angles = {tuple(np.where(each == -180.0, 180.0, each + 0.0).tolist()) for each in every}
+    angles = {tuple(np.where(turn == -180.0, 180.0, turn + 0.0).tolist()) for turn in every}
     number = next(iter(board.markers))
-    right, down = (seen.markers[number].rotation.T @ board.markers[number].rotation)[:2]
+    right, down = (turned.markers[number].rotation.T @ board.markers[number].rotation)[:2]
     y_up = np.allclose(right, [1, 0, 0]) and np.allclose(down, [0, -1, 0])
-    told = (
+    sentence = (
         "The board's file places the markers with y up, but the markers themselves have y down"
         if y_up
         else "The markers lie on the board in another orientation than its file says"
@@ -129,6 +128,6 @@ def _sentence(board: Markers, seen: Markers) -> str:
         else "correct every marker's rotation_rpy_deg"
     )
     return (
-        f"{told}. The orientation in the pictures is used, with the places of the file, so the "
+        f"{sentence}. The orientation in the pictures is used, with the places of the file, so the "
         f"frame of the board does not change. To correct the file, {remedy}."
     )

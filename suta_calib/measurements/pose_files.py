@@ -23,11 +23,9 @@ from suta_calib.measurements.csv_table import (
     read_csv_table,
     rotations,
 )
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import from_mm, mm
 
-# Different rows that any of these problems needs.
-LEAST_ROWS: Final = 3
 # Typical distances that speak of the other unit: no tracker looks 30 m far, nor 3 mm only.
 FAR: Final = 30.0
 NEAR: Final = from_mm(3.0)
@@ -51,7 +49,7 @@ class _PoseRows:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class ToolPoses(Shown, _PoseRows):
+class ToolPoses(Displayable, _PoseRows):
     """``T_tracker_tool`` of a tool that pivots.
 
     Attributes:
@@ -75,7 +73,7 @@ class PosePairs(_PoseRows):
     """
 
     hand: tuple[FloatArray, FloatArray]
-    seen: tuple[FloatArray, FloatArray]
+    target: tuple[FloatArray, FloatArray]
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -92,7 +90,7 @@ class HandPoses(_PoseRows):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class Points(_PoseRows):
+class PointSet(_PoseRows):
     """Points in one frame.
 
     Attributes:
@@ -136,10 +134,10 @@ def read_pose_pairs(path: str | Path) -> PosePairs:
     Raises, warns: as `read_tool_poses`.
     """
     table = read_csv_table(Path(path))
-    (hand, of_hand), (seen, of_seen) = _poses(table, "a_"), _poses(table, "b_")
-    _check_different(table, *hand, *seen)
+    (hand, of_hand), (target, of_seen) = _poses(table, "a_"), _poses(table, "b_")
+    _check_different(table, *hand, *target)
     notes = of_hand + of_seen
-    return PosePairs(path=table.path, lines=table.lines, unit_notes=notes, hand=hand, seen=seen)
+    return PosePairs(path=table.path, lines=table.lines, unit_notes=notes, hand=hand, target=target)
 
 
 def read_hand_poses(path: str | Path) -> HandPoses:
@@ -157,14 +155,14 @@ def read_hand_poses(path: str | Path) -> HandPoses:
     first: dict[str, int] = {}
     for row, name in enumerate(image.tolist()):
         if name in first:
-            found = f"{name!r} as in line {table.lines[first[name]]}"
-            raise table.refuse(row, "image", found, "each picture once")
+            problem = f"{name!r} as in line {table.lines[first[name]]}"
+            raise table.refuse(row, "image", problem, "each picture once")
         first[name] = row
     _check_different(table, *pose)
     return HandPoses(path=table.path, lines=table.lines, unit_notes=notes, pose=pose, image=image)
 
 
-def read_points(path: str | Path) -> Points:
+def read_points(path: str | Path) -> PointSet:
     """Columns ``x,y,z`` in m, or ``x_mm,y_mm,z_mm``, and what is stated of their uncertainty.
 
     That is in columns ``sigma_x,sigma_y,sigma_z``, or one ``sigma`` of all three; m, or mm with
@@ -181,7 +179,7 @@ def read_points(path: str | Path) -> Points:
     return _points(table, positions(table))
 
 
-def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[Points, Points]:
+def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[PointSet, PointSet]:
     """Two files of points whose rows correspond.
 
     Raises:
@@ -213,10 +211,10 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
     return _points(a, both[0]), _points(b, both[1])
 
 
-def _points(table: CsvTable, position: FloatArray) -> Points:
+def _points(table: CsvTable, position: FloatArray) -> PointSet:
     notes = _hint_at_unit(table, position)
     stated = any(name in table.columns for name in position_sigma_columns())
-    return Points(
+    return PointSet(
         path=table.path,
         lines=table.lines,
         unit_notes=notes,
@@ -232,20 +230,20 @@ def _poses(
     return (rotations(table, prefix), position), _hint_at_unit(table, position, prefix)
 
 
-def _hint_at_unit(table: CsvTable, found: FloatArray, prefix: str = "") -> tuple[str, ...]:
+def _hint_at_unit(table: CsvTable, positions: FloatArray, prefix: str = "") -> tuple[str, ...]:
     """Warn where lengths look like another unit, and say so to whoever judges the answer."""
     in_mm = f"{prefix}x_mm" in table.columns
     first = f"{prefix}x_mm" if in_mm else f"{prefix}x"
-    distance = float(np.median(np.linalg.norm(found, axis=1)))
+    distance = float(np.median(np.linalg.norm(positions, axis=1)))
     if not in_mm and distance > FAR:
-        said, other = f"{distance:.0f} m away; looks like millimetres", "_mm"
+        guess, other = f"{distance:.0f} m away; looks like millimetres", "_mm"
     elif in_mm and 0.0 < distance < NEAR:
-        said, other = f"{mm(distance):.2g} mm away; looks like metres", ""
+        guess, other = f"{mm(distance):.2g} mm away; looks like metres", ""
     else:
         return ()
     columns = ", ".join(f"{prefix}{axis}{other}" for axis in "xyz")
     note = (
-        f"{table.path}:{table.header_line}: column {first!r}: found positions some {said}: "
+        f"{table.path}:{table.header_line}: column {first!r}: found positions some {guess}: "
         f"name the columns {columns}"
     )
     _warn(note)
@@ -264,16 +262,18 @@ def _check_different(table: CsvTable, *parts: FloatArray) -> None:
 
 
 def _count_different(table: CsvTable, numbers: FloatArray, what: str) -> int:
+    # Different rows that any of these problems needs.
+    least_rows = 3
     # Of many rows few have a number in common, and sorting numbers takes a tenth of sorting rows.
-    some = numbers
+    repeated = numbers
     for k in range(numbers.shape[1]):
-        _, which, times = np.unique(some[:, k], return_inverse=True, return_counts=True)
-        some = some[times[which] > 1]
-    different = len(table) - len(some) + len(np.unique(some, axis=0))
-    if len(table) >= LEAST_ROWS > different:
+        _, which, times = np.unique(repeated[:, k], return_inverse=True, return_counts=True)
+        repeated = repeated[times[which] > 1]
+    different = len(table) - len(repeated) + len(np.unique(repeated, axis=0))
+    if len(table) >= least_rows > different:
         raise SamplesError(
             f"{_rows(len(table))}, all but {different} repeating another",
-            f"at least {LEAST_ROWS} different {what}",
+            f"at least {least_rows} different {what}",
             file=table.path,
         )
     return different

@@ -34,13 +34,9 @@ from suta_calib.measurements.csv_table import (
 )
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import TEMPERATURES, Samples
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 
-# Encoders report raw readings, which may lie outside the joint's limits: only what no arm in
-# radians or metres can mean is refused.
-_REVOLUTE_MARGIN = 0.5
-_UNLIMITED_REVOLUTE = 8 * math.pi
 # Turns that a counter may be off by; and how far (rad) other joints must have moved, in their
 # ranges, to be plainly no degrees.
 _MOST_TURNS = 2
@@ -54,7 +50,7 @@ TEMPERATURE = "temperature"
 
 
 @dataclass(frozen=True)
-class JointRange(Shown):
+class JointRange(Displayable):
     """What is known of a joint before its readings are read.
 
     Attributes:
@@ -76,7 +72,7 @@ class JointRange(Shown):
 
 
 @dataclass(frozen=True)
-class SampleColumns(Shown):
+class SampleColumns(Displayable):
     """Columns that a kind of observation needs beside the joints.
 
     Attributes:
@@ -133,11 +129,13 @@ def read_samples(
     there += [name for name in columns.common_labels if _everywhere(tables, name)]
     there_too = [n for n in columns.numbers if n.required or _everywhere(tables, *n.names)]
     columns = replace(columns, labels=(*columns.labels, *there), numbers=tuple(there_too))
-    told = {j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)}
+    with_direction = {
+        j.name for j in joints if all(_direction(j.name) in t.columns for t in tables)
+    }
     warm = TEMPERATURE not in {j.name for j in joints} and _everywhere(tables, TEMPERATURE)
     weighed = columns.position_sigma and _everywhere(tables, *position_sigma_columns())
     columns = replace(columns, position_sigma=weighed)
-    parts = [_samples(table, joints, columns, told, warm) for table in tables]
+    parts = [_samples(table, joints, columns, with_direction, warm) for table in tables]
     for path, part in zip(paths, parts, strict=True):
         if (part.rotation is None) != (parts[0].rotation is None):
             with_, without = (path, paths[0]) if parts[0].rotation is None else (paths[0], path)
@@ -174,7 +172,7 @@ def _samples(
     table: CsvTable,
     joints: Sequence[JointRange],
     columns: SampleColumns,
-    told: Collection[str],
+    with_direction: Collection[str],
     warm: bool,
 ) -> Samples:
     oriented = columns.orientation == "required" or (
@@ -189,7 +187,7 @@ def _samples(
         position=positions(table) if columns.position else None,
         rotation=rotations(table) if oriented else None,
         origin=table.origin,
-        direction=_directions(table, joints, told) if told else None,
+        direction=_directions(table, joints, with_direction) if with_direction else None,
         temperature=_temperatures(table) if warm else None,
         position_sigma=position_sigmas(table) if columns.position_sigma else None,
     )
@@ -199,11 +197,11 @@ def _temperatures(table: CsvTable) -> FloatArray:
     """(n,) °C, refused where no arm could be so cold or so hot."""
     low, high = TEMPERATURES
     expected = f"°C, from {low:g} to {high:g}"
-    found = table.numbers(TEMPERATURE, expected)
-    for row in np.flatnonzero((found < low) | (found > high)):
-        hint = "looks like kelvin: subtract 273.15" if found[row] > high else ""
-        raise table.refuse(int(row), TEMPERATURE, f"{found[row]:.6g}", expected, hint)
-    return found
+    temperatures = table.numbers(TEMPERATURE, expected)
+    for row in np.flatnonzero((temperatures < low) | (temperatures > high)):
+        hint = "looks like kelvin: subtract 273.15" if temperatures[row] > high else ""
+        raise table.refuse(int(row), TEMPERATURE, f"{temperatures[row]:.6g}", expected, hint)
+    return temperatures
 
 
 def _direction(joint: str) -> str:
@@ -211,18 +209,20 @@ def _direction(joint: str) -> str:
     return f"{joint}.direction"
 
 
-def _directions(table: CsvTable, joints: Sequence[JointRange], told: Collection[str]) -> FloatArray:
+def _directions(
+    table: CsvTable, joints: Sequence[JointRange], with_direction: Collection[str]
+) -> FloatArray:
     """(n, joints) of -1, 0 and 1; 0 for a joint of which nothing is said."""
-    found = np.zeros((len(table), len(joints)))
+    directions = np.zeros((len(table), len(joints)))
     for k, joint in enumerate(joints):
-        if joint.name not in told:
+        if joint.name not in with_direction:
             continue
         expected = "1 (it came from smaller readings), -1 (from larger ones) or 0 (not known)"
-        found[:, k] = table.numbers(_direction(joint.name), expected)
-        for row in np.flatnonzero(~np.isin(found[:, k], (-1.0, 0.0, 1.0))):
-            value = f"{found[row, k]:.6g}"
+        directions[:, k] = table.numbers(_direction(joint.name), expected)
+        for row in np.flatnonzero(~np.isin(directions[:, k], (-1.0, 0.0, 1.0))):
+            value = f"{directions[row, k]:.6g}"
             raise table.refuse(int(row), _direction(joint.name), value, expected)
-    return found
+    return directions
 
 
 def _expected(joint: JointRange) -> str:
@@ -292,11 +292,15 @@ def _implausible(values: FloatArray, joint: JointRange) -> NDArray[np.bool_]:
 @lru_cache(maxsize=64)
 def _plausible(joints: tuple[JointRange, ...]) -> tuple[FloatArray, FloatArray]:
     """(joints,) the least and the greatest reading that need not be in another unit, rad or m."""
+    # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in
+    # radians or metres can mean is refused.
+    revolute_margin = 0.5
+    unlimited_revolute = 8 * math.pi
     limits = list[tuple[float, float]]()
     for joint in joints:
         if joint.unit == "rad":
-            limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + _REVOLUTE_MARGIN
-            limit = limit if math.isfinite(limit) else _UNLIMITED_REVOLUTE
+            limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + revolute_margin
+            limit = limit if math.isfinite(limit) else unlimited_revolute
             limits.append((-limit, limit))
         else:
             width = joint.upper - joint.lower

@@ -14,8 +14,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
 from suta_calib.plotting.look import MOST_LABELLED
-from suta_calib.plotting.scene import Points, Posable, Scene, drawn_rows
-from suta_calib.showing import Shown
+from suta_calib.plotting.scene import PlacedPoints, Posable, Scene, drawn_rows
+from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
 
 Array = TypeVar("Array", bound=NDArray[Any])
@@ -56,7 +56,7 @@ class RowNames(Sequence[str]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Samples(Shown):
+class Samples(Displayable):
     """Joint readings with their labels and, for some kinds, measured poses. Immutable.
 
     Attributes:
@@ -99,7 +99,7 @@ class Samples(Shown):
         return len(self.q)
 
     @property
-    def told(self) -> dict[Literal["direction", "warmth"], FloatArray]:
+    def conditions(self) -> dict[Literal["direction", "warmth"], FloatArray]:
         """What is said of the arm beside its readings: `direction`, and K above 20 °C, (n, 1)."""
         found: dict[Literal["direction", "warmth"], FloatArray] = {}
         if self.direction is not None:
@@ -187,13 +187,13 @@ class Samples(Shown):
         rows = drawn_rows(len(self))
         q = self.q[:, [self.joints.index(name) for name in arm.joints]]
         position = arm.forward(q[rows])[1]
-        parts = [Points("tip in the samples", "touched", position)]
+        parts = [PlacedPoints("tip in the samples", "touched", position)]
         for column, values in self.labels.items():
             names, which = np.unique(values[rows], return_inverse=True)
             if len(names) <= MOST_LABELLED:
                 middles = [np.median(position[which == k], axis=0) for k in range(len(names))]
                 labels = tuple(str(name) for name in names)
-                parts.append(Points(column, "place", np.array(middles), labels))
+                parts.append(PlacedPoints(column, "place", np.array(middles), labels))
                 break
         return arm.scene(q[0]) + Scene(tuple(parts))
 
@@ -218,8 +218,8 @@ class Samples(Shown):
         also = [
             name for name in ("position", "rotation", "pixels") if getattr(self, name) is not None
         ]
-        told = ", ".join((*self.labels, *self.numbers, *also))
-        return f"{len(self)} of {len(self.joints)} joints" + (f" with {told}" if told else "")
+        columns = ", ".join((*self.labels, *self.numbers, *also))
+        return f"{len(self)} of {len(self.joints)} joints" + (f" with {columns}" if columns else "")
 
     def as_keys(self) -> list[bytes]:
         """Readings and what was seen with them, row by row, as something to compare."""
@@ -254,7 +254,7 @@ class Samples(Shown):
             parts.append(self.rotation.reshape(-1, 9))
         if self.pixels is not None:
             parts.append(self.pixels.reshape(len(self), -1))
-        parts += [each[:, None] for each in self.numbers.values()]
+        parts += [lengths[:, None] for lengths in self.numbers.values()]
         return np.hstack(parts)
 
     @classmethod
@@ -314,16 +314,16 @@ class Samples(Shown):
 
 def hashed(rows: FloatArray) -> NDArray[np.uint64]:
     """(n,) equal where rows (n, k) are to the last digit, and hardly ever elsewhere."""
-    odd = np.random.default_rng(0).integers(0, 2**63, rows.shape[1], np.uint64) * 2 + 1
-    return np.asarray(np.ascontiguousarray(rows).view(np.uint64) @ odd)
+    odd_factors = np.random.default_rng(0).integers(0, 2**63, rows.shape[1], np.uint64) * 2 + 1
+    return np.asarray(np.ascontiguousarray(rows).view(np.uint64) @ odd_factors)
 
 
 def joined(labels: Mapping[str, NDArray[np.str_]], columns: Sequence[str]) -> NDArray[np.str_]:
     """(n,) values of label columns, joined by a slash: ``P1/2`` for a placement and a repeat."""
-    found = labels[columns[0]]
+    names = labels[columns[0]]
     for column in columns[1:]:
-        found = np.char.add(np.char.add(found, "/"), labels[column])
-    return found
+        names = np.char.add(np.char.add(names, "/"), labels[column])
+    return names
 
 
 def _frozen(array: Array) -> Array:

@@ -20,7 +20,7 @@ from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements.files import expand, read_text
 from suta_calib.measurements.yaml_nodes import plain_data
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST, from_deg, from_mm, mm
 
 KeyPath = tuple[str | int, ...]
@@ -28,14 +28,9 @@ Sign = Literal["any", "non-negative", "positive"]
 # Every whole number up to it is a float too.
 LARGEST_WHOLE: Final = 1 << 53
 
-# No length, angle or count of this field is larger; its square would soon be infinite. Nor is any
-# size (a noise level, a bound, a prior: what is divided by) smaller, a picometre in mm, but zero.
-LARGEST: Final = 1e12
-SMALLEST: Final = 1e-9
-
 
 @dataclass(frozen=True)
-class YamlDocument(Shown):
+class YamlDocument(Displayable):
     """A YAML file as plain data, with the line every key came from.
 
     Attributes:
@@ -71,7 +66,7 @@ def read_yaml(path: str | Path, error: type[InputError] = InputError) -> YamlDoc
 
 
 @dataclass(frozen=True)
-class YamlSection(Shown):
+class YamlSection(Displayable):
     """A mapping inside a document.
 
     Attributes:
@@ -101,19 +96,19 @@ class YamlSection(Shown):
         return key in self.data
 
     def refuse(
-        self, found: str, expected: str = "", *, at: KeyPath = (), hint: str = ""
+        self, problem: str, expected: str = "", *, at: KeyPath = (), hint: str = ""
     ) -> InputError:
         """Error about the value at ``at`` below this mapping, to be raised by the caller."""
         keys, file = (*self.path, *at), self.document.path
         line, where = self.document.line_of(*keys), _written(keys)
-        return self.error(found, expected, file=file, line=line, where=where, hint=hint)
+        return self.error(problem, expected, file=file, line=line, where=where, hint=hint)
 
-    def check_keys(self, known: Collection[str], required: Collection[str] = ()) -> None:
+    def check_keys(self, allowed: Collection[str], required: Collection[str] = ()) -> None:
         """Refuse keys that are not known, and the absence of required ones."""
         for key in self.data:
-            if key not in known:
+            if key not in allowed:
                 raise self.refuse(
-                    "an unknown key", ", ".join(known), at=(key,), hint=did_you_mean(key, known)
+                    "an unknown key", ", ".join(allowed), at=(key,), hint=did_you_mean(key, allowed)
                 )
         for key in required:
             self._value(key)
@@ -164,8 +159,8 @@ class YamlSection(Shown):
         """A list of ``count`` finite numbers."""
         value = self._value(key)
         if not isinstance(value, list) or len(value) != count:
-            found = f"{len(value)} values" if isinstance(value, list) else shown(value)
-            raise self.refuse(found, f"a list of {count} numbers", at=(key,))
+            problem = f"{len(value)} values" if isinstance(value, list) else shown(value)
+            raise self.refuse(problem, f"a list of {count} numbers", at=(key,))
         return [self._number(item, (key, index), "any") for index, item in enumerate(value)]
 
     def integer(self, key: str, minimum: int, maximum: int = LARGEST_WHOLE) -> int:
@@ -175,11 +170,11 @@ class YamlSection(Shown):
         be computed for days.
         """
         value = self._value(key)
-        whole = isinstance(value, int) and not isinstance(value, bool)
-        if not whole or not minimum <= value <= maximum:
+        is_integer = isinstance(value, int) and not isinstance(value, bool)
+        if not is_integer or not minimum <= value <= maximum:
             up = f"to {maximum:,}"
             if maximum == LARGEST_WHOLE:
-                up = "up" if not whole or value < minimum else "to 2^53"
+                up = "up" if not is_integer or value < minimum else "to 2^53"
             raise self.refuse(shown(value), f"a whole number from {minimum} {up}", at=(key,))
         return int(value)
 
@@ -228,16 +223,16 @@ class YamlSection(Shown):
         Patterns are relative to the document's folder. A file counts once, by whichever of its
         paths comes first: ``a.csv`` and ``../job/a.csv`` may be one.
         """
-        found: dict[Path, Path] = {}
+        files: dict[Path, Path] = {}
         for pattern in self.texts(key):
             try:
                 for file in expand(pattern, self.document.path.parent):
-                    found.setdefault(file.resolve(), file)
+                    files.setdefault(file.resolve(), file)
             except SamplesError as problem:
                 raise self.refuse(
                     problem.found, problem.expected, at=(key,), hint=problem.hint
                 ) from None
-        return tuple(found.values())
+        return tuple(files.values())
 
     def _value(self, key: str) -> Any:
         return self._present(self.data, key, (key,))
@@ -254,6 +249,11 @@ class YamlSection(Shown):
         return value.strip()
 
     def _number(self, value: Any, at: KeyPath, sign: Sign) -> float:
+        # No length, angle or count of this field is larger; its square would soon be infinite. Nor
+        # is any size (a noise level, a bound, a prior: what is divided by) smaller, a picometre in
+        # mm, but zero.
+        largest = 1e12
+        smallest = 1e-9
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             raise self.refuse(shown(value), "a number", at=at)
         try:
@@ -262,13 +262,13 @@ class YamlSection(Shown):
             number = math.inf
         if not math.isfinite(number):
             raise self.refuse(shown(value), "a finite number", at=at)
-        if abs(number) > LARGEST:
-            raise self.refuse(shown(value), f"a number of at most {LARGEST:g}", at=at)
+        if abs(number) > largest:
+            raise self.refuse(shown(value), f"a number of at most {largest:g}", at=at)
         if (number < 0 and sign != "any") or (number == 0 and sign == "positive"):
             raise self.refuse(shown(value), f"a {sign} number", at=at)
-        if sign != "any" and 0 < number < SMALLEST:
+        if sign != "any" and 0 < number < smallest:
             least = (
-                f"at least {SMALLEST:g}" if sign == "positive" else f"0, or {SMALLEST:g} or more"
+                f"at least {smallest:g}" if sign == "positive" else f"0, or {smallest:g} or more"
             )
             raise self.refuse(shown(value), least, at=at)
         return number

@@ -56,8 +56,8 @@ def plain_data(
         InputError: as of `yaml_file.read_yaml`.
     """
     if len(text) > MOST_BYTES:
-        found, expected = f"{len(text):,} characters", f"at most {MOST_BYTES:,}"
-        raise error(found, expected, file=path, hint="long tables belong into a CSV file")
+        excess, expected = f"{len(text):,} characters", f"at most {MOST_BYTES:,}"
+        raise error(excess, expected, file=path, hint="long tables belong into a CSV file")
     # OpenCV writes its own first line, with a colon, which no YAML reader takes.
     text = f"#{text}" if text.startswith(("%YAML:", "%YAML 1.0")) else text
     lines: dict[KeyPath, int] = {}
@@ -165,5 +165,5 @@ class _Plain:
             return text.lower() in ("true", "yes", "on", "y")
         return None if kind == "null" else text
 
-    def _refuse(self, found: str, expected: str, node: Node) -> InputError:
-        return self.error(found, expected, file=self.path, line=node.start_mark.line + 1)
+    def _refuse(self, problem: str, expected: str, node: Node) -> InputError:
+        return self.error(problem, expected, file=self.path, line=node.start_mark.line + 1)
