@@ -200,7 +200,7 @@ def _forgive_encodings() -> None:
         if not isinstance(error, UnicodeEncodeError):
             raise error
         lacking = error.object[error.start : error.end]
-        return "".join(_PLAIN.get(each, "?") for each in lacking), error.end
+        return "".join(_PLAIN.get(character, "?") for character in lacking), error.end
 
     codecs.register_error("suta_calib.plain", plain)
     codecs.register({"plain_ascii": _PLAIN_ASCII}.get)

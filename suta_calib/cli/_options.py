@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from suta_calib.arrays import FloatArray
     from suta_calib.model.arm import ArmModel
 
-# Answers that a folder of results holds at most, one of each command; and what `run`, the last key
-# of one, takes.
-_MOST_RECORDS: Final = 100
-_RUN_BYTES: Final = 1 << 16
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -62,8 +58,8 @@ class NewFile(click.Path):
         file = Path(str(super().convert(value, param, ctx)))
         if not file.parent.is_dir() or file.is_dir():
             what = "a folder" if file.is_dir() else f"no folder {file.parent}"
-            wanted = "a file's name in a folder that exists"
-            raise OutputError(f"{file}: found {what}; expected {wanted}")
+            expected = "a file's name in a folder that exists"
+            raise OutputError(f"{file}: found {what}; expected {expected}")
         check_folder(file.parent)
         return file
 
@@ -103,8 +99,8 @@ def _results(context: click.Context, parameter: click.Parameter, out: Path | Non
     job: Path = context.params["job"]
     if out is None:
         out = job.parent if job.suffix.lower() == ".json" else job.parent / "results"
-        others = (job.parent / name for name in _jobs_of(out))
-        if any(other.is_file() and other.name != job.name for other in others):
+        other_jobs = (job.parent / name for name in _jobs_of(out))
+        if any(other.is_file() and other.name != job.name for other in other_jobs):
             out = job.parent / f"results-{job.stem}"
     check_folder(out)
     return out
@@ -112,15 +108,19 @@ def _results(context: click.Context, parameter: click.Parameter, out: Path | Non
 
 def _jobs_of(folder: Path) -> Iterator[str]:
     """Names of the jobs whose answers a folder holds."""
+    # Answers that a folder of results holds at most, one of each command; and what `run`, the last
+    # key of one, takes.
+    most_records = 100
+    run_bytes = 1 << 16
     records = (path for path in folder.glob("*.json") if path.is_file())
-    for path in islice(records, _MOST_RECORDS):
+    for path in islice(records, most_records):
         with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
             with path.open("rb") as file:
-                file.seek(max(0, path.stat().st_size - _RUN_BYTES))
-                end = file.read(_RUN_BYTES).decode(errors="replace")
+                file.seek(max(0, path.stat().st_size - run_bytes))
+                end = file.read(run_bytes).decode(errors="replace")
             # What follows it is of no interest, and what is before it may be long.
-            _, _, told = end.rpartition('"run":')
-            run, _ = json.JSONDecoder().raw_decode(told.lstrip())
+            _, _, text = end.rpartition('"run":')
+            run, _ = json.JSONDecoder().raw_decode(text.lstrip())
             yield Path(next(iter(run["inputs"]), "")).name
 
 

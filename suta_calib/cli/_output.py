@@ -158,11 +158,11 @@ class LateProgress:
         """Say what is being done."""
         self._tell(description=what)
 
-    def _tell(self, **told: Any) -> None:
+    def _tell(self, **fields: Any) -> None:
         with self._lock:
-            self._told |= told
+            self._told |= fields
             if self._bar is not None:
-                self._bar.update(self._bar.task_ids[0], **told)
+                self._bar.update(self._bar.task_ids[0], **fields)
 
     def _show(self) -> None:
         with self._lock:

@@ -25,5 +25,5 @@ def budget(job: Path, anyway: bool) -> Document:
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
-        found = error_budget_of_job(loaded, progress, anyway=anyway)
-    return budget_document(found)
+        result = error_budget_of_job(loaded, progress, anyway=anyway)
+    return budget_document(result)

@@ -106,17 +106,17 @@ def certify(
         spacers=_lengths(spacers),
     )
     with error_context(points):
-        found = certified(raw, options)
-    answer = certification_document(found)
+        certification = certified(raw, options)
+    answer = certification_document(certification)
     if file is not None:
-        write_certified(file, found)
+        write_certified(file, certification)
         answer = answer.with_data(artefact=str(file))
     return answer
 
 
 def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
     """Nominal lengths by name, m."""
-    found = {}
+    lengths = {}
     for given in spacers:
         name, _, text = given.rpartition("=")
         try:
@@ -127,5 +127,5 @@ def _lengths(spacers: tuple[str, ...]) -> dict[str, float]:
             raise click.BadParameter(
                 f"found {given!r}; expected NAME=LENGTH in mm, such as A=40", param_hint="--spacer"
             )
-        found[name.strip()] = length
-    return found
+        lengths[name.strip()] = length
+    return lengths

@@ -58,28 +58,28 @@ def detect(
     if pictures and click.get_current_context().params["out"] is None:
         raise click.UsageError("--pictures needs a folder to write them into: give --report")
     outputs = [each for each in (file, camera_out) if each is not None]
-    for each in outputs:
-        if not each.parent.is_dir() or each.is_dir():
-            what = "a folder" if each.is_dir() else f"no folder {each.parent}"
-            raise OutputError(f"{each}: found {what}; expected a file in a folder that exists")
+    for path in outputs:
+        if not path.parent.is_dir() or path.is_dir():
+            what = "a folder" if path.is_dir() else f"no folder {path.parent}"
+            raise OutputError(f"{path}: found {what}; expected a file in a folder that exists")
     found_files = find_pictures(images)
     check_outputs(outputs, [board, known, *(each.path for each in found_files)])
     sought = read_board(board)
     camera = None if known is None else read_camera(known)
     with LateProgress("searching") as progress:
         try:
-            found = detected(found_files, sought, camera, progress=progress)
+            detection = detected(found_files, sought, camera, progress=progress)
         except BoardError as problem:
             raise BoardError.of(problem, board, problem.line) from None
-    if camera_out is not None and found.fit is None:
-        said = next(iter(found.assessment.notes), "")
-        raise InputError("pictures that determine no camera", "some that do", hint=said)
-    answer = detect_document(found, pictures=pictures)
+    if camera_out is not None and detection.fit is None:
+        reason = next(iter(detection.assessment.notes), "")
+        raise InputError("pictures that determine no camera", "some that do", hint=reason)
+    answer = detect_document(detection, pictures=pictures)
     written: dict[str, str] = {}
-    if file is not None and found.assessment.usable:
-        write_corners(file, found.corners)
+    if file is not None and detection.assessment.usable:
+        write_corners(file, detection.corners)
         written["corners_file"] = str(file)
-    if camera_out is not None and found.fit is not None and found.assessment.usable:
-        write_camera(camera_out, found.fit.camera)
+    if camera_out is not None and detection.fit is not None and detection.assessment.usable:
+        write_camera(camera_out, detection.fit.camera)
         written["camera_file"] = str(camera_out)
     return answer.with_data(**written, input=[str(path) for path in images])

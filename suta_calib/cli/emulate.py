@@ -28,7 +28,6 @@ _COUNT: Final = click.IntRange(1, 86_400)
 _SENT: Final = [name for name, form in FORMATS.items() if not form.asked]
 _EPILOG: Final = "\b\nFaults, separated by commas; times are s after the port was first opened:\n"
 _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.items())
-_SIGNS: Final = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
 
 
 @click.command(epilog=_FAULTS_HELP)
@@ -171,10 +170,11 @@ def _listed(text: str) -> tuple[str, ...]:
 
 
 def _signs(text: str) -> tuple[int, ...]:
+    signs = {"1": 1, "+1": 1, "+": 1, "-1": -1, "-": -1}
     words = _listed(text)
-    if not all(word in _SIGNS for word in words):
+    if not all(word in signs for word in words):
         raise InputError(repr(text), "1 or -1 for each joint", where="--signs")
-    return tuple(_SIGNS[word] for word in words)
+    return tuple(signs[word] for word in words)
 
 
 def _places(texts: tuple[str, ...], where: str) -> dict[str, PoseSpec | None]:

@@ -50,7 +50,7 @@ def export(
         missing = "RESULT" if result is None else "--format"
         raise click.UsageError(f"found no {missing}; expected RESULT --format NAME, or --list")
     read = read_result(result, urdf=urdf, tip=tip, base=base, anyway=anyway)
-    found = write_foreign(read, form, **with_file(options, None))
-    place = read.path.with_name(found.file) if file is None else file
+    exported = write_foreign(read, form, **with_file(options, None))
+    place = read.path.with_name(exported.file) if file is None else file
     check_outputs([place], [read.path, urdf])
-    return exported_document(found, found.write(place))
+    return exported_document(exported, exported.write(place))

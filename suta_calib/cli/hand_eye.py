@@ -103,9 +103,11 @@ def hand_eye(
 
     data = read_pose_pairs(poses)
     with LateProgress("calibrating"):
-        found = hand_eye_from_pairs(data, setup=setup, model=model, robust=not plain, seed=seed)
-        found = with_scale(found, scale_ppm)
-    return hand_eye_document(found, data).with_data(
+        calibration = hand_eye_from_pairs(
+            data, setup=setup, model=model, robust=not plain, seed=seed
+        )
+        calibration = with_scale(calibration, scale_ppm)
+    return hand_eye_document(calibration, data).with_data(
         robust=not plain, seed=seed, scale_ppm=scale_ppm
     )
 

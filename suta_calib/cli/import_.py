@@ -44,7 +44,7 @@ def import_(
         raise click.UsageError("found no SOURCE; expected a file, or --list for the formats")
     if file is not None:
         check_outputs([file], [source, mapping])
-    found = read_foreign(source, form, **with_file(options, mapping))
+    imported = read_foreign(source, form, **with_file(options, mapping))
     if file is not None:
-        found.write(file)
-    return imported_document(found, file)
+        imported.write(file)
+    return imported_document(imported, file)

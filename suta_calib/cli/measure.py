@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from dataclasses import fields
-from typing import Any, Final
+from typing import Any
 
 import click
 
@@ -17,8 +17,6 @@ from suta_calib.device.port_process import open_ahead
 from suta_calib.terms import KINDS
 from suta_calib.units import from_deg
 
-INCOMPLETE: Final = 1
-
 
 class PlaceCommand(click.Command):
     """A command with a flag for every sort of place that a kind of observation touches.
@@ -29,14 +27,14 @@ class PlaceCommand(click.Command):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse, with flags added that are not known yet."""
-        known = {name for parameter in self.params for name in parameter.opts}
+        declared = {name for parameter in self.params for name in parameter.opts}
         given = {word.partition("=")[0] for word in args if word.startswith("--")}
-        if given - known:
+        if given - declared:
             places = dict.fromkeys(kind.place for kind in KINDS.values() if kind.place)
             self.params += [
                 click.Option([f"--{place}"], help=f"Label of a {place}, in place of --point.")
                 for place in places
-                if f"--{place}" not in known
+                if f"--{place}" not in declared
             ]
         return super().parse_args(ctx, args)
 
@@ -148,4 +146,5 @@ def measure(context: click.Context, /, **options: Any) -> None:
     if measured.status == "interrupted":
         raise KeyboardInterrupt
     if measured.status == "incomplete":
-        context.exit(INCOMPLETE)
+        incomplete = 1
+        context.exit(incomplete)

@@ -173,11 +173,11 @@ class _View:
         if data["clock_ppm"] is not None:
             title += f" · device clock {data['clock_ppm']:+.0f} ppm"
         table = Fitted(JOINTS.of(data["joints"].items(), title))
-        found = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
+        lines = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
         if self._tip is not None and data["tip"] is not None:
             where, turn = (_vector(data["tip"][key]) for key in ("position_mm", "rotation_rpy_deg"))
-            found = [Text(f"{self._tip.frames}: {where} mm, roll pitch yaw {turn}°"), *found]
-        return Group(table, Text(_losses(data), overflow="ignore"), *found)
+            lines = [Text(f"{self._tip.frames}: {where} mm, roll pitch yaw {turn}°"), *lines]
+        return Group(table, Text(_losses(data), overflow="ignore"), *lines)
 
 
 def _flag(joint: dict[str, Any]) -> tuple[str, Tone | None]:

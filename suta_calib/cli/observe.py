@@ -21,5 +21,5 @@ def observe(job: Path, verbose: bool) -> Document:
     Nothing is solved: the answer follows from the readings, the nominal arm and the assumed
     noise. For each parameter the data cannot tell it says why, and what to measure instead.
     """
-    found = look(CalibrationJob.load(job).problem())
-    return observability_document(found, verbose=verbose)
+    observability = look(CalibrationJob.load(job).problem())
+    return observability_document(observability, verbose=verbose)

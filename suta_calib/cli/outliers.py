@@ -37,11 +37,11 @@ def outliers(job: Path, bias_mm: float) -> Document:
     """
     loaded = CalibrationJob.load(job)
     with LateProgress("looking for outliers") as progress:
-        found = find_outliers(
+        result = find_outliers(
             loaded.problem(),
             loaded.validation,
             loaded.options(),
             Thresholds(bias=from_mm(bias_mm)),
             progress,
         )
-    return outliers_document(found)
+    return outliers_document(result)

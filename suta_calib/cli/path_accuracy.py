@@ -49,5 +49,5 @@ def path_accuracy(
     arm = optional_arm(urdf, tip, base, "was recorded")
     motions = read_trajectory(recorded, arm), read_trajectory(reference)
     with LateProgress("comparing"):
-        found = compare(*motions, arm, registered=registered, largest_latency=max_latency)
-    return path_accuracy_document(found)
+        accuracy = compare(*motions, arm, registered=registered, largest_latency=max_latency)
+    return path_accuracy_document(accuracy)

@@ -29,5 +29,7 @@ def pivot(poses: Path, scale_ppm: float, plain: bool, seed: int) -> Document:
     """
     data = read_tool_poses(poses)
     with LateProgress("calibrating"):
-        found = pivot_from_poses(data, robust=not plain, seed=seed, scale_ppm=scale_ppm)
-    return pivot_document(found, data).with_data(robust=not plain, seed=seed, scale_ppm=scale_ppm)
+        calibration = pivot_from_poses(data, robust=not plain, seed=seed, scale_ppm=scale_ppm)
+    return pivot_document(calibration, data).with_data(
+        robust=not plain, seed=seed, scale_ppm=scale_ppm
+    )

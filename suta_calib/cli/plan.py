@@ -88,5 +88,5 @@ def plan(
         places, options = planning.candidate_places(candidates, situation, options)
     where = None if region is None else planning.Region.box(region[0], region[1], situation)
     with LateProgress("planning"):
-        found = planning.plan(situation, options, places, where)
-    return plan_document(found)
+        chosen = planning.plan(situation, options, places, where)
+    return plan_document(chosen)

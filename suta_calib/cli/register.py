@@ -43,9 +43,9 @@ def register(
     points = read_corresponding_points(a, b)
     targets = None if target is None else read_points(target)
     with LateProgress("registering"):
-        found = registration_from_points(
+        registration = registration_from_points(
             *points, targets, robust=not plain, seed=seed, scale_ppm=scale_ppm
         )
-    return register_document(found, *points, targets).with_data(
+    return register_document(registration, *points, targets).with_data(
         robust=not plain, seed=seed, scale_ppm=scale_ppm
     )

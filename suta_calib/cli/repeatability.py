@@ -68,8 +68,8 @@ def repeatability(
         if arm is not None and samples:
             given = set.intersection(*(set(read_csv_table(path).columns) for path in samples))
             many = given >= {*repeated.POINT}
-            wanted = repeated.POINT if many else (repeated.DIRECTION, repeated.PROTOCOL)
-            columns = SampleColumns(labels=tuple(n for n in wanted if n in given))
+            label_columns = repeated.POINT if many else (repeated.DIRECTION, repeated.PROTOCOL)
+            columns = SampleColumns(labels=tuple(n for n in label_columns if n in given))
             rows = read_samples(samples, joint_ranges(arm), columns)
             if many:
                 touches = repeated.repeated_touches(arm, rows, confidence=confidence / 100)

@@ -30,8 +30,8 @@ def simulate(simulation: Path, out: Path, seed: int | None, as_json: bool) -> No
         for file in made.files
     ]
     if as_json:
-        told = {"status": "simulated", "seed": made.seed, "out": str(out), "files": files}
-        click.echo(json.dumps(told | ({"removed": [*map(str, removed)]} if removed else {})))
+        answer = {"status": "simulated", "seed": made.seed, "out": str(out), "files": files}
+        click.echo(json.dumps(answer | ({"removed": [*map(str, removed)]} if removed else {})))
         return
     for path in removed:
         click.echo(f"removed {path}, which held a header and no data")

@@ -39,7 +39,7 @@ def _sizes(
     """Numbers and ranges, a step after a colon, as sizes, ascending, each once."""
     if value is None:
         return None
-    found: set[int] = set()
+    numbers: set[int] = set()
     for part in value.split(","):
         match = _RANGE.fullmatch(part.strip())
         first, last, step = match.groups() if match is not None else ("0", None, None)
@@ -48,8 +48,8 @@ def _sizes(
         if not sizes:
             expected = "numbers from 1 and ranges, such as 1-10, 2,4,8 or 10-100:10"
             raise click.BadParameter(f"found {value!r}; expected {expected}", context, parameter)
-        found.update(sizes)
-    return tuple(sorted(found))
+        numbers.update(sizes)
+    return tuple(sorted(numbers))
 
 
 @answer_command
@@ -139,7 +139,7 @@ def study(
     log = results_folder() / request.log_name
     try:
         with LateProgress("calibrating") as progress:
-            found = study_of_job(
+            result = study_of_job(
                 CalibrationJob.load(job),
                 request,
                 log,
@@ -153,7 +153,7 @@ def study(
         if log.exists():
             click.echo(f"finished trials are in {log}: go on with --resume", err=True)
         raise
-    return study_document(found)
+    return study_document(result)
 
 
 def _drift(
@@ -181,5 +181,5 @@ def _drift(
     loaded = CalibrationJob.load(job)
     with LateProgress("walking") as progress:
         solution = loaded.usable_solution(anyway=anyway)
-        found = drift_study(solution, loaded.validation, options, progress)
-    return drift_document(found)
+        result = drift_study(solution, loaded.validation, options, progress)
+    return drift_document(result)

@@ -66,12 +66,12 @@ def tip_map(
     tolerance = None if tolerance_mm is None else from_mm(tolerance_mm)
     options = TipMapOptions(region, register_at, tolerance, grid, seed)
     if urdf is not None:
-        found = _of_result(job, urdf, tip, base, options, anyway=anyway)
+        result = _of_result(job, urdf, tip, base, options, anyway=anyway)
     elif tip is not None or job.suffix.lower() == ".json":
         raise click.UsageError("a result.json needs --urdf and --tip: the arm it was made from")
     else:
-        found = _of_job(job, options, anyway=anyway)
-    return tip_map_document(found)
+        result = _of_job(job, options, anyway=anyway)
+    return tip_map_document(result)
 
 
 def _of_job(job: Path, options: TipMapOptions, *, anyway: bool) -> TipMap:
@@ -95,8 +95,8 @@ def _of_result(
     arm = ArmModel.from_urdf(urdf, tip, base)
     read = read_uncertainty(result, arm, anyway=anyway)
     check_nominal(arm, result, read.values)
-    known = Knowledge.unvisited(
+    knowledge = Knowledge.unvisited(
         arm, read.values, read.names, read.covariance, read.fixed, read.held
     )
     with LateProgress("mapping"):
-        return tip_map_of_result(known, options)
+        return tip_map_of_result(knowledge, options)

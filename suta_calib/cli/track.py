@@ -31,17 +31,15 @@ if TYPE_CHECKING:
     from suta_calib.tracking.live import Tracking
     from suta_calib.tracking.session import TrackingSession
 
-_LIVE_S: Final = 0.25
-_LINE_S: Final = 1.0
 # A pose older than this is not where the arm is.
 _STALE_S: Final = 0.5
 NO_POSE: Final = 1
 _ADDRESS: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^\[\]]*)):(?P<port>\d+)")
-_LARGEST_PORT: Final = 65535
 
 
 def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
     """Reads ``HOST:PORT``, ``[IPv6]:PORT``, and ``PORT`` alone where a host is not needed."""
+    largest_port = 65535
 
     def read(
         context: click.Context, parameter: click.Parameter, text: str | None
@@ -50,10 +48,10 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
             return None
         match = _ADDRESS.fullmatch(f":{text}" if text.isdigit() else text)
         host = (match["six"] or match["host"]) if match else ""
-        if match is None or int(match["port"]) > _LARGEST_PORT or (host_needed and not host):
-            wanted = "HOST:PORT" if host_needed else "a port number, or HOST:PORT"
+        if match is None or int(match["port"]) > largest_port or (host_needed and not host):
+            form = "HOST:PORT" if host_needed else "a port number, or HOST:PORT"
             raise click.BadParameter(
-                f"found {text!r}; expected {wanted}, port up to {_LARGEST_PORT}", context, parameter
+                f"found {text!r}; expected {form}, port up to {largest_port}", context, parameter
             )
         return host, int(match["port"])
 
@@ -136,14 +134,18 @@ def track(context: click.Context, /, **options: Any) -> None:
 
 
 def _print_end(tracking: Tracking, *, stats: bool) -> None:
-    to, session, known = console(), tracking.session, tracking.uncertainty
+    to, session, calibration = console(), tracking.session, tracking.uncertainty
     to.print(_table(tracking, session.summary()["rate_hz"], stats=stats))
-    if known is not None:
-        were = "was" if len(known.fixed) == 1 else "were"
-        fixed = f"; relative to {', '.join(known.fixed)}, which {were} held" if known.fixed else ""
-        counted = listed(known.counted)
+    if calibration is not None:
+        were = "was" if len(calibration.fixed) == 1 else "were"
+        fixed = (
+            f"; relative to {', '.join(calibration.fixed)}, which {were} held"
+            if calibration.fixed
+            else ""
+        )
+        counted = listed(calibration.counted)
         held = f", and from how far off {counted} may be, held at nominal" if counted else ""
-        to.print(f"± is from the {SOURCE_WORDS[known.source]}{held}{fixed}.", soft_wrap=True)
+        to.print(f"± is from the {SOURCE_WORDS[calibration.source]}{held}{fixed}.", soft_wrap=True)
     if tracking.warmth:
         to.print(tracking.warmth, soft_wrap=True)
     for publisher in session.publishers:
@@ -201,7 +203,9 @@ class TrackView:
     def _show(self) -> None:
         session = self._tracking.session
         pace = Pace(lambda: session.latency.count)
-        while not self._over.wait(_LINE_S if self._live is None else _LIVE_S):
+        live_s = 0.25
+        line_s = 1.0
+        while not self._over.wait(line_s if self._live is None else live_s):
             try:
                 if self._live is None:
                     click.echo(_line(session, pace(), stats=self._stats))
@@ -222,16 +226,16 @@ def _line(session: TrackingSession, rate: float, *, stats: bool) -> str:
         return stale
     if not pose.valid:
         return f"not valid: error flag of {', '.join(pose.errors)}   {rate:.0f} Hz"
-    said = "tip {:9.3f} {:9.3f} {:9.3f} mm".format(*mm(pose.position))
+    line = "tip {:9.3f} {:9.3f} {:9.3f} mm".format(*mm(pose.position))
     if pose.std is not None:
-        said += " ± {:.3f} {:.3f} {:.3f}".format(*mm(pose.std))
-    said += f"   {rate:.0f} Hz"
+        line += " ± {:.3f} {:.3f} {:.3f}".format(*mm(pose.std))
+    line += f"   {rate:.0f} Hz"
     if pose.warnings:
-        said += f"   warning of {', '.join(pose.warnings)}"
+        line += f"   warning of {', '.join(pose.warnings)}"
     if stats:
         latency = session.latency.summary()
-        said += f"   latency p50 {latency['p50_ms']:.3f} p99 {latency['p99_ms']:.3f} ms"
-    return said
+        line += f"   latency p50 {latency['p50_ms']:.3f} p99 {latency['p99_ms']:.3f} ms"
+    return line
 
 
 def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
@@ -249,8 +253,8 @@ def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
     if stats:
         keys = ("p50", "p95", "p99", "max", "mean", "jitter")
         title, rows = "From the frame's arrival to publication, ms", []
-        for name, each in (("latency", session.latency), ("interval", session.interval)):
-            figures = each.summary()
+        for name, statistics in (("latency", session.latency), ("interval", session.interval)):
+            figures = statistics.summary()
             rows.append((name, *(f"{figures[f'{key}_ms']:.3f}" for key in keys)))
         parts.append(_numbers(title, keys, rows))
     return Group(*parts)
@@ -264,11 +268,11 @@ def _pose_table(session: TrackingSession) -> RenderableType:
     if not pose.valid:
         return Text(f"NOT VALID: error flag of {', '.join(pose.errors)}", style="bold red")
     stale = _stale(session)
-    told = {"position, mm": mm(pose.position)}
+    values_by_name = {"position, mm": mm(pose.position)}
     if pose.std is not None:
-        told["± std, mm"] = mm(pose.std)
-    told["roll pitch yaw, deg"] = deg(rpy_from_rotation(pose.rotation))
-    rows = [(name, *(f"{v:10.3f}" for v in values)) for name, values in told.items()]
+        values_by_name["± std, mm"] = mm(pose.std)
+    values_by_name["roll pitch yaw, deg"] = deg(rpy_from_rotation(pose.rotation))
+    rows = [(name, *(f"{v:10.3f}" for v in values)) for name, values in values_by_name.items()]
     return _numbers(f"Tip in the base{f': {stale.upper()}' if stale else ''}", "xyz", rows)
 
 

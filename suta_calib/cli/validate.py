@@ -50,10 +50,10 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     other = arm.model_of(urdf)
     beside, uncertainty = dict[str, float](), None
     if result is not None:
-        found = read_uncertainty(result, other, anyway=anyway)
-        check_calibrated(loaded.arm, other, found.values)
-        names, factor = found.folded(other)
-        beside, uncertainty = found.beside_geometry, (names, factor @ factor.T)
+        calibration = read_uncertainty(result, other, anyway=anyway)
+        check_calibrated(loaded.arm, other, calibration.values)
+        names, factor = calibration.folded(other)
+        beside, uncertainty = calibration.beside_geometry, (names, factor @ factor.T)
     compared = compare_arms(
         loaded.observations, loaded.validation, other, beside, uncertainty=uncertainty
     )

@@ -67,20 +67,20 @@ def view(
 
     spec = None if device is None else read_device(device)
     calibrated = _calibrated(job, anyway=anyway)
-    told = {
+    answer = {
         "title": calibrated.title,
         "samples": sum(len(term.poses) for terms in calibrated.terms.values() for term, _ in terms),
         "verdict": calibrated.assessment.as_dict(),
     }
     if html is not None:
         write_bytes_atomically(html, calibration_page(calibrated))
-        _say(calibrated, {**told, "html": str(html)}, f"Written: {html}", as_json=as_json)
+        _say(calibrated, {**answer, "html": str(html)}, f"Written: {html}", as_json=as_json)
         context.exit(calibrated.assessment.exit_code)
 
     serving = view_calibration(calibrated, port, host)
     with suppress(KeyboardInterrupt), ended_by_sigterm(), serving as viewer:
         where = f"Look at {viewer.url}; Ctrl-C ends it"
-        _say(calibrated, {**told, "url": viewer.url}, where, as_json=as_json)
+        _say(calibrated, {**answer, "url": viewer.url}, where, as_json=as_json)
         _serve(viewer, calibrated, spec, seconds)
     context.exit(calibrated.assessment.exit_code)
 
@@ -94,10 +94,10 @@ def _calibrated(job: Path, *, anyway: bool) -> Calibrated:
         return CalibrationJob.load(job).run(progress).calibrated
 
 
-def _say(calibrated: Calibrated, told: dict[str, Any], where: str, *, as_json: bool) -> None:
+def _say(calibrated: Calibrated, answer: dict[str, Any], where: str, *, as_json: bool) -> None:
     with printing():
         if as_json:
-            print_json(told)
+            print_json(answer)
             return
         verdict, to = calibrated.assessment, console()
         to.print(f"{calibrated.title}: {calibrated.summary}", soft_wrap=True)
@@ -118,5 +118,6 @@ def _serve(
     end = time.monotonic() + (math.inf if seconds is None else seconds)
     live = LiveArm(viewer, calibrated, device)
     live.follow(
-        lambda: time.monotonic() > end, lambda said: click.echo(f"suta-calib: {said}", err=True)
+        lambda: time.monotonic() > end,
+        lambda message: click.echo(f"suta-calib: {message}", err=True),
     )

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
 
 _TOLERANCE_MM: Final = 20.0
-_POSE_NUMBERS: Final = (3, 6)
 
 
 @answer_command
@@ -80,11 +79,11 @@ def zero_offsets(
         check_outputs([file], [urdf, readings])
     arm = ArmModel.from_urdf(urdf, tip, base)
     options = ZeroOffsetOptions(branch, from_mm(tolerance_mm))
-    found = find_zero_offsets(arm, _samples(arm, readings, pose), options)
-    written = file if found.assessment.usable else None
+    result = find_zero_offsets(arm, _samples(arm, readings, pose), options)
+    written = file if result.assessment.usable else None
     if written is not None:
-        arm.write_urdf(written, found.values())
-    return zero_offsets_document(found, written)
+        arm.write_urdf(written, result.values())
+    return zero_offsets_document(result, written)
 
 
 def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
@@ -93,8 +92,9 @@ def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
         return read_samples([readings], joint_ranges(arm), columns)
     samples = read_samples([readings], joint_ranges(arm), SampleColumns())
     numbers = [numbers_of(text) for text in poses]
+    pose_numbers = (3, 6)
     for text, pose in zip(poses, numbers, strict=True):
-        if len(pose) not in _POSE_NUMBERS:
+        if len(pose) not in pose_numbers:
             expected = "x,y,z or x,y,z,roll,pitch,yaw in mm and deg"
             raise InputError(repr(text), expected, where="--pose")
     if len(numbers) != len(samples):
@@ -104,7 +104,7 @@ def _samples(arm: ArmModel, readings: Path, poses: Sequence[str]) -> Samples:
             file=readings,
             hint="or give the columns x,y,z in the file",
         )
-    if len({len(each) for each in numbers}) > 1:
+    if len({len(array) for array in numbers}) > 1:
         raise InputError("poses with and without orientation", "one or the other", where="--pose")
     table = np.array(numbers)
     oriented = table.shape[1] > len("xyz")
