@@ -3,5 +3,5 @@ from .calibration import calibration_page as calibration_page
 from .calibration import calibration_scene as calibration_scene
 from .calibration import show as show
 from .drawn_arm import DrawnArm as DrawnArm
-from .scene import Scene as Scene
+from .scene import ArmScene as ArmScene
 from .server import Viewer as Viewer

@@ -13,14 +13,14 @@ from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import mm
 
 
 @dataclass(frozen=True, eq=False)
-class Calibrated(Shown):
+class Calibrated(Displayable):
     """A calibration, whether it was just made or read back.
 
     Attributes:

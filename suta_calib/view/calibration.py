@@ -22,11 +22,11 @@ from suta_calib.view.drawn_arm import DrawnArm, LinkMesh
 from suta_calib.view.meshes import link_meshes
 from suta_calib.view.scene import (
     OUTLYING,
-    Arrows,
+    ArmScene,
     Colour,
     Ellipsoids,
-    Rows,
-    Scene,
+    ErrorVectors,
+    SampleRows,
     Thing,
 )
 from suta_calib.view.server import Viewer
@@ -87,12 +87,12 @@ class TipErrors:
             yield ", ".join(filter(None, parts))
 
     @property
-    def arrows(self) -> Arrows:
+    def arrows(self) -> ErrorVectors:
         """Blue or green, red where they are outlying."""
         colours = np.tile(np.array(COLOURS[self.group]), (len(self.at), 1))
         colours[self.outlying] = OUTLYING
         name = f"errors/{self.group} {self.term.kind.replace('_', ' ')}"
-        return Arrows(name, self.at, self.vector, colours)
+        return ErrorVectors(name, self.at, self.vector, colours)
 
 
 def show(examined: CalibrationExamination, port: int = 0) -> Viewer:
@@ -128,7 +128,7 @@ def view_calibration(calibrated: Calibrated, port: int = 0, host: str = "127.0.0
     return viewer
 
 
-def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ()) -> Scene:
+def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ()) -> ArmScene:
     """The arm before and after, all that was touched or seen, errors and uncertainty.
 
     Args:
@@ -165,7 +165,7 @@ def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ())
         things.append(ellipsoids)
     large = float(np.quantile(np.concatenate([error.norm for error in errors]), 0.9))
     usual = float(np.median(ellipsoids.std.max(axis=1)))
-    return Scene(
+    return ArmScene(
         calibrated.title,
         arms,
         rows.q[0],
@@ -190,8 +190,8 @@ def _once(things: list[Thing]) -> tuple[Thing, ...]:
     return tuple(by_name.values())
 
 
-def _rows(errors: list[TipErrors]) -> Rows:
-    return Rows(
+def _rows(errors: list[TipErrors]) -> SampleRows:
+    return SampleRows(
         tuple(name for error in errors for name in error.names),
         np.vstack([error.term.poses.samples.q for error in errors]),
         np.vstack([error.at for error in errors]),

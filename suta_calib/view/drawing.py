@@ -12,14 +12,14 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.view.drawn_arm import DrawnArm
 from suta_calib.view.scene import (
-    Arrows,
+    ArmScene,
     Colour,
     Ellipsoids,
+    ErrorVectors,
     Frame,
     Frustum,
     Patch,
-    Points,
-    Scene,
+    PointCloud,
     Stroke,
     Thing,
 )
@@ -96,14 +96,14 @@ class ShownArm:
         self._bones.points = position[self.drawn.bones].astype(np.float32)
 
 
-def camera_view(scene: Scene) -> tuple[FloatArray, FloatArray]:
+def camera_view(scene: ArmScene) -> tuple[FloatArray, FloatArray]:
     """Where to look from, and at, (3,) each, m: from above, ahead and aside, all of it in sight."""
     low, high = scene.extent
     away = 0.47 * float(np.linalg.norm(high - low)) * np.array([1.0, -1.1, 0.8])
     return (low + high) / 2 + away, (low + high) / 2
 
 
-def draw_floor(api: viser.SceneApi, scene: Scene) -> None:
+def draw_floor(api: viser.SceneApi, scene: ArmScene) -> None:
     """A grid of decimetres below everything."""
     low, high = scene.extent
     middle, size = (low + high) / 2, 1.4 * float(np.ptp(scene.extent, axis=0).max())
@@ -121,7 +121,7 @@ def draw_floor(api: viser.SceneApi, scene: Scene) -> None:
 
 
 @singledispatch
-def draw(thing: Thing, api: viser.SceneApi, path: str, scene: Scene) -> Any:
+def draw(thing: Thing, api: viser.SceneApi, path: str, scene: ArmScene) -> Any:
     """Draw one thing.
 
     Args:
@@ -137,7 +137,7 @@ def draw(thing: Thing, api: viser.SceneApi, path: str, scene: Scene) -> Any:
 
 
 @draw.register
-def _(thing: Points, api: Any, path: str, scene: Scene) -> Any:
+def _(thing: PointCloud, api: Any, path: str, scene: ArmScene) -> Any:
     del scene
     for k, label in enumerate(thing.labels):
         api.add_label(f"{path}/{k}", label, position=thing.position[k], font_screen_scale=0.7)
@@ -145,7 +145,7 @@ def _(thing: Points, api: Any, path: str, scene: Scene) -> Any:
 
 
 @draw.register
-def _(thing: Arrows, api: Any, path: str, scene: Scene) -> Any:
+def _(thing: ErrorVectors, api: Any, path: str, scene: ArmScene) -> Any:
     # Of the scene's size.
     shaft = 0.0012 * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
     return api.add_arrows(
@@ -159,7 +159,7 @@ def _(thing: Arrows, api: Any, path: str, scene: Scene) -> Any:
 
 
 @draw.register
-def _(thing: Ellipsoids, api: Any, path: str, scene: Scene) -> Any:
+def _(thing: Ellipsoids, api: Any, path: str, scene: ArmScene) -> Any:
     return spheres(
         api,
         path,
@@ -172,7 +172,7 @@ def _(thing: Ellipsoids, api: Any, path: str, scene: Scene) -> Any:
 
 
 @draw.register
-def _(thing: Frame, api: Any, path: str, scene: Scene) -> Any:
+def _(thing: Frame, api: Any, path: str, scene: ArmScene) -> Any:
     del scene
     api.add_label(f"{path}/label", thing.name.rpartition("/")[2], font_screen_scale=0.9)
     return api.add_frame(
@@ -185,7 +185,7 @@ def _(thing: Frame, api: Any, path: str, scene: Scene) -> Any:
 
 
 @draw.register
-def _(thing: Frustum, api: Any, path: str, scene: Scene) -> Any:
+def _(thing: Frustum, api: Any, path: str, scene: ArmScene) -> Any:
     del scene
     api.add_label(f"{path}/label", thing.name.rpartition("/")[2], font_screen_scale=0.9)
     return api.add_camera_frustum(
@@ -202,7 +202,7 @@ def _(thing: Frustum, api: Any, path: str, scene: Scene) -> Any:
 
 
 @draw.register
-def _(thing: Patch, api: Any, path: str, scene: Scene) -> Any:
+def _(thing: Patch, api: Any, path: str, scene: ArmScene) -> Any:
     del scene
     faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
     corners = thing.corners.astype(np.float32)
@@ -212,7 +212,7 @@ def _(thing: Patch, api: Any, path: str, scene: Scene) -> Any:
 
 
 @draw.register
-def _(thing: Stroke, api: Any, path: str, scene: Scene) -> Any:
+def _(thing: Stroke, api: Any, path: str, scene: ArmScene) -> Any:
     del scene
     return api.add_line_segments(
         path,

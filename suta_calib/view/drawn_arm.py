@@ -13,7 +13,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +34,7 @@ class LinkMesh:
 
 
 @dataclass(frozen=True, eq=False)
-class DrawnArm(Shown):
+class DrawnArm(Displayable):
     """The links of an arm's URDF with some parameter values, all of them, the chain's and others.
 
     Joints off the chain are at neutral. Gains, eccentricities, compliances and backlashes move no

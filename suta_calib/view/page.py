@@ -5,7 +5,7 @@ from __future__ import annotations
 from html import escape
 
 from suta_calib.plotting.scene import drawn_rows
-from suta_calib.view.scene import Scene
+from suta_calib.view.scene import ArmScene
 from suta_calib.view.server import EACH_S, Viewer, factors, headline, paragraphs
 
 # Over the scene's upper left corner; what is below it can still be turned.
@@ -15,7 +15,7 @@ _STYLE = (
 )
 
 
-def page(scene: Scene) -> bytes:
+def page(scene: ArmScene) -> bytes:
     """A scene as one HTML file, which needs no network.
 
     It begins at the first sample and plays the others; of many it plays some, evenly spread.

@@ -13,7 +13,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.view.drawn_arm import DrawnArm
 
 # Red, green and blue, 0 to 255.
@@ -23,7 +23,7 @@ OUTLYING: Final[Colour] = (200, 20, 0)
 
 
 @dataclass(frozen=True, eq=False)
-class Points:
+class PointCloud:
     """Places.
 
     Attributes:
@@ -44,7 +44,7 @@ class Points:
 
 
 @dataclass(frozen=True, eq=False)
-class Arrows:
+class ErrorVectors:
     """Vectors that are drawn many times longer than they are: by the scene's `magnification`.
 
     Attributes:
@@ -157,18 +157,18 @@ class Stroke:
     colour: Colour
 
 
-Thing = Points | Arrows | Ellipsoids | Frame | Frustum | Patch | Stroke
+Thing = PointCloud | ErrorVectors | Ellipsoids | Frame | Frustum | Patch | Stroke
 
 
 @dataclass(frozen=True, eq=False)
-class Rows:
+class SampleRows:
     """Samples that the arm can be shown at.
 
     Attributes:
         names: (n,) where each came from, and its labels.
         q: (n, joints) readings, rad or m.
         at: (n, 3) where its error begins, m.
-        outlying: (n,) as `Arrows` mark them.
+        outlying: (n,) as `ErrorVectors` mark them.
     """
 
     names: tuple[str, ...]
@@ -193,7 +193,7 @@ class Rows:
 
 
 @dataclass(frozen=True, eq=False)
-class Scene(Shown):
+class ArmScene(Displayable):
     """All of it.
 
     Attributes:
@@ -212,8 +212,10 @@ class Scene(Shown):
     arms: tuple[DrawnArm, ...]
     q: FloatArray
     things: tuple[Thing, ...] = ()
-    rows: Rows = field(
-        default_factory=lambda: Rows((), np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(0, np.bool_))
+    rows: SampleRows = field(
+        default_factory=lambda: SampleRows(
+            (), np.zeros((0, 0)), np.zeros((0, 3)), np.zeros(0, np.bool_)
+        )
     )
     magnification: float = 1.0
     inflation: float = 1.0
@@ -224,6 +226,6 @@ class Scene(Shown):
     def extent(self) -> FloatArray:
         """(2, 3) corners of the box about the arm as it is shown first and all points, m."""
         _, links = self.arms[0].poses(self.q)
-        points = [links, *(t.position for t in self.things if isinstance(t, Points))]
+        points = [links, *(t.position for t in self.things if isinstance(t, PointCloud))]
         every = np.vstack([*points, self.rows.at])
         return np.array([every.min(axis=0), every.max(axis=0)])

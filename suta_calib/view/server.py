@@ -28,7 +28,7 @@ from suta_calib.view.drawing import (
     spheres,
     wxyz,
 )
-from suta_calib.view.scene import OUTLYING, Arrows, Ellipsoids, Scene
+from suta_calib.view.scene import OUTLYING, ArmScene, Ellipsoids, ErrorVectors
 
 if TYPE_CHECKING:
     import viser
@@ -65,7 +65,7 @@ class Viewer:
         OutputError: the port cannot be had.
     """
 
-    def __init__(self, scene: Scene, port: int = 8080, host: str = "127.0.0.1") -> None:
+    def __init__(self, scene: ArmScene, port: int = 8080, host: str = "127.0.0.1") -> None:
         self.scene, self.shown, self.inflation = scene, 0, scene.inflation
         self._access = Access(host)
         self.server: viser.ViserServer = _server(port, host, self._access)
@@ -137,7 +137,7 @@ class Viewer:
 
     def magnify(self, factor: float) -> None:
         """Draw errors ``factor`` times as long as they are."""
-        for arrows in (t for t in self.scene.things if isinstance(t, Arrows)):
+        for arrows in (t for t in self.scene.things if isinstance(t, ErrorVectors)):
             self._handles[arrows.name].points = arrows.ends(factor).astype(np.float32)
 
     def inflate(self, factor: float) -> None:
@@ -271,7 +271,7 @@ class Viewer:
             time.sleep(EACH_S)
 
 
-def headline(scene: Scene) -> str:
+def headline(scene: ArmScene) -> str:
     """What is shown, and whether it may be used, as HTML."""
     lines = [f"<b>{escape(scene.title)}</b>"]
     if (verdict := scene.assessment) is not None:
@@ -287,10 +287,10 @@ def paragraphs(lines: Iterable[str]) -> str:
     return f'<div style="{style}">{shown_lines}</div>'
 
 
-def factors(scene: Scene) -> Iterator[tuple[str, float]]:
+def factors(scene: ArmScene) -> Iterator[tuple[str, float]]:
     """What is drawn larger than it is, and how many times at first."""
     for kind, what, factor in (
-        (Arrows, "errors", scene.magnification),
+        (ErrorVectors, "errors", scene.magnification),
         (Ellipsoids, "uncertainty", scene.inflation),
     ):
         if any(isinstance(thing, kind) for thing in scene.things):

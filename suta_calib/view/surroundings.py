@@ -11,8 +11,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import register_points, right_singular
 from suta_calib.terms import Term
-from suta_calib.terms.outside import OutsideFrame
-from suta_calib.view.scene import Colour, Frame, Frustum, Patch, Points, Stroke, Thing
+from suta_calib.terms.outside import ExternalFrame
+from suta_calib.view.scene import Colour, Frame, Frustum, Patch, PointCloud, Stroke, Thing
 
 # Orange, of Okabe and Ito: told apart by the colour-blind too.
 STANDING: Final[Colour] = (230, 159, 0)
@@ -49,7 +49,7 @@ def surroundings(
 
 
 def _frame(
-    term: Term, frame: OutsideFrame, values: Mapping[str, float], size: float, *, sees: bool
+    term: Term, frame: ExternalFrame, values: Mapping[str, float], size: float, *, sees: bool
 ) -> Thing:
     """A frame or a point that the term's own unknowns are; of what sees, what it sees."""
     R, p = frame.pose(values)
@@ -60,7 +60,7 @@ def _frame(
     name = f"{what}s/{_label(frame, what)}"
     if R is None:
         colour = STANDING
-        return Points(name, p[None], colour, 0.08 * size, (_label(frame, what),), carrier)
+        return PointCloud(name, p[None], colour, 0.08 * size, (_label(frame, what),), carrier)
     if not sees:
         return Frame(name, R, p, 0.6 * size, carrier)
     camera = term.settings.get("camera")
@@ -72,12 +72,12 @@ def _frame(
     return Frustum(name, R, p, size, *lens, carrier)
 
 
-def _tip_link(term: Term, frame: OutsideFrame) -> str:
+def _tip_link(term: Term, frame: ExternalFrame) -> str:
     arm = getattr(term.poses, "arm", None)
     return arm.chain.tip_link if arm is not None and frame.within == "tip" else ""
 
 
-def _label(frame: OutsideFrame, what: str) -> str:
+def _label(frame: ExternalFrame, what: str) -> str:
     """What stands in the brackets of its unknowns' names, if anything does."""
     _, bracket, label = frame.owner.partition("[")
     return label.removesuffix("]") if bracket else what
@@ -91,7 +91,7 @@ def _board(
     R, p = frame.pose(values)
     assert R is not None
     name = f"{frame.what}s/{_label(frame, frame.what)} points"
-    yield Points(name, points @ R.T + p, STANDING, 0.05 * size, (), _tip_link(term, frame))
+    yield PointCloud(name, points @ R.T + p, STANDING, 0.05 * size, (), _tip_link(term, frame))
 
 
 def _artefact(
@@ -104,7 +104,7 @@ def _artefact(
     certified = artefact.position_of(term.poses.samples.labels["landmark"][rows])
     R, p = register_points(certified, touched)
     position = np.array([artefact.landmarks[mark].position for mark in marks]) @ R.T + p
-    return Points(
+    return PointCloud(
         f"artefact/{name} landmarks", position, STANDING, 0.08 * size, marks if labelled else ()
     )
 
