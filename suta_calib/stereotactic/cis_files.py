@@ -23,11 +23,9 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.measurements.files import read_text
 from suta_calib.measurements.pose_files import OTHER_UNIT
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import from_mm, mm
 
-# mm; beyond this it is no position of a marker, and its square must stay a number.
-LARGEST: Final = 1e9
 # Both spellings are in circulation.
 EM_FIDUCIALS: Final = ("em-fiducials", "em-fiducialss")
 _COUNT: Final = re.compile(r"[0-9]{1,9}")
@@ -149,7 +147,7 @@ class NavigationData:
 
 
 @dataclass(frozen=True, eq=False)
-class StereotacticData(Shown):
+class StereotacticData(Displayable):
     """The given files.
 
     Attributes:
@@ -206,8 +204,8 @@ class StereotacticData(Shown):
         path = path_of(prefix, "calreadings")
         readings = read_calibration_readings(path)
         for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
-            found, expected = getattr(readings, part).shape[1], len(getattr(body, part))
-            agree(path, name, found, "markers", expected, calbody)
+            count, expected = getattr(readings, part).shape[1], len(getattr(body, part))
+            agree(path, name, count, "markers", expected, calbody)
             same_size(path, getattr(readings, part), calbody, getattr(body, part))
         em_pivot = read_em_frames(path_of(prefix, "empivot"))
         path = path_of(prefix, "optpivot")
@@ -241,17 +239,19 @@ def path_of(prefix: str | Path, kind: str) -> Path:
     return Path(f"{prefix}-{kind}.txt")
 
 
-def agree(path: Path, name: str, found: int, what: str, expected: int, other: Path) -> None:
+def agree(path: Path, name: str, count: int, what: str, expected: int, other: Path) -> None:
     """Refuse a file whose header gives another count (``name``) than there is in another file."""
-    if found != expected:
-        said = f"{expected}: {other.name} has {expected} {what}"
-        raise SamplesError(str(found), said, file=path, line=1, where=name)
+    if count != expected:
+        problem = f"{expected}: {other.name} has {expected} {what}"
+        raise SamplesError(str(count), problem, file=path, line=1, where=name)
 
 
-def same_size(path: Path, found: FloatArray, other: Path, expected: FloatArray) -> None:
+def same_size(path: Path, points: FloatArray, other: Path, expected: FloatArray) -> None:
     """Refuse a file that shows a rigid body (..., n, 3) as large as another unit would make it."""
-    size, wanted = (extent(body.reshape(-1, *body.shape[-2:])[0]) for body in (found, expected))
-    ratio = size / wanted if wanted > 0 else 1.0
+    size, expected_size = (
+        extent(body.reshape(-1, *body.shape[-2:])[0]) for body in (points, expected)
+    )
+    ratio = size / expected_size if expected_size > 0 else 1.0
     if OTHER_UNIT[0] < max(ratio, 1 / ratio if ratio else 1.0) < OTHER_UNIT[1]:
         raise SamplesError(
             f"markers {ratio:.4g} times as far apart as those of the same body in {other}",
@@ -291,10 +291,11 @@ def _read(
                 repr(cell[:40]), "a whole number from 1", file=path, line=1, where=name
             )
     counts = tuple(map(int, cells[:-1]))
-    wanted = expected(counts)
+    row_count = expected(counts)
     points = [_numbers(row) for row in rows]
-    for line, values in enumerate(points[:wanted], 2):
-        if len(values) != 3 or not all(abs(value) <= LARGEST for value in values):
+    for line, values in enumerate(points[:row_count], 2):
+        # mm; beyond this it is no position of a marker, and its square must stay a number.
+        if len(values) != 3 or not all(abs(value) <= 1e9 for value in values):
             cut = line == len(lines) and len(values) < 3
             raise SamplesError(
                 repr(rows[line - 2][:60]),
@@ -303,14 +304,16 @@ def _read(
                 line=line,
                 hint="the file ends in the middle of a row" if cut else "",
             )
-    if len(rows) != wanted:
-        said = ", ".join(f"{name} = {count}" for name, count in zip(names, counts, strict=True))
+    if len(rows) != row_count:
+        counts_text = ", ".join(
+            f"{name} = {count}" for name, count in zip(names, counts, strict=True)
+        )
         raise SamplesError(
             f"{len(rows)} rows of points",
-            f"{wanted}, for the header says {said}",
+            f"{row_count}, for the header says {counts_text}",
             file=path,
-            line=min(len(rows), wanted) + 2,
-            hint="the file was cut off" if len(rows) < wanted else "delete the surplus rows",
+            line=min(len(rows), row_count) + 2,
+            hint="the file was cut off" if len(rows) < row_count else "delete the surplus rows",
         )
     return counts, from_mm(np.array(points))
 

@@ -15,7 +15,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.stereotactic.cis_files import (
     CalibrationMarkers,
     NavigationData,
@@ -27,9 +27,6 @@ from suta_calib.stereotactic.cis_files import (
 )
 from suta_calib.stereotactic.marker_cloud import BodyPoses
 
-PIVOT_FRAMES: Final = 12
-FIDUCIALS: Final = 6
-NAV_FRAMES: Final = 4
 # m, edges of the EM tracker's base with its optical markers, and of the calibration object.
 BASE, OBJECT = 0.15, 0.25
 # m, the corner of the EM tracker's working volume that all markers fill, and its size.
@@ -51,7 +48,7 @@ class StereotacticTruth(Output1):
 
 
 @dataclass(frozen=True, eq=False)
-class SimulatedSet(Shown):
+class SimulatedSet(Displayable):
     """Simulated data and what they were made from."""
 
     data: StereotacticData
@@ -60,14 +57,14 @@ class SimulatedSet(Shown):
     def texts(self) -> dict[str, str]:
         """Content of the files by name; ``output1`` and ``output2`` hold the truth."""
         data, truth, file = self.data, self.truth, f"{self.data.name}-{{}}.txt".format
-        body, seen, pivot, given = data.body, data.readings, data.optical_pivot, data.navigation
+        body, readings, pivot, given = data.body, data.readings, data.optical_pivot, data.navigation
         markers = (len(body.base), len(body.optical), len(body.em))
         optical = np.concatenate([pivot.base, pivot.probe], axis=1)
         tables: dict[str, tuple[tuple[int, ...], tuple[FloatArray, ...]]] = {
             "calbody": (markers, (body.base, body.optical, body.em)),
             "calreadings": (
-                (*markers, len(seen.em)),
-                (np.concatenate([seen.base, seen.optical, seen.em], axis=1),),
+                (*markers, len(readings.em)),
+                (np.concatenate([readings.base, readings.optical, readings.em], axis=1),),
             ),
             "optpivot": ((markers[0], pivot.probe.shape[1], len(optical)), (optical,)),
             "output2": ((len(truth.navigation),), (truth.navigation,)),
@@ -119,6 +116,8 @@ def simulate_stereotactic(
     Raises:
         ValueError: ``grid`` is below 2.
     """
+    pivot_frames = 12
+    fiducials = 6
     if grid < 2:
         raise ValueError(f"grid: found {grid}; expected 2 or more")
     random = np.random.default_rng(seed)
@@ -144,19 +143,20 @@ def simulate_stereotactic(
     # Either probe turned about its tip.
     em_post, optical_post = (p + random.uniform(-0.01, 0.01, 3) for p in (EM_POST, OPTICAL_POST))
     probe, tip = _probe(random)
-    em_pivot = em(_about(em_post, tip, random, PIVOT_FRAMES).to_tracker(probe))
+    em_pivot = em(_about(em_post, tip, random, pivot_frames).to_tracker(probe))
     # The EM probe's tip in each fiducial and at the targets.
     rotation, position = rotation_from_vector(random.uniform(-0.1, 0.1, 3)), np.full(3, 0.3)
-    ct = random.uniform(0.0, 0.2, (FIDUCIALS + NAV_FRAMES, 3))
+    nav_frames = 4
+    ct = random.uniform(0.0, 0.2, (fiducials + nav_frames, 3))
     at_points = _about(ct @ rotation.T + position, tip, random, len(ct))
     frames = em(at_points.to_tracker(probe))
-    navigation = NavigationData(ct[:FIDUCIALS], frames[:FIDUCIALS], frames[FIDUCIALS:])
+    navigation = NavigationData(ct[:fiducials], frames[:fiducials], frames[fiducials:])
     optical_probe, optical_tip = _probe(random)
-    markers = _about(optical_post, optical_tip, random, PIVOT_FRAMES).to_tracker(optical_probe)
-    base = base_poses(PIVOT_FRAMES)
+    markers = _about(optical_post, optical_tip, random, pivot_frames).to_tracker(optical_probe)
+    base = base_poses(pivot_frames)
     optical_pivot = OpticalPivot(base.to_tracker(body.base), base.to_tracker(markers))
     data = StereotacticData(Path(name), body, readings, em_pivot, optical_pivot, navigation)
-    return SimulatedSet(data, StereotacticTruth(em_post, optical_post, expected, ct[FIDUCIALS:]))
+    return SimulatedSet(data, StereotacticTruth(em_post, optical_post, expected, ct[fiducials:]))
 
 
 def _lattice(n: int, size: float) -> FloatArray:

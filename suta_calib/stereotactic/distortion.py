@@ -28,14 +28,12 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.stereotactic.left_out import robust_predicts_better
 from suta_calib.threads import single_threaded
 
 # Beyond this the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.
 DEGREES: Final = tuple(range(7))
-# Enough to see that there is something to correct.
-COARSE: Final = (1, 2, 3)
 # Combinations of coefficients seen less than this, relative to the best seen, are left at zero.
 RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
@@ -44,22 +42,16 @@ UNDETERMINED: Final = 1e-9
 # what is to be corrected, and at most; and at least, or hardly a marker is in one.
 THICKEST: Final = 0.2
 THINNEST: Final = 0.03
-# Part of the squared error of staying as at the border that going on must leave at most to be
-# trusted; and where readings lie farther out than any layer.
-WORTH_IT: Final = 0.8
-DECISIVE: Final = 0.25
 # Mean square error at the border beyond that inside, as part of it, that is more than chance.
 GROWN: Final = 0.5
 MAX_ROUNDS: Final = 10
-# Times the limit for normal errors: what a polynomial cannot follow is no outlier.
-GROSS: Final = 3.0
 # m, error of an EM reading that is none: a tenth of what such trackers promise.
 HARMLESS: Final = 1e-4
 INVERSIONS: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
-class DistortionCorrection(Shown):
+class DistortionCorrection(Displayable):
     """A fitted correction.
 
     Attributes:
@@ -211,10 +203,14 @@ def _continued(
     corrected: FloatArray | None,
 ) -> DistortionCorrection:
     """The same with the continuation that best predicts the frames at the border from the rest."""
+    # Part of the squared error of staying as at the border that going on must leave at most to be
+    # trusted; and where readings lie farther out than any layer.
+    worth_it = 0.8
+    decisive = 0.25
     degree, size = correction.degree, correction.upper - correction.lower
     farthest = THICKEST if corrected is None else _farthest(correction, corrected)
     reach = float(np.clip(farthest, THINNEST, THICKEST))
-    at, corrections = fits[degree].at, fits[degree].wanted
+    at, corrections = fits[degree].at, fits[degree].target
     frames = np.repeat(np.arange(len(correction.residuals)), correction.residuals.shape[1])
     # Squared errors by frame, for a frame's points err together; and what is usual inside.
     squared = {k: np.zeros(len(correction.residuals)) for k in fits if k <= degree}
@@ -233,7 +229,7 @@ def _continued(
     at_border = {k: sums[squared[0] > 0] for k, sums in squared.items()}
     chosen = _lowest_as_good(at_border) if len(at_border[0]) > 1 else 0
     total = {k: float(sums.sum()) for k, sums in squared.items()}
-    if total[chosen] > (DECISIVE if farthest > THICKEST else WORTH_IT) * total[0]:
+    if total[chosen] > (decisive if farthest > THICKEST else worth_it) * total[0]:
         chosen = 0
     excess = total[chosen] - inside
     grows = excess > GROWN * inside and distance > 0.0
@@ -252,7 +248,9 @@ def _farthest(correction: DistortionCorrection, points: FloatArray) -> float:
 
 def smooth_distortion(measured: FloatArray, expected: FloatArray) -> DistortionCorrection:
     """A correction of low degree; what it leaves of left-out frames tells whether one is due."""
-    return _fit_inside(measured, expected, COARSE)[0]
+    # Enough to see that there is something to correct.
+    coarse = (1, 2, 3)
+    return _fit_inside(measured, expected, coarse)[0]
 
 
 def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:
@@ -282,13 +280,13 @@ class _PolynomialFit:
     u: FloatArray
     back: FloatArray
     at: FloatArray
-    wanted: FloatArray
+    target: FloatArray
 
     def without(self, rows: BoolArray) -> FloatArray:
         """Coefficients of a fit without some of the points (N,)."""
-        u, corrections = self.u[rows], self.wanted[rows]
+        u, corrections = self.u[rows], self.target[rows]
         information = (1.0 + UNDETERMINED) * np.eye(u.shape[1]) - u.T @ u
-        pull = self.u.T @ self.wanted - u.T @ corrections
+        pull = self.u.T @ self.target - u.T @ corrections
         return np.asarray(self.back @ np.linalg.solve(information, pull))
 
 
@@ -487,5 +485,6 @@ def far_off(errors: FloatArray) -> BoolArray:
     """Which errors (N_frames, n, 3), m, are far too large for a scatter of the median's size."""
     sizes = np.linalg.norm(errors, axis=-1)
     sigma = float(np.median(sizes)) / np.sqrt(chdtri(DIMENSION, 0.5))
-    limit = GROSS * np.sqrt(outlier_limit(sizes.size, 1))
+    # Times the limit for normal errors: what a polynomial cannot follow is no outlier.
+    limit = 3.0 * np.sqrt(outlier_limit(sizes.size, 1))
     return np.asarray(sizes > limit * sigma + HARMLESS)

@@ -6,21 +6,10 @@ and each step may differ: both fits are made, and each predicts every frame from
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import register_points
-
-# Errors count as so many times the usual one at most: a wrong frame is predicted by neither fit.
-CAPPED: Final = 3.0
-# Standard errors by which a robust fit must predict better to be believed.
-PROVEN: Final = 2.0
-# Errors, m, that no instrument resolves: the files of the course have two decimals of a millimetre.
-RESOLVED: Final = 1e-6
-# Distance from one, of a leverage, where the others do not tell a row.
-UNDETERMINED: Final = 1e-9
 
 
 def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
@@ -30,12 +19,17 @@ def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
         plain: (n,) errors of left-out frames if all rows are believed, m.
         robust: (n,) the same if rows that do not fit are left out.
     """
-    usual = max(min(float(np.median(plain)), float(np.median(robust))), RESOLVED)
-    squares = (np.minimum(errors, CAPPED * usual) ** 2 for errors in (plain, robust))
+    # Errors, m, that no instrument resolves: the files of the course have two decimals of a
+    # millimetre.
+    usual = max(min(float(np.median(plain)), float(np.median(robust))), 1e-6)
+    # Errors count as so many times the usual one at most: a wrong frame is predicted by neither
+    # fit.
+    squares = (np.minimum(errors, 3.0 * usual) ** 2 for errors in (plain, robust))
     gain = np.subtract(*squares)
     if len(gain) < 2:
         return False
-    return bool(gain.mean() > PROVEN * gain.std(ddof=1) / np.sqrt(len(gain)))
+    # Standard errors by which a robust fit must predict better to be believed.
+    return bool(gain.mean() > 2.0 * gain.std(ddof=1) / np.sqrt(len(gain)))
 
 
 def left_out_of_pivot(rotation: FloatArray, position: FloatArray, used: BoolArray) -> FloatArray:
@@ -53,7 +47,9 @@ def left_out_of_pivot(rotation: FloatArray, position: FloatArray, used: BoolArra
     error = columns @ solved + position
     # Errors that a frame would have if it were not fitted: (I - H)⁻¹ e with the hat matrix H.
     fitted = columns @ inverse @ np.swapaxes(columns, 1, 2) * used[:, None, None]
-    left = np.linalg.solve((1.0 + UNDETERMINED) * np.eye(3) - fitted, error[..., None])[..., 0]
+    # Distance from one, of a leverage, where the others do not tell a row.
+    undetermined = 1e-9
+    left = np.linalg.solve((1.0 + undetermined) * np.eye(3) - fitted, error[..., None])[..., 0]
     return np.asarray(np.linalg.norm(left, axis=1))
 
 

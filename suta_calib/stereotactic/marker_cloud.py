@@ -23,11 +23,6 @@ from suta_calib.pose_calibration.rigid_fit import (
 # Numbers that a pose takes of its markers'.
 OF_A_POSE: Final = 6
 MAX_ROUNDS: Final = 10
-# Times less squared error of the markers that stay, from which on one that is left out is wrong:
-# a marker at the limit of what noise makes gives about two.
-FAR_BETTER: Final = 3.0
-# Residual relative to the size of the body that is rounding.
-ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +116,7 @@ class MarkerCloud:
 
 
 @dataclass(frozen=True, eq=False)
-class SeenBody:
+class ObservedBody:
     """A body as it was seen.
 
     Attributes:
@@ -185,7 +180,8 @@ def _norms(markers: FloatArray, frames: FloatArray, used: BoolArray) -> FloatArr
 def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
     """Markers that fit: a start in each frame alone, then one scatter for all frames."""
     used = np.stack([agreeing_points(markers, f, 0, LEAST_POINTS).inliers for f in frames])
-    floor = ROUNDING * float(np.ptp(markers))
+    # Residual relative to the size of the body that is rounding.
+    floor = 1e-9 * float(np.ptp(markers))
     limit = np.sqrt(outlier_limit(used.size, 1))
     for _ in range(MAX_ROUNDS):
         norms = _norms(markers, frames, used)
@@ -212,7 +208,9 @@ def _proven(markers: FloatArray, frames: FloatArray, used: BoolArray) -> BoolArr
             squares[:, marker] = _norms(markers, frames, remaining)[:, marker] ** 2
         errors[way] = np.sum(squares * used, axis=1)
     enough = used.sum(axis=1) > LEAST_POINTS
-    far_better = enough & (errors["plain"] > FAR_BETTER * errors["robust"])
+    # Times less squared error of the markers that stay, from which on one that is left out is
+    # wrong: a marker at the limit of what noise makes gives about two.
+    far_better = enough & (errors["plain"] > 3.0 * errors["robust"])
     return np.asarray(used | ~far_better[:, None])
 
 

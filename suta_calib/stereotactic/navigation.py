@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.special import chdtrc
@@ -14,9 +13,6 @@ from suta_calib.pose_calibration.consensus import DIMENSION
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.stereotactic.marker_cloud import OF_A_POSE
 from suta_calib.units import mm
-
-# Chance of fiducials as far off by the readings alone below which something else is wrong.
-UNEXPLAINED: Final = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,17 +50,18 @@ class Navigation:
 
         So few of them hardly tell which is wrong; empty where the readings explain it.
         """
-        fitted, found = self.registration.inliers, self.registration
+        fitted, registration = self.registration.inliers, self.registration
         freedom = DIMENSION * int(fitted.sum()) - OF_A_POSE
         # A registration takes as much of the errors as it has unknowns.
         explained = rms_length(self.fiducial_error[fitted][:, None])
         explained *= np.sqrt(freedom / (DIMENSION * int(fitted.sum())))
-        if freedom < 1 or chdtrc(freedom, (found.rms / explained) ** 2 * freedom) > UNEXPLAINED:
+        # Chance of fiducials as far off by the readings alone below which something else is wrong.
+        if freedom < 1 or chdtrc(freedom, (registration.rms / explained) ** 2 * freedom) > 1e-5:
             return ""
-        apart = np.where(fitted, np.linalg.norm(found.residuals, axis=1), 0.0)
+        residuals = np.where(fitted, np.linalg.norm(registration.residuals, axis=1), 0.0)
         return (
-            f"The fiducials lie {mm(found.rms):.2f} mm RMS off where each other puts them, and the "
-            f"readings of the probe explain {mm(explained):.2f} mm: one was touched elsewhere, has "
-            "moved or is off in CT, where ± does not hold. Fiducial "
-            f"{int(np.argmax(apart)) + 1} is off most, by {mm(apart.max()):.2f} mm."
+            f"The fiducials lie {mm(registration.rms):.2f} mm RMS off where each other puts them, "
+            f"and the readings of the probe explain {mm(explained):.2f} mm: one was touched "
+            "elsewhere, has moved or is off in CT, where ± does not hold. Fiducial "
+            f"{int(np.argmax(residuals)) + 1} is off most, by {mm(residuals.max()):.2f} mm."
         )

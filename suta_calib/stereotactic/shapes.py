@@ -19,7 +19,7 @@ from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.rigid_fit import ENOUGH_TO_JUDGE
 from suta_calib.stereotactic.distortion import smooth_distortion
-from suta_calib.stereotactic.marker_cloud import OF_A_POSE, BodyPoses, MarkerCloud, SeenBody
+from suta_calib.stereotactic.marker_cloud import OF_A_POSE, BodyPoses, MarkerCloud, ObservedBody
 from suta_calib.units import mm
 from suta_calib.words import listed
 
@@ -33,8 +33,6 @@ WORTH_A_WORD: Final = 0.03e-3
 CHANCE: Final = 1e-6
 # Standard deviations that are not exceeded by chance, of what an answer states too.
 SEVERAL: Final = 4.0
-# What markers of normal errors are not off by, times this: instruments have longer tails.
-LONG_TAILS: Final = 2.0
 # Part of an error that its explanation leaves at most.
 EXPLAINED: Final = 0.5
 # What a frame's markers miss a probe's shape by, in units of what they usually do, that is no
@@ -42,7 +40,6 @@ EXPLAINED: Final = 0.5
 UNLIKE, UNLIKE_BENT = 3.0, 5.0
 # Frames that tell a scatter, and that tell which frames belong together.
 ENOUGH_TO_SCATTER, ENOUGH_TO_PAIR = 3, 8
-SETTLED: Final = 5
 # Frames that are named.
 MOST_FRAMES: Final = 3
 
@@ -64,7 +61,7 @@ class GivenShape:
 
     file: str
     letter: str
-    body: SeenBody
+    body: ObservedBody
     where: FloatArray
     what: str
     answer: str
@@ -93,7 +90,7 @@ class _Deviation:
 
     common: FloatArray
     scatter: float
-    known: bool
+    significant: bool
     factor: tuple[float, float] | None
     marker: tuple[int, float] | None
     effect: float
@@ -119,10 +116,11 @@ def on_given_shapes(shapes: Sequence[GivenShape], *, robust: bool) -> tuple[list
         deviations.append((shape, deviation))
         care += [] if shape.bent else _standing_out(shape, deviation, robust)
     for shape, deviation in deviations:
-        if not deviation.known:
+        if not deviation.significant:
             continue
         sentence = (
-            f"{shape.markers} {_told(shape, deviation)} {_beside(shape, deviation, deviations)} "
+            f"{shape.markers} {_deviation_sentence(shape, deviation)} "
+            f"{_beside(shape, deviation, deviations)} "
         )
         sentence += f"It moves {shape.what} by about {mm(deviation.effect):.2f} mm"
         if shape.stated is not None and deviation.effect > SEVERAL * shape.stated:
@@ -187,7 +185,7 @@ def _lever(cloud: MarkerCloud, places: FloatArray) -> float:
     return float(np.sqrt(np.mean([cloud.amplified(place) ** 2 for place in places])))
 
 
-def _scale(body: SeenBody) -> tuple[tuple[float, float], FloatArray]:
+def _scale(body: ObservedBody) -> tuple[tuple[float, float], FloatArray]:
     """How many times as far apart markers lie as they should, its std; what that makes (n, 3)."""
     used = body.used[..., None]
     centre = np.sum(used * body.cloud.markers, axis=1, keepdims=True) / used.sum(axis=1)[:, None]
@@ -223,7 +221,7 @@ def _one_marker(
     return (marker, off), left, moved
 
 
-def _told(shape: GivenShape, deviation: _Deviation) -> str:
+def _deviation_sentence(shape: GivenShape, deviation: _Deviation) -> str:
     if deviation.factor is not None:
         factor, std = deviation.factor
         if shape.bent:  # A correction that was fitted to them follows a part of it.
@@ -249,7 +247,7 @@ def _beside(
             continue
         if rms_length(deviation.common - its.common) < EXPLAINED * rms_length(deviation.common):
             return f"So they do in {other.file}: look for a mistake in calbody."
-        how = "lie otherwise" if its.known else "have it"
+        how = "lie otherwise" if its.significant else "have it"
         return f"In {other.file} they {how}: a marker was moved, or is read wrongly."
     if shape.bent and deviation.factor is None and deviation.marker is None:
         return "Look for a mistake in calbody, or for frames in which something else was moved."
@@ -262,7 +260,8 @@ def _standing_out(shape: GivenShape, deviation: _Deviation, robust: bool) -> lis
     difference = np.nan_to_num(shape.body.residuals - deviation.common)
     sizes = np.linalg.norm(difference, axis=-1)
     sigma = float(np.median(sizes[used])) / np.sqrt(chdtri(DIMENSION, 0.5))
-    limit = LONG_TAILS * np.sqrt(outlier_limit(sizes.size, 1)) * max(sigma, ROUNDED)
+    # What markers of normal errors are not off by, times this: instruments have longer tails.
+    limit = 2.0 * np.sqrt(outlier_limit(sizes.size, 1)) * max(sigma, ROUNDED)
     far = sizes > limit + WORTH_A_WORD
     if not far.any():
         return []
@@ -276,7 +275,7 @@ def _standing_out(shape: GivenShape, deviation: _Deviation, robust: bool) -> lis
 
 
 @dataclass(frozen=True, eq=False)
-class SeenProbe:
+class ObservedProbe:
     """The EM probe, corrected, in every file that has frames of it.
 
     Attributes:
@@ -288,14 +287,14 @@ class SeenProbe:
         stated: (N_frames,) standard deviations (3-D) of tips that stand each for itself, by file.
     """
 
-    bodies: Mapping[str, SeenBody]
+    bodies: Mapping[str, ObservedBody]
     bent: bool
     outside: Mapping[str, FloatArray]
     tip: FloatArray
     stated: Mapping[str, FloatArray]
 
 
-def on_probe(probe: SeenProbe) -> tuple[list[str], list[str]]:
+def on_probe(probe: ObservedProbe) -> tuple[list[str], list[str]]:
     """Frames in which the EM probe has not the shape that it pivots with: an order, a marker.
 
     A pivot, and a registration, notice a frame that does not fit the others; a tip that is only
@@ -331,9 +330,10 @@ def on_probe(probe: SeenProbe) -> tuple[list[str], list[str]]:
     return bad, care
 
 
-def _usual_shape(pivot: SeenBody) -> MarkerCloud:
+def _usual_shape(pivot: ObservedBody) -> MarkerCloud:
     """The shape that a body has in most of its frames, in its own axes."""
-    for _ in range(SETTLED):
+    settled = 5
+    for _ in range(settled):
         # A marker that is left out in every frame stays where it is.
         observed = np.asarray(pivot.used.any(axis=0))
         residuals = np.where(observed[:, None], pivot.residuals, 0.0)

@@ -21,7 +21,7 @@ from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
     Output1,
@@ -46,13 +46,13 @@ from suta_calib.stereotactic.left_out import (
     left_out_of_registration,
     robust_predicts_better,
 )
-from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud, SeenBody
+from suta_calib.stereotactic.marker_cloud import BodyPoses, MarkerCloud, ObservedBody
 from suta_calib.stereotactic.navigation import Navigation
 from suta_calib.stereotactic.shapes import (
     EXPLAINED,
     MOST_FRAMES,
     GivenShape,
-    SeenProbe,
+    ObservedProbe,
     on_given_shapes,
     on_late_base,
     on_probe,
@@ -61,10 +61,6 @@ from suta_calib.units import mm
 from suta_calib.words import listed
 
 A = TypeVar("A", PivotCalibration, Registration)
-# Misfit of EM readings that asks for a reason, as part of the markers' extent.
-ELSEWHERE: Final = 0.05
-# A field bends by less than half; what is turned or stretched by more is in other axes or units.
-BENT: Final = 0.5
 # Files with frames of the EM probe; the first tells its shape.
 EM_PROBE: Final = ("empivot", EM_FIDUCIALS[0], "EM-nav")
 # The EM tracker's base and the calibration object, as the optical tracker sees them.
@@ -77,7 +73,7 @@ USES: Final = {
 
 
 @dataclass(frozen=True, eq=False)
-class StereotacticResult(Shown):
+class StereotacticResult(Displayable):
     """Answer to the assignments.
 
     Attributes:
@@ -104,7 +100,7 @@ class StereotacticResult(Shown):
     navigation: Navigation | None
     extrapolated: Mapping[str, int]
     outliers: Mapping[str, int]
-    bodies: Mapping[str, SeenBody]
+    bodies: Mapping[str, ObservedBody]
 
     @property
     def em_error(self) -> FloatArray:
@@ -184,8 +180,10 @@ def solve_stereotactic(
     frames = base.to_body(data.optical_pivot.probe)
     optical_pivot = bodies.pivot("optpivot", MarkerCloud.from_frame(frames[0]), frames)
     navigation = _navigate(bodies, correction, probe, em_pivot.tip)
-    seen = {} if correction is None else {u: correction.inside(p) for u, p in data.em_uses.items()}
-    outside = {use: int(np.sum(~inside)) for use, inside in seen.items()}
+    inside = (
+        {} if correction is None else {u: correction.inside(p) for u, p in data.em_uses.items()}
+    )
+    outside = {use: int(np.sum(~inside)) for use, inside in inside.items()}
     return StereotacticResult(
         *(data, expected, em_pivot, optical_pivot, correction, navigation, outside),
         *(bodies.outliers, bodies.seen),
@@ -198,7 +196,7 @@ class _Bodies:
     def __init__(self, data: StereotacticData, robust: bool | None) -> None:
         self.data, self.robust = data, robust
         self.outliers: dict[str, int] = {}
-        self.seen: dict[str, SeenBody] = {}
+        self.seen: dict[str, ObservedBody] = {}
 
     def poses(self, name: str, cloud: MarkerCloud, frames: FloatArray) -> BodyPoses:
         """Poses of one body, named by its file and the letter of its markers; so is an error."""
@@ -207,7 +205,7 @@ class _Bodies:
             poses = cloud.poses(frames, robust=self.robust)
         if self.robust is not False:
             self.outliers[kind] = self.outliers.get(kind, 0) + poses.outliers
-        self.seen[name] = SeenBody(cloud, frames, poses)
+        self.seen[name] = ObservedBody(cloud, frames, poses)
         return poses
 
     def pivot(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> PivotCalibration:
@@ -215,8 +213,8 @@ class _Bodies:
         poses = self.poses(kind, cloud, frames)
         solve = partial(calibrate_pivot, poses.rotation, poses.position)
 
-        def left_out(found: PivotCalibration) -> FloatArray:
-            return left_out_of_pivot(poses.rotation, poses.position, found.inliers)
+        def left_out(calibration: PivotCalibration) -> FloatArray:
+            return left_out_of_pivot(poses.rotation, poses.position, calibration.inliers)
 
         with error_context(path_of(self.data.prefix, kind)):
             return self.better(lambda robust: solve(robust=robust), left_out)
@@ -249,15 +247,15 @@ def _expected_markers(bodies: _Bodies) -> FloatArray:
 
     F_D is the pose of the EM tracker's base and F_A that of the object, in the optical tracker.
     """
-    body, seen = bodies.data.body, bodies.data.readings
-    base = bodies.poses(BASE, MarkerCloud(body.base), seen.base)
-    placed = bodies.poses(PLACED, MarkerCloud(body.optical), seen.optical)
+    body, readings = bodies.data.body, bodies.data.readings
+    base = bodies.poses(BASE, MarkerCloud(body.base), readings.base)
+    placed = bodies.poses(PLACED, MarkerCloud(body.optical), readings.optical)
     return base.to_body(placed.to_tracker(body.em))
 
 
 def _correction(bodies: _Bodies, expected: FloatArray) -> DistortionCorrection:
     measured = bodies.data.readings.em
-    used = np.concatenate([seen.reshape(-1, 3) for seen in bodies.data.em_uses.values()])
+    used = np.concatenate([points.reshape(-1, 3) for points in bodies.data.em_uses.values()])
     with error_context(path_of(bodies.data.prefix, "calreadings")):
         if bodies.robust is False:
             return fit_distortion(measured, expected, corrected=used)
@@ -285,7 +283,9 @@ def _navigate(
     with error_context(path_of(data.prefix, "ct-fiducials")):
         registration = bodies.better(
             lambda robust: register(fiducials, given.ct_fiducials, robust=robust),
-            lambda found: left_out_of_registration(fiducials, given.ct_fiducials, found.inliers),
+            lambda registration: left_out_of_registration(
+                fiducials, given.ct_fiducials, registration.inliers
+            ),
         )
 
     def tip_error(frames: FloatArray) -> FloatArray:
@@ -293,7 +293,7 @@ def _navigate(
             return probe.amplified(tip) * correction.body_error(frames)
         # What the markers miss the probe's shape by, which is of a frame as well: both are read
         # wrongly. Six numbers of a frame are its pose's.
-        scatter = rms_length(SeenBody(probe, frames, probe.poses(frames)).misfit[:, None])
+        scatter = rms_length(ObservedBody(probe, frames, probe.poses(frames)).misfit[:, None])
         free = 2 * max(len(probe.markers) - 2, 1)
         return np.full(len(frames), probe.amplified(tip) * scatter / np.sqrt(free))
 
@@ -309,13 +309,18 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
     """
     body, measured, expected = result.data.body.em, result.data.readings.em, result.expected
     off = rms_length(result.em_error)
-    if off <= ELSEWHERE * extent(body):
+    # Misfit of EM readings that asks for a reason, as part of the markers' extent.
+    if off <= 0.05 * extent(body):
         return []
-    found = f"The EM markers are read {mm(off):.1f} mm RMS from where the optical tracker says"
-    seen, there = (v.reshape(-1, 3) - v.mean(axis=(0, 1)) for v in (measured, expected))
-    affine = np.linalg.lstsq(there, seen, rcond=None)[0]
-    if np.linalg.norm(affine - np.eye(3), 2) > BENT:
-        return [f"{found}: look for another unit, or other axes, of the C markers in calreadings."]
+    sentence = f"The EM markers are read {mm(off):.1f} mm RMS from where the optical tracker says"
+    read, there = (v.reshape(-1, 3) - v.mean(axis=(0, 1)) for v in (measured, expected))
+    affine = np.linalg.lstsq(there, read, rcond=None)[0]
+    # A field bends by less than half; what is turned or stretched by more is in other axes or
+    # units.
+    if np.linalg.norm(affine - np.eye(3), 2) > 0.5:
+        return [
+            f"{sentence}: look for another unit, or other axes, of the C markers in calreadings."
+        ]
     R = register_points(np.broadcast_to(body, expected.shape), expected)[0]
     by_marker = result.em_error @ R
     frames = len(by_marker)
@@ -327,7 +332,7 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
         by_place = off
     if by_place < EXPLAINED * off and (frames < 2 or by_place < rms_length(left_out)):
         return []
-    return [f"{found}: not as distortion does; look for another unit or order of the C markers."]
+    return [f"{sentence}: not as distortion does; look for another unit or order of the C markers."]
 
 
 def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str], list[str]]:
@@ -368,15 +373,15 @@ def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str],
             for kind, frames in zip(EM_PROBE, result.data.em_uses.values(), strict=False)
         }
     stated = {} if result.navigation is None else {EM_PROBE[2]: result.navigation.tip_error}
-    probe = on_probe(SeenProbe(of_probe, bent, outside, result.em_pivot.tip, stated))
+    probe = on_probe(ObservedProbe(of_probe, bent, outside, result.em_pivot.tip, stated))
     return [*bad, *probe[0]], [*care, *probe[1]]
 
 
-def _em_object(result: StereotacticResult) -> SeenBody:
+def _em_object(result: StereotacticResult) -> ObservedBody:
     """The calibration object's EM markers, corrected."""
     cloud, frames = MarkerCloud(result.data.body.em), result.data.readings.em
     frames = frames if result.correction is None else result.correction.correct(frames)
-    return SeenBody(cloud, frames, BodyPoses(*register_points(cloud.markers, frames)))
+    return ObservedBody(cloud, frames, BodyPoses(*register_points(cloud.markers, frames)))
 
 
 def _on_distortion(result: StereotacticResult) -> list[str]:
@@ -398,19 +403,20 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
             f"place (frame {listed([str(frame) for frame in frames], MOST_FRAMES)}): they bend the "
             "correction there. --robust leaves them out."
         )
-    for use, seen in result.data.em_uses.items():
-        error = correction.extrapolation_error(seen)
+    for use, points in result.data.em_uses.items():
+        error = correction.extrapolation_error(points)
         if error > max(correction.cross_validation[correction.degree], HARMLESS):
             notes.append(
-                f"{result.extrapolated[use]} of {seen[..., 0].size} markers of {USES[use]} lie "
-                f"outside the calibrated volume, by up to {mm(correction.outside(seen).max()):.0f} "
-                f"mm: the correction there is good to ± {mm(error):.2f} mm only (3-D RMS)."
+                f"{result.extrapolated[use]} of {points[..., 0].size} markers of {USES[use]} lie "
+                "outside the calibrated volume, by up to "
+                f"{mm(correction.outside(points).max()):.0f} mm: the correction there is good "
+                f"to ± {mm(error):.2f} mm only (3-D RMS)."
             )
     return notes
 
 
 @dataclass(frozen=True, eq=False)
-class StereotacticErrors(Shown):
+class StereotacticErrors(Displayable):
     """Distances of the answer from the given one; None where that file is not there.
 
     Attributes:
@@ -453,10 +459,10 @@ def read_given(result: StereotacticResult) -> GivenOutputs:
 
 def compare(result: StereotacticResult, given: GivenOutputs) -> StereotacticErrors:
     """Distances of the result from what is given."""
-    (output1, output2), found = given, result.navigation
+    (output1, output2), navigated = given, result.navigation
     navigation = None
-    if found is not None and output2 is not None:
-        navigation = np.asarray(np.linalg.norm(found.ct - output2, axis=1))
+    if navigated is not None and output2 is not None:
+        navigation = np.asarray(np.linalg.norm(navigated.ct - output2, axis=1))
     if output1 is None:
         return StereotacticErrors(navigation=navigation)
     return StereotacticErrors(
