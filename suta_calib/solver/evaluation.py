@@ -68,7 +68,7 @@ class PoseTable:
             rows = slice(int(first), int(first) + size)
             batch = None
             if isinstance(source, ArmPoses):
-                conditions = source.samples.told
+                conditions = source.samples.conditions
                 # Straight into the table: copying its velocities would take as long as they do.
                 velocity = self.velocity.reshape(n, 6 * len(names))
                 table = [array[rows] for array in (self.rotation, self.position, velocity)]
@@ -311,13 +311,15 @@ class Evaluation:
     ) -> tuple[FloatArray, FloatArray]:
         """`_normal_equations` where each row looks at a few of many own parameters."""
         residual, by_pose, by_own = _corrected(line, root)
-        white, own = residual.reshape(-1), line.pattern.by_own(by_own)
+        white, by_own_white = residual.reshape(-1), line.pattern.by_own(by_own)
         if not arm_moves:
-            return own.T @ white, dense(own.T @ own)
+            return by_own_white.T @ white, dense(by_own_white.T @ by_own_white)
         arm = self._arm_columns(line, by_pose)
-        cross = own.T @ arm
-        gradient = np.concatenate([arm.T @ white, own.T @ white])
-        return gradient, np.block([[arm.T @ arm, cross.T], [cross, dense(own.T @ own)]])
+        cross = by_own_white.T @ arm
+        gradient = np.concatenate([arm.T @ white, by_own_white.T @ white])
+        return gradient, np.block(
+            [[arm.T @ arm, cross.T], [cross, dense(by_own_white.T @ by_own_white)]]
+        )
 
     def columns(self, line: Linearised, by_pose: FloatArray, by_own: FloatArray) -> tuple[Any, Any]:
         """Jacobian of a block's rows: dense by the arm's parameters, by own ones as they come."""

@@ -91,7 +91,7 @@ def energy_of_prior(precision: FloatArray, away: FloatArray) -> Energy:
 
 
 @dataclass(frozen=True, eq=False)
-class Point:
+class EvidencePoint:
     """-log evidence at one η, the best step of the parameters and its covariance H⁻¹ there."""
 
     eta: FloatArray
@@ -120,7 +120,7 @@ class MarginalLikelihood:
     mean: FloatArray
     belief: FloatArray
 
-    def at(self, eta: FloatArray) -> Point:
+    def at(self, eta: FloatArray) -> EvidencePoint:
         """Value and best step."""
         parts = [*self.held, *self._weighed(eta)]
         curvature = np.zeros((len(parts[0].slope),) * 2)
@@ -140,9 +140,9 @@ class MarginalLikelihood:
             + np.sum(np.log(np.diag(cholesky) / unit))
             + 0.5 * off @ self.belief @ off
         )
-        return Point(eta, float(value), step, covariance)
+        return EvidencePoint(eta, float(value), step, covariance)
 
-    def derivatives(self, point: Point) -> tuple[FloatArray, FloatArray]:
+    def derivatives(self, point: EvidencePoint) -> tuple[FloatArray, FloatArray]:
         """Gradient (k,) and Hessian (k, k) of the value."""
         parts = self._weighed(point.eta)
         values, slopes = (np.array(e) for e in zip(*(p.at(point.step) for p in parts), strict=True))
@@ -183,7 +183,7 @@ class MarginalLikelihood:
         return terms
 
 
-def most_likely(evidence: MarginalLikelihood) -> tuple[Point, FloatArray]:
+def most_likely(evidence: MarginalLikelihood) -> tuple[EvidencePoint, FloatArray]:
     """Newton's method with its Hessian kept positive: where it ends, and the Hessian there."""
     here = evidence.at(np.zeros(len(evidence.counts)))
     gradient, hessian = evidence.derivatives(here)

@@ -32,7 +32,7 @@ from suta_calib.units import from_deg, from_mm
 SILENT: Final = 0.1
 # Cosine, in units of the tolerances, from which on a direction is a factor on all lengths: two that
 # do the same, such as a slide of a joint along its axis, share it and have 0.7.
-ALIKE: Final = 0.5
+MOSTLY_ALONG: Final = 0.5
 # Of one dimension, beside the common factor of the grade, as a standard deviation: a length in m
 # and an angle in rad. Machined: ISO 2768-f has limits of 0.05 mm for short lengths and of 0.1 mm
 # over 100 mm for angles. Printed: a layer, and a few tenths of a degree of warp.
@@ -82,7 +82,9 @@ class HeldGeometry:
         length = np.where(lengths, self.nominal, 0.0) / self.tolerance
         along = np.abs(length @ (self.of_held / self.tolerance[:, None]))
         sizes = np.linalg.norm(self.of_held / self.tolerance[:, None], axis=0)
-        return bool(np.any(along > ALIKE * sizes * max(float(np.linalg.norm(length)), 1e-300)))
+        return bool(
+            np.any(along > MOSTLY_ALONG * sizes * max(float(np.linalg.norm(length)), 1e-300))
+        )
 
     @property
     def matters(self) -> bool:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import OFFSET, ROTATION, ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.information import Information
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value
@@ -32,7 +32,7 @@ ROUNDING: Final = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Combination(Shown):
+class Combination(Displayable):
     """A direction of the parameters that changes no observation.
 
     Attributes:
@@ -109,7 +109,7 @@ class _LeftOpen:
 
 
 @dataclass(frozen=True, eq=False)
-class Identification(Shown):
+class Identification(Displayable):
     """The verdict on a set of parameters.
 
     What is fixed is all that a refit asks for, and half the work: the rest is done when asked for.
@@ -165,13 +165,16 @@ def identify(
     matrices = (information.curvature, information.variance, information.noise_induced)
     scaled = [m * np.outer(unit, unit) for m in matrices]
     prior = precision * unit**2
-    arm, own = np.flatnonzero(free[:arm_count]), np.flatnonzero(free[arm_count:]) + arm_count
-    reduced = schur_complement(scaled, prior, arm, own)
+    arm, own_columns = (
+        np.flatnonzero(free[:arm_count]),
+        np.flatnonzero(free[arm_count:]) + arm_count,
+    )
+    reduced = schur_complement(scaled, prior, arm, own_columns)
     fixed, left_open = list[int](), list[_LeftOpen]()
     rank = _preference(parameters)
     groups = [(arm, reduced)] if len(arm) else []
-    if len(own):
-        groups.append((own, [m[np.ix_(own, own)] for m in scaled]))
+    if len(own_columns):
+        groups.append((own_columns, [m[np.ix_(own_columns, own_columns)] for m in scaled]))
     for members, of_members in groups:
         chosen, directions = _choose_fixed(of_members, prior[members], rank[members])
         fixed += [int(members[i]) for i in chosen]
@@ -184,7 +187,7 @@ def identify(
 
 
 def schur_complement(
-    matrices: list[FloatArray], prior: FloatArray, arm: IntArray, own: IntArray
+    matrices: list[FloatArray], prior: FloatArray, arm: IntArray, own_columns: IntArray
 ) -> list[FloatArray]:
     """Information on some parameters alone, once the others have followed wherever they move them.
 
@@ -193,15 +196,15 @@ def schur_complement(
             variance, and what noise makes up of it.
         prior: (n,) precision. That of what is eliminated tells of what is kept.
         arm: indices to keep.
-        own: indices to eliminate.
+        own_columns: indices to eliminate.
     """
-    if not len(own):
+    if not len(own_columns):
         return [m[np.ix_(arm, arm)] for m in matrices]
     curvature = matrices[0] + np.diag(prior)
-    inverse = np.linalg.pinv(curvature[np.ix_(own, own)], 1e-11, True)
-    follow = np.vstack([np.eye(len(arm)), -inverse @ curvature[np.ix_(own, arm)]])
-    both = np.concatenate([arm, own])
-    of_prior = np.diag(np.concatenate([np.zeros(len(arm)), prior[own]]))
+    inverse = np.linalg.pinv(curvature[np.ix_(own_columns, own_columns)], 1e-11, True)
+    follow = np.vstack([np.eye(len(arm)), -inverse @ curvature[np.ix_(own_columns, arm)]])
+    both = np.concatenate([arm, own_columns])
+    of_prior = np.diag(np.concatenate([np.zeros(len(arm)), prior[own_columns]]))
     return [
         follow.T @ (m[np.ix_(both, both)] + (of_prior if k < 2 else 0.0)) @ follow
         for k, m in enumerate(matrices)

@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.evaluation import AT_ONCE, Linearised
 from suta_calib.solver.losses import radial
 from suta_calib.solver.problem import Part, Problem
@@ -33,7 +33,7 @@ WORST_TURN: Final = float(np.radians(1.0))
 
 
 @dataclass(frozen=True, eq=False)
-class Information(Shown):
+class Information(Displayable):
     """The matrices of this module at one point, (n, n) over all parameters, priors excluded."""
 
     curvature: FloatArray

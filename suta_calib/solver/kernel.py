@@ -179,7 +179,7 @@ class Kernel:
         function, columns, used, ahead = _compiled(
             block.residual,
             poses,
-            block.own.shape[1],
+            block.own_columns.shape[1],
             block.data.shape[1],
             block.size,
             n >= MANY,
@@ -208,14 +208,14 @@ class Kernel:
         return self._spread[1]
 
     def __call__(
-        self, rotation: FloatArray, position: FloatArray, own: FloatArray
+        self, rotation: FloatArray, position: FloatArray, own_values: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Residuals and derivatives of all rows.
 
         Args:
             rotation: (samples, 9) column by column.
             position: (samples, 3), m.
-            own: (own parameters,) all of them.
+            own_values: (own parameters,) all of them.
 
         Returns:
             Residuals (n, d), derivative by the pose velocities of `pattern` (n, d, c), and by the
@@ -224,12 +224,12 @@ class Kernel:
         n, size, width = self._shape
         for slot, (part, rows) in zip(self._batch.inputs, self._taken, strict=False):
             _take(position if part else rotation, rows, slot)
-        self._batch.inputs[-2][:] = own[self._own]
+        self._batch.inputs[-2][:] = own_values[self._own]
         looked_at = self._own.shape[-1]
         if self._ahead is None:
             residual, by_pose, by_own = self._batch()
             return residual, by_pose.reshape(n, size, width), by_own.reshape(n, size, looked_at)
-        self._ahead.inputs[0][:] = own[self._own]
+        self._ahead.inputs[0][:] = own_values[self._own]
         made, change = self._ahead()
         self._batch.inputs[-3][:] = made[0]
         residual, by_pose, by_own, by_made = self._batch()
@@ -261,21 +261,23 @@ class _BlockResiduals:
         function, used = _residual(
             block.residual,
             block.samples.shape[1],
-            block.own.shape[1],
+            block.own_columns.shape[1],
             block.data.shape[1],
             block.size,
             len(block) >= MANY,
         )
         self._taken = [(place % 2, _rows(block.samples[:, place // 2])) for place in used]
-        self._own, self._batch = block.own, Batched(function, len(block))
+        self._own, self._batch = block.own_columns, Batched(function, len(block))
         self._batch.inputs[-1][:] = block.data
 
-    def __call__(self, rotation: FloatArray, position: FloatArray, own: FloatArray) -> FloatArray:
+    def __call__(
+        self, rotation: FloatArray, position: FloatArray, own_values: FloatArray
+    ) -> FloatArray:
         """At poses and own parameters as `Kernel` takes them; the next call overwrites it."""
         *poses, of_own, _ = self._batch.inputs
         for slot, (part, rows) in zip(poses, self._taken, strict=True):
             _take(position if part else rotation, rows, slot)
-        of_own[:] = own[self._own]
+        of_own[:] = own_values[self._own]
         return self._batch()[0]
 
 
@@ -286,10 +288,10 @@ def term_residuals(term: Term, values: Mapping[str, float]) -> tuple[FloatArray,
         term: what is looked at.
         values: parameters by name, m or rad; the arm's are nominal where none is given.
     """
-    own = np.array([values[p.name] for p in term.own])
+    own_values = np.array([values[p.name] for p in term.own_parameters])
     rotation, position = term.poses.at(values)
     poses = flat(rotation), position
-    return tuple(_BlockResiduals(block)(*poses, own) for block in term.blocks)
+    return tuple(_BlockResiduals(block)(*poses, own_values) for block in term.blocks)
 
 
 class TermErrors:
@@ -301,11 +303,11 @@ class TermErrors:
     """
 
     def __init__(self, term: Term, names: Sequence[str]) -> None:
-        self._own = tuple(p.name for p in term.own)
+        self._own = tuple(p.name for p in term.own_parameters)
         self._blocks = [(block.relative, _BlockResiduals(block)) for block in term.blocks]
         self._names, self._batch, source = tuple(names), None, term.poses
         if isinstance(source, ArmPoses):
-            samples, conditions = source.samples, source.samples.told
+            samples, conditions = source.samples, source.samples.conditions
             self._batch = Batched(source.arm.function(names, conditions, 0), len(samples), [0])
             self._q = samples.q
             for place, numbers in zip(self._batch.inputs[2:], conditions.values(), strict=True):
@@ -328,20 +330,22 @@ class TermErrors:
             np.add(self._q, shifts, out=self._batch.inputs[1])
             rotation, position, _ = self._batch()
             self._poses = rotation, position
-        own = np.array([values[name] for name in self._own])
-        return [relative * residual(*self._poses, own) for relative, residual in self._blocks]
+        own_values = np.array([values[name] for name in self._own])
+        return [
+            relative * residual(*self._poses, own_values) for relative, residual in self._blocks
+        ]
 
 
 @lru_cache(maxsize=64)
 def _compiled(
-    residual: Residual, poses: int, own: int, data: int, size: int, many: bool, apart: bool
+    residual: Residual, poses: int, own_count: int, data: int, size: int, many: bool, separate: bool
 ) -> tuple[Any, IntArray, tuple[int, ...], Any]:
     """CasADi function (R₁, p₁, …, own, data) → residual, pose derivative, own derivative.
 
     What occurs in it several times is sought for ``many`` rows: that takes longer than all else
     here, and as long as to evaluate a hundred rows some fifty times.
 
-    Where it is to be taken ``apart``, what is made of own parameters alone, such as a rotation
+    Where it is to be taken ``separate``, what is made of own parameters alone, such as a rotation
     matrix, is an input before them, and the last output is the derivative by that; the last answer
     is the function own → what is made of them, and its derivative. None where nothing is.
 
@@ -352,7 +356,7 @@ def _compiled(
     """
     rotations = [ca.SX.sym(f"R{k}", 3, 3) for k in range(poses)]
     positions = [ca.SX.sym(f"p{k}", 3) for k in range(poses)]
-    own_symbol, data_symbol = ca.SX.sym("own", own), ca.SX.sym("data", data)
+    own_symbol, data_symbol = ca.SX.sym("own", own_count), ca.SX.sym("data", data)
     velocity = ca.SX.sym("velocity", 6 * poses)
     moved = [
         Pose(R + ca.skew(velocity[6 * k + 3 : 6 * k + 6]) @ R, p + velocity[6 * k : 6 * k + 3])
@@ -361,7 +365,7 @@ def _compiled(
     value = residual_value(residual, moved, own_symbol, data_symbol, size)
     first, ahead = list[Symbol](), None
     # Of no parameters nothing is made.
-    made, of_own, rest = _made_of(value, own_symbol if apart else ca.SX.sym("none", 0))
+    made, of_own, rest = _made_of(value, own_symbol if separate else ca.SX.sym("none", 0))
     if made is None:
         derivatives = [ca.jacobian(value, velocity), _by_own(value, own_symbol)]
     else:
@@ -419,28 +423,28 @@ def residual_value(
     return value
 
 
-def _made_of(value: Symbol, own: Symbol) -> tuple[Symbol, Symbol, Symbol]:
+def _made_of(value: Symbol, own_symbol: Symbol) -> tuple[Symbol, Symbol, Symbol]:
     """Symbols of what a value makes of own parameters alone, as one vector; these; the value of it.
 
     None, None and the value itself where it makes nothing of them.
     """
-    rest, names, expressions = ca.extract_parametric(value, own, {})
+    rest, names, expressions = ca.extract_parametric(value, own_symbol, {})
     if not names:
         return None, None, value
     return ca.vertcat(*names), ca.vertcat(*expressions), rest
 
 
-def _by_own(value: Symbol, own: Symbol) -> Symbol:
+def _by_own(value: Symbol, own_symbol: Symbol) -> Symbol:
     """Jacobian by own parameters, by way of what is made of these alone, such as a rotation matrix.
 
     How that changes with them is computed once where all rows look at the same ones; and in any
     case no row's derivative is taken back through the formula of a rotation vector.
     """
-    made, of_own, rest = _made_of(value, own)
+    made, of_own, rest = _made_of(value, own_symbol)
     if made is None:
-        return ca.jacobian(value, own)
-    chained = ca.jacobian(rest, made) @ ca.jacobian(of_own, own)
-    return ca.substitute(ca.jacobian(rest, own) + chained, made, of_own)
+        return ca.jacobian(value, own_symbol)
+    chained = ca.jacobian(rest, made) @ ca.jacobian(of_own, own_symbol)
+    return ca.substitute(ca.jacobian(rest, own_symbol) + chained, made, of_own)
 
 
 def _looked_at(symbols: Sequence[Symbol], values: Symbol) -> tuple[int, ...]:
@@ -449,11 +453,11 @@ def _looked_at(symbols: Sequence[Symbol], values: Symbol) -> tuple[int, ...]:
 
 @lru_cache(maxsize=64)
 def _residual(
-    residual: Residual, poses: int, own: int, data: int, size: int, many: bool
+    residual: Residual, poses: int, own_count: int, data: int, size: int, many: bool
 ) -> tuple[Any, tuple[int, ...]]:
     """CasADi function (R₁, p₁, …, own, data) → residual, and which poses it has, as `_compiled`."""
     tools = [Pose(ca.SX.sym(f"R{k}", 3, 3), ca.SX.sym(f"p{k}", 3)) for k in range(poses)]
-    own_symbol, data_symbol = ca.SX.sym("own", own), ca.SX.sym("data", data)
+    own_symbol, data_symbol = ca.SX.sym("own", own_count), ca.SX.sym("data", data)
     value = ca.densify(residual_value(residual, tools, own_symbol, data_symbol, size))
     symbols = [symbol for tool in tools for symbol in (tool.R, tool.p)]
     used = _looked_at(symbols, value)

@@ -8,7 +8,7 @@ from numbers import Integral
 from typing import Final
 
 from suta_calib.errors import ParameterError, did_you_mean
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.ipopt import Ipopt
 from suta_calib.solver.solver import Solver
@@ -38,7 +38,7 @@ class WeightOptions:
 
 
 @dataclass(frozen=True)
-class SolverOptions(Shown):
+class SolverOptions(Displayable):
     """How to minimise.
 
     Attributes:

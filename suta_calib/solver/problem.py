@@ -83,10 +83,12 @@ class Problem:
             raise ParameterError("terms over different arms", "one arm shared by all terms")
         self.arm = arms[0] if arms else None
         chosen = ParameterSet() if parameters is None else parameters
-        own = _own_parameters(self.terms)
-        self.parameters = ParameterSet([*chosen.values(), *own.values()]) if own else chosen
+        own_parameters = _own_parameters(self.terms)
+        self.parameters = (
+            ParameterSet([*chosen.values(), *own_parameters.values()]) if own_parameters else chosen
+        )
         self.arm_parameters, self.arm_count = chosen, len(chosen)
-        self._own_index = {name: k for k, name in enumerate(own)}
+        self._own_index = {name: k for k, name in enumerate(own_parameters)}
         self._prior_scale = np.ones(len(self.parameters))
 
     @property
@@ -99,9 +101,15 @@ class Problem:
         """Cost and derivatives; built once, used by every start and every study."""
         views, first = [], 0
         for term in self.terms:
-            columns = np.array([self._own_index[p.name] for p in term.own], dtype=np.intp)
+            columns = np.array(
+                [self._own_index[p.name] for p in term.own_parameters], dtype=np.intp
+            )
             views += [
-                BlockView(block, first, columns[block.own] if block.own.shape[1] else block.own)
+                BlockView(
+                    block,
+                    first,
+                    columns[block.own_columns] if block.own_columns.shape[1] else block.own_columns,
+                )
                 for block in term.blocks
             ]
             first += len(term.poses)
@@ -211,7 +219,7 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
 
     What one term is given of it holds for all of them.
     """
-    own: dict[str, Parameter] = {}
+    parameters: dict[str, Parameter] = {}
     subjects: dict[str, str] = {}
     for term in terms:
         for parameter in term.unknowns:
@@ -222,7 +230,7 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
                     "one name for one thing",
                     hint="give the placements of one of them other labels",
                 )
-            before = own.get(parameter.name, parameter)
+            before = parameters.get(parameter.name, parameter)
             given = [p for p in (before, parameter) if p.prior is not None or not p.free]
             if len(given) == 2 and given[0] != given[1]:
                 raise ParameterError(
@@ -230,5 +238,5 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
                     "one pose for one place",
                     hint="give it in one row of the observations",
                 )
-            own[parameter.name] = given[0] if given else parameter
-    return own
+            parameters[parameter.name] = given[0] if given else parameter
+    return parameters

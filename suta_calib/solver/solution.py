@@ -16,7 +16,7 @@ from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
 from suta_calib.plotting.change import Change
-from suta_calib.showing import Shown, named
+from suta_calib.showing import Displayable, named
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.ipopt import STALLED
@@ -38,7 +38,7 @@ INFORMED = 0.5
 
 
 @dataclass(frozen=True)
-class Estimate(Shown):
+class Estimate(Displayable):
     """One parameter after the fit.
 
     Attributes:
@@ -62,7 +62,7 @@ class Estimate(Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Solution(Shown):
+class Solution(Displayable):
     """The result of `solve`.
 
     Attributes:

@@ -12,7 +12,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SolverError, SutaCalibError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.nlp import RobustNlp
 
 # Statuses of Gauss-Newton steps that come to a minimum, or to one that an earlier start has found.
@@ -21,7 +21,7 @@ JOINED: Final = "Joined_Earlier_Start"
 
 
 @dataclass(frozen=True, eq=False)
-class Answer(Shown):
+class Answer(Displayable):
     """Where a solver ended.
 
     Attributes:
@@ -42,7 +42,7 @@ class Answer(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Minimum(Shown):
+class Minimum(Displayable):
     """Where a start ended.
 
     Attributes:

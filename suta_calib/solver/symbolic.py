@@ -19,10 +19,10 @@ from suta_calib.terms.poses import ArmPoses
 def symbolic_cost(problem: Problem, x: Symbol, sigmas: Sequence[float]) -> Symbol:
     """½ Σ ρ of all rows as an MX expression of the problem's parameter vector (priors excluded)."""
     rotation, position = _poses(problem, x)
-    own = x[problem.arm_count :]
+    own_symbols = x[problem.arm_count :]
     cost: Symbol = ca.MX(0)
     for view, sigma in zip(problem.evaluation.views, sigmas, strict=True):
-        cost += _block_cost(view, sigma, rotation, position, own)
+        cost += _block_cost(view, sigma, rotation, position, own_symbols)
     return cost / 2
 
 
@@ -33,7 +33,7 @@ def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
     for term in problem.terms:
         source = term.poses
         if isinstance(source, ArmPoses):
-            conditions = source.samples.told
+            conditions = source.samples.conditions
             mapped = source.arm.function(names, conditions).map(len(source))
             inputs = [ca.DM(array.T) for array in (source.samples.q, *conditions.values())]
             pose = mapped(x[: problem.arm_count], *inputs)
@@ -48,7 +48,7 @@ def _poses(problem: Problem, x: Symbol) -> tuple[Symbol, Symbol]:
 
 
 def _block_cost(
-    view: BlockView, sigma: float, rotation: Symbol, position: Symbol, own: Symbol
+    view: BlockView, sigma: float, rotation: Symbol, position: Symbol, own_symbols: Symbol
 ) -> Symbol:
     block = view.block
     n, k = block.samples.shape
@@ -58,8 +58,10 @@ def _block_cost(
     for which in range(k):
         columns = (block.samples[:, which] + view.first_sample).tolist()
         arguments += [rotation[:, columns], position[:, columns]]
-    m = block.own.shape[1]
-    own_rows = ca.reshape(own[view.own_columns.reshape(-1).tolist()], m, n) if m else ca.MX(0, n)
+    m = block.own_columns.shape[1]
+    own_rows = (
+        ca.reshape(own_symbols[view.own_columns.reshape(-1).tolist()], m, n) if m else ca.MX(0, n)
+    )
     threshold = np.minimum(view.threshold / spread, 1e150)
     data = [ca.DM(block.data.T) if block.data.shape[1] else ca.DM(0, n)]
     return ca.sum2(
@@ -71,13 +73,13 @@ def _row_cost(view: BlockView, poses: int) -> Symbol:
     block = view.block
     rotations = [ca.SX.sym(f"R{i}", 9) for i in range(poses)]
     positions = [ca.SX.sym(f"p{i}", 3) for i in range(poses)]
-    own = ca.SX.sym("own", block.own.shape[1])
+    own_symbol = ca.SX.sym("own", block.own_columns.shape[1])
     data = ca.SX.sym("data", block.data.shape[1])
     precision, threshold = ca.SX.sym("precision"), ca.SX.sym("threshold")
     pairs = list(zip(rotations, positions, strict=True))
     tools = [Pose(ca.reshape(R, 3, 3), p) for R, p in pairs]
-    r = residual_value(block.residual, tools, own, data, block.size)
+    r = residual_value(block.residual, tools, own_symbol, data, block.size)
     squared = ca.dot(r, r) * precision
     robust = squared if np.isinf(view.threshold) else symbolic_huber(squared, threshold)
     inputs = [s for pair in pairs for s in pair]
-    return ca.Function("row_cost", [*inputs, own, data, precision, threshold], [robust])
+    return ca.Function("row_cost", [*inputs, own_symbol, data, precision, threshold], [robust])

@@ -31,7 +31,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.evidence import (
     SETTLED,
     MarginalLikelihood,
@@ -82,7 +82,7 @@ class Learned:
 
 
 @dataclass(frozen=True, eq=False)
-class Weights(Shown):
+class Weights(Displayable):
     """Noise levels and prior factors, with how well the data tell them.
 
     Attributes:
@@ -130,8 +130,8 @@ def prior_groups(problem: Problem) -> list[str | None]:
             groups.append("offsets")
         else:
             groups.append("lengths" if p.unit == "m" else "angles")
-    own = list(problem.parameters.values())[problem.arm_count :]
-    return groups + [None if p.prior is None or p.prior_fixed else CAMERA for p in own]
+    own_parameters = list(problem.parameters.values())[problem.arm_count :]
+    return groups + [None if p.prior is None or p.prior_fixed else CAMERA for p in own_parameters]
 
 
 def learn_weights(
