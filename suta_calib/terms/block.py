@@ -17,7 +17,7 @@ from scipy.sparse import csc_array
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
@@ -36,9 +36,9 @@ class Pose:
         return self.R.T @ (point - self.p)
 
 
-def pose_of(own: Symbol) -> Pose:
+def pose_of(unknowns: Symbol) -> Pose:
     """A pose from six own unknowns: x y z (m) and the rotation vector rx ry rz (rad)."""
-    return Pose(symbolic_rotation(own[3:6]), own[0:3])
+    return Pose(symbolic_rotation(unknowns[3:6]), unknowns[0:3])
 
 
 Residual = Callable[[Sequence[Pose], Symbol, Symbol], Symbol]
@@ -119,7 +119,7 @@ class Certified:
 
 
 @dataclass(frozen=True, eq=False)
-class Block(Shown):
+class Block(Displayable):
     """Residuals of one unit and dimension, one row an observation.
 
     Attributes:
@@ -128,7 +128,8 @@ class Block(Shown):
         size: numbers in one residual, d.
         residual: the residual of one row in CasADi symbols.
         samples: (n, k) which k samples' poses each row looks at.
-        own: (n, m) which of the term's own parameters each row looks at, in the residual's order.
+        own_columns: (n, m) which of the term's own parameters each row looks at, in the residual's
+            order.
         data: (n, c) what was measured or certified.
         noise: scatter and robustness.
         known_sigma: (n,) standard deviation per row that is known beforehand, added in quadrature.
@@ -145,7 +146,7 @@ class Block(Shown):
     size: int
     residual: Residual
     samples: IntArray
-    own: IntArray
+    own_columns: IntArray
     data: FloatArray
     noise: Noise
     known_sigma: FloatArray
@@ -162,7 +163,7 @@ class Block(Shown):
         unit: Unit,
         size: int,
         residual: Residual,
-        own: IntArray,
+        own_columns: IntArray,
         data: FloatArray,
         noise: Noise,
         labels: Iterable[str],
@@ -171,7 +172,9 @@ class Block(Shown):
         n = len(data)
         rows, certain = np.arange(n)[:, None], np.zeros(n)
         names = labels.tolist() if isinstance(labels, np.ndarray) else map(str, labels)
-        return cls(name, unit, size, residual, rows, own, data, noise, certain, tuple(names))
+        return cls(
+            name, unit, size, residual, rows, own_columns, data, noise, certain, tuple(names)
+        )
 
     def __len__(self) -> int:
         return len(self.samples)
@@ -185,7 +188,7 @@ class Block(Shown):
         return replace(
             self,
             samples=looked_at[rows],
-            own=self.own[rows],
+            own_columns=self.own_columns[rows],
             data=self.data[rows],
             known_sigma=self.known_sigma[rows],
             labels=tuple(compress(self.labels, rows.tolist())),

@@ -106,7 +106,7 @@ class BoardPictures:
         return float(np.median(depths)) / focal if len(depths) else None
 
     @property
-    def told(self) -> BoolArray:
+    def posed(self) -> BoolArray:
         """(n,) pictures that tell where the board is."""
         return np.isfinite(self.poses[1][:, 0])
 
@@ -115,7 +115,7 @@ class BoardPictures:
         """Whether a flat board is seen from behind, which its numbering alone decides."""
         if not self.board.flat:
             return False
-        rotation, position = some_poses(self.poses, self.told)
+        rotation, position = some_poses(self.poses, self.posed)
         facing = np.einsum("ni,ni->n", rotation[:, :, 2], position) * self.board.into
         return bool(len(facing) and np.median(facing) < 0)
 
@@ -148,7 +148,7 @@ class BoardPictures:
         poses have corners behind the camera.
         """
         ahead = np.isfinite(self.errors).any(axis=(1, 2))
-        if 2 * ahead.sum() <= self.told.sum():
+        if 2 * ahead.sum() <= self.posed.sum():
             return np.inf
         pixels = self.pixels[ahead]
         spread = pixels - np.nanmean(pixels, axis=1, keepdims=True)
@@ -179,9 +179,9 @@ class BoardPictures:
         if not self.board.symmetric:
             return self.pixels
 
-        orientation = self.poses[0][self.told]
+        orientation = self.poses[0][self.posed]
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
-        turned[self.told] = half_turned(hand[0][self.told], orientation, orientation @ HALF_TURN)
+        turned[self.posed] = half_turned(hand[0][self.posed], orientation, orientation @ HALF_TURN)
         most = "most pictures, by the turns of the hand between them"
         return self._the_other_way(turned, names, source, most)
 
@@ -201,10 +201,10 @@ class BoardPictures:
         """
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
         mine, theirs = (
-            (some_poses(hand, pictures.told), some_poses(pictures.poses, pictures.told))
+            (some_poses(hand, pictures.posed), some_poses(pictures.poses, pictures.posed))
             for hand, pictures in zip(hands, (self, first), strict=True)
         )
-        turned[self.told] = from_other_end(*mine, theirs, same_eye=same)
+        turned[self.posed] = from_other_end(*mine, theirs, same_eye=same)
         return self._the_other_way(
             turned, names, None, "the pictures of a row before, by its place"
         )
@@ -236,10 +236,10 @@ class BoardPictures:
         """
         nobody = np.zeros(len(self.pixels), dtype=np.bool_)
         turned_over = {"board": nobody, "picture": nobody.copy()}
-        rows = np.flatnonzero(self.told)
+        rows = np.flatnonzero(self.posed)
         if not self.board.flat or len(rows) < 2:
             return turned_over
-        A, B = some_poses(hand, self.told), some_poses(self.poses, self.told)
+        A, B = some_poses(hand, self.posed), some_poses(self.poses, self.posed)
         X, Z = agreeing_hand_eye(A, B)
 
         def off(target: Poses) -> tuple[FloatArray, FloatArray]:

@@ -50,7 +50,7 @@ from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_param
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.outside import (
-    OutsideFrame,
+    ExternalFrame,
     labelled,
     pose_named,
     pose_parameters,
@@ -288,13 +288,13 @@ class CameraView(FramedTerm):
             self.pictures.numbered_alike(self.poses.at({}), self._names, source)
         )
 
-    def beside(self, others: Sequence[Term]) -> Self:
+    def beside(self, terms: Sequence[Term]) -> Self:
         """The same where other rows see its board, or share its camera.
 
         A board that looks the same after half a turn is numbered from one end in all of them; and
         corners that their camera was calibrated from are counted once, whichever row has them.
         """
-        views = [other for other in others if isinstance(other, CameraView)]
+        views = [other for other in terms if isinstance(other, CameraView)]
         once = (
             other.prior
             for other in views
@@ -325,7 +325,7 @@ class CameraView(FramedTerm):
     @property
     def owners(self) -> tuple[str, str, str]:
         """Owners of the camera's pose, of the board's, and of the intrinsics."""
-        eye, board = (frame.own for frame in self.frames)
+        eye, board = (frame.owner for frame in self.frames)
         return (
             labelled(eye, self.label),
             labelled(board, self.target),
@@ -338,18 +338,18 @@ class CameraView(FramedTerm):
         return list(self.owners[:2])
 
     @property
-    def outside(self) -> tuple[OutsideFrame, ...]:
+    def outside(self) -> tuple[ExternalFrame, ...]:
         """Camera and board: one of them in the base, the other in the tip."""
         carriers = ("tip", "base") if self.setup == EYE_IN_HAND else ("base", "tip")
         return tuple(
-            OutsideFrame(owner, what, carrier, PLACEMENT)
+            ExternalFrame(owner, what, carrier, PLACEMENT)
             for owner, what, carrier in zip(
                 self.frame_names, ("camera", "board"), carriers, strict=True
             )
         )
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """Poses of camera and board, and the intrinsics and the board's stretch where free."""
         eye, board, camera = self.owners
         poses = (*pose_parameters(eye), *pose_parameters(board))
@@ -403,7 +403,7 @@ class CameraView(FramedTerm):
         return self.pictures.poses
 
     @cached_property
-    def found(self) -> tuple[IntArray, IntArray]:
+    def detected(self) -> tuple[IntArray, IntArray]:
         """Picture and place in `points` of every corner that was found, (k,) each."""
         picture, point = np.nonzero(np.isfinite(self.pixels).all(axis=2))
         return picture, point
@@ -411,7 +411,7 @@ class CameraView(FramedTerm):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Reprojection errors, one row for each corner in each picture."""
-        sample, point = self.found
+        sample, point = self.detected
         if not len(sample):
             raise self.refuse("no corner in any picture", "corners of the board")
         n = len(sample)
@@ -426,7 +426,7 @@ class CameraView(FramedTerm):
                 2,
                 REPROJECTION[self.setup, self.free, self._stretch is not None],
                 sample[:, None],
-                np.tile(np.arange(len(self.own)), (n, 1)),
+                np.tile(np.arange(len(self.own_parameters)), (n, 1)),
                 np.hstack(data),
                 self.noise,
                 np.zeros(n),
@@ -447,7 +447,7 @@ class CameraView(FramedTerm):
     def readings(self, block: Block) -> IntArray:
         """A corner that is seen again at the same rest is the same reading."""
         del block
-        sample, point = self.found
+        sample, point = self.detected
         return np.column_stack([self.poses.rests[sample], point])
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
@@ -465,7 +465,7 @@ class CameraView(FramedTerm):
         camera = camera_at(self.camera, intrinsics, values)
         made = self.board
         if self._stretch is not None:
-            made = made.stretched(stretch_factors(self.own, values))
+            made = made.stretched(stretch_factors(self.own_parameters, values))
         return BoardSight(made, camera, turn, shift)
 
     def resimulated(
@@ -481,17 +481,17 @@ class CameraView(FramedTerm):
             )
             ideal = replace(ideal, pixels=pixels)
         sigma = {"pixels": noise[0] / self.pixel}
-        return self.over_poses(again.seen(self.poses, ideal, sigma, self.blocks[0].relative))
+        return self.over_poses(again.observed(self.poses, ideal, sigma, self.blocks[0].relative))
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Poses of the board by every picture, and the closed form of those that agree."""
-        located = self.pictures.told
+        located = self.pictures.posed
         hand = as_eye_in_hand((rotation, position), self.setup)
         X, Z = agreeing_hand_eye(some_poses(hand, located), some_poses(self.seen_poses, located))
         values = [pose_values(*X), pose_values(*Z)]
         if self.free:
             values.append(self.camera.intrinsics)
-        rest = len(self.own) - sum(map(len, values))
+        rest = len(self.own_parameters) - sum(map(len, values))
         return np.concatenate([*values, np.zeros(rest)])
 
     def single_touches(self) -> CameraView:
@@ -502,7 +502,7 @@ class CameraView(FramedTerm):
 
     def check_enough(self) -> None:
         """Three pictures at least of which each tells where the board is, of this very board."""
-        located = int(self.pictures.told.sum())
+        located = int(self.pictures.posed.sum())
         if located < FEWEST:
             raise self.refuse(
                 f"{located} pictures that tell where the board is",
@@ -514,8 +514,8 @@ class CameraView(FramedTerm):
         """Views with one label are of one camera, and those with one target of one board."""
         if not isinstance(other, CameraView):
             return
-        for (key, whose, name), statement in other._said.items():
-            if self._said.get((key, whose, name), statement) != statement:
+        for (key, whose, name), statement in other._stated.items():
+            if self._stated.get((key, whose, name), statement) != statement:
                 raise SamplesError(
                     f"another {key} than in a row before, of the same {whose} {name!r}",
                     "one camera as it is, and one board",
@@ -524,7 +524,7 @@ class CameraView(FramedTerm):
                 )
 
     @property
-    def _said(self) -> Mapping[tuple[str, str, str], object]:
+    def _stated(self) -> Mapping[tuple[str, str, str], object]:
         """What it says of its camera and its board, by key, kind of label and label."""
         of_camera: dict[str, object] = {
             "setup": self.setup,

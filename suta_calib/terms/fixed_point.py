@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 
-def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """In the tool's frame: in the base frame, noise would seem to tell where the arm points."""
     del data
-    touched = poses[0].inverse_act(own[-3:])
-    return touched - own[:3] if own.numel() > 3 else touched
+    touched = poses[0].inverse_act(unknowns[-3:])
+    return touched - unknowns[:3] if unknowns.numel() > 3 else touched
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,7 +72,7 @@ class FixedPoint(Term):
     noise: Noise = LEARNT
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """The tip in a tracked body, and the points."""
         names, _ = self.places
         points = (p for n in names for p in point_parameters(f"fixed_point[{n}]"))
@@ -83,9 +83,11 @@ class FixedPoint(Term):
         """The positions."""
         n, tip = len(self.poses), len(self._tip)
         point = tip + 3 * self.places[1][:, None] + np.arange(3)
-        own = np.hstack([np.tile(np.arange(tip), (n, 1)), point])
+        own_columns = np.hstack([np.tile(np.arange(tip), (n, 1)), point])
         none, labels = np.zeros((n, 0)), self.poses.samples.labels["point"]
-        return (Block.per_sample("position", "m", 3, _position, own, none, self.noise, labels),)
+        return (
+            Block.per_sample("position", "m", 3, _position, own_columns, none, self.noise, labels),
+        )
 
     @cached_property
     def _tip(self) -> tuple[Parameter, ...]:

@@ -38,7 +38,7 @@ T = TypeVar("T")
 _LABELS: Final = "a label for each row, or one for all"
 
 
-class Column(NamedTuple):
+class ArrayColumn(NamedTuple):
     """One array that a kind takes.
 
     Attributes:
@@ -52,38 +52,38 @@ class Column(NamedTuple):
     about: str = ""
 
 
-def columns_of(kind: SampleColumns) -> dict[str, Column]:
+def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
     """The arrays that a kind takes beside the readings, by keyword."""
     about = kind.about
     # Pictures need no names where each row has its own.
     named = not kind.pixels
-    columns = {name: Column(_LABELS, named, about.get(name, "")) for name in kind.labels}
+    columns = {name: ArrayColumn(_LABELS, named, about.get(name, "")) for name in kind.labels}
     if kind.pixels:
         about_column = (
             "Where the board's points were seen, in the order of its numbers; NaN where not."
         )
-        columns["pixels"] = Column("(n, points, 2) in px", True, about_column)
+        columns["pixels"] = ArrayColumn("(n, points, 2) in px", True, about_column)
     if kind.position:
-        columns["position"] = Column("(n, 3) in m", True, about.get("x, y, z", ""))
+        columns["position"] = ArrayColumn("(n, 3) in m", True, about.get("x, y, z", ""))
     if kind.orientation != "none":
         takes, needed = "(n, 4) quaternions x, y, z, w, or (n, 3, 3)", kind.orientation
         about_column = about.get("qx, qy, qz, qw", "")
-        columns["orientation"] = Column(takes, needed == "required", about_column)
+        columns["orientation"] = ArrayColumn(takes, needed == "required", about_column)
     if kind.position_sigma:
         about_column = "Standard deviation of each coordinate."
-        columns["position_sigma"] = Column(
+        columns["position_sigma"] = ArrayColumn(
             "(n, 3) in m, or (n,), or one for all", about=about_column
         )
     for number in kind.numbers:
         takes = "(n,)" if number.unit == "1" else f"(n,) in {number.unit}"
-        columns[number.name] = Column(takes, number.required, about.get(number.name, ""))
+        columns[number.name] = ArrayColumn(takes, number.required, about.get(number.name, ""))
     more = (*kind.common_labels, *kind.optional_labels)
-    columns |= {name: Column(_LABELS, about=about.get(name, "")) for name in more}
+    columns |= {name: ArrayColumn(_LABELS, about=about.get(name, "")) for name in more}
     side = "1 (it came from smaller readings), -1 (from larger ones) or 0, of each joint's reading"
     return columns | {
-        "direction": Column(f"(n, joints) of {side}"),
-        "temperature": Column("(n,) in °C, or one for all", about="Of the arm."),
-        "origin": Column("(n,) names of the rows, for messages"),
+        "direction": ArrayColumn(f"(n, joints) of {side}"),
+        "temperature": ArrayColumn("(n,) in °C, or one for all", about="Of the arm."),
+        "origin": ArrayColumn("(n,) names of the rows, for messages"),
     }
 
 

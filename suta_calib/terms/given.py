@@ -22,7 +22,7 @@ from suta_calib.measurements.fields import ANGLE, RPY_DEG, Value, fields_of, key
 from suta_calib.measurements.fields import POSITION as POSITION_MM
 from suta_calib.measurements.samples import finite, numbers_of, rotation_matrix
 from suta_calib.model.parameters import POSITION, ROTATION, Parameter
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import from_mm, mm
 
 _STD_MM: Final = Value(
@@ -31,7 +31,7 @@ _STD_MM: Final = Value(
 
 
 @dataclass(frozen=True)
-class Known:
+class PriorValue:
     """What is known of one unknown beforehand: a value, and its standard deviation; None for sure.
 
     Both in the unknown's unit, m or rad.
@@ -42,7 +42,7 @@ class Known:
 
 
 @dataclass(frozen=True, eq=False)
-class GivenPose(Shown):
+class GivenPose(Displayable):
     """Where something stands, as far as that is known.
 
     Attributes:
@@ -114,13 +114,13 @@ class GivenPose(Shown):
             std = np.asarray(np.sqrt((back**2) @ std**2 + self.rotation_std**2 * lever))
         return GivenPose(position, back, std, self.rotation_std, self.line)
 
-    def of_point(self, owner: str) -> dict[str, Known]:
+    def of_point(self, owner: str) -> dict[str, PriorValue]:
         """The unknowns ``owner.x|y|z``."""
         std = [None] * 3 if self.position_std is None else self.position_std.tolist()
         pairs = zip(POSITION, self.position.tolist(), std, strict=True)
-        return {f"{owner}.{key}": Known(value, s) for key, value, s in pairs}
+        return {f"{owner}.{key}": PriorValue(value, s) for key, value, s in pairs}
 
-    def of_pose(self, owner: str) -> dict[str, Known]:
+    def of_pose(self, owner: str) -> dict[str, PriorValue]:
         """The unknowns ``owner.x … owner.rz``; without the last three where no turn is known."""
         by_name = self.of_point(owner)
         if self.rotation is None:
@@ -129,7 +129,7 @@ class GivenPose(Shown):
         inverse = np.linalg.inv(tangent_of_vector(vector))
         return by_name | self._turns(owner, ROTATION, vector, np.asarray(inverse))
 
-    def of_axis(self, owner: str, axis: int, along: tuple[str, ...]) -> dict[str, Known]:
+    def of_axis(self, owner: str, axis: int, along: tuple[str, ...]) -> dict[str, PriorValue]:
         """The unknowns of something that only an axis of the pose matters for: ``rx``, ``ry``.
 
         They are the shortest turn (rx, ry, 0) of the base's z axis to the one that the axis lies
@@ -150,7 +150,7 @@ class GivenPose(Shown):
         by_name = {}
         for key in along:
             k = POSITION.index(key)
-            by_name[f"{owner}.{key}"] = Known(
+            by_name[f"{owner}.{key}"] = PriorValue(
                 float(there[k]), None if std is None else float(std[k])
             )
         # Turned about the horizontal it leans by one for one; aside by the sine of its lean.
@@ -162,18 +162,20 @@ class GivenPose(Shown):
 
     def _turns(
         self, owner: str, keys: tuple[str, ...], values: FloatArray, derivative: FloatArray
-    ) -> dict[str, Known]:
+    ) -> dict[str, PriorValue]:
         """Components of a turn, unsure by so much for each small turn about an axis."""
         spread = np.linalg.norm(derivative, axis=1)
         std = [None if self.rotation_std is None else float(self.rotation_std * s) for s in spread]
         pairs = zip(keys, values.tolist(), std, strict=True)
-        return {f"{owner}.{key}": Known(value, s) for key, value, s in pairs}
+        return {f"{owner}.{key}": PriorValue(value, s) for key, value, s in pairs}
 
 
 POSE_KEYS: Final = fields_of(GivenPose)
 
 
-def with_known(own: Sequence[Parameter], by_name: Mapping[str, Known]) -> tuple[Parameter, ...]:
+def with_known(
+    parameters: Sequence[Parameter], by_name: Mapping[str, PriorValue]
+) -> tuple[Parameter, ...]:
     """Unknowns, of which some are known beforehand: fixed there, or with a prior about it."""
     return tuple(
         replace(
@@ -185,15 +187,15 @@ def with_known(own: Sequence[Parameter], by_name: Mapping[str, Known]) -> tuple[
         )
         if p.name in by_name
         else p
-        for p in own
+        for p in parameters
     )
 
 
 def check_in_mm(
     where: str,
     label: str,
-    own: Sequence[Parameter],
-    by_name: Mapping[str, Known],
+    parameters: Sequence[Parameter],
+    by_name: Mapping[str, PriorValue],
     start: Mapping[str, float],
 ) -> None:
     """Refuse a given position that the nominal arm finds a thousand times as far away.
@@ -201,14 +203,14 @@ def check_in_mm(
     Args:
         where: whose pose it is.
         label: of the place.
-        own: unknowns of all places.
+        parameters: unknowns of all places.
         by_name: what is given of this one.
         start: the same by the nominal arm.
 
     Raises:
         SamplesError: says both distances.
     """
-    names = [p.name for p in own if p.name in by_name and p.key in POSITION]
+    names = [p.name for p in parameters if p.name in by_name and p.key in POSITION]
     near, far = (
         math.hypot(*coordinates)
         for coordinates in ([by_name[n].value for n in names], [start[n] for n in names])

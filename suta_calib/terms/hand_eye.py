@@ -22,7 +22,7 @@ from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_ha
 from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.outside import pose_named, pose_values
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
-from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
+from suta_calib.terms.seen import SEEN_UNIT, InstrumentTerm
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
@@ -44,30 +44,33 @@ _AHEAD: Final = np.array([0.0, 0.0, 0.5])
 _ASIDE: Final = 0.1
 
 
-def _target_in_eye(poses: Sequence[Pose], own: Symbol) -> Pose:
+def _target_in_eye(poses: Sequence[Pose], unknowns: Symbol) -> Pose:
     """``T_eye_target = (T_base_hand T_hand_eye)⁻¹ T_base_target`` as the unknowns have it."""
-    hand_eye, target = pose_of(own[0:6]), pose_of(own[6:12])
+    hand_eye, target = pose_of(unknowns[0:6]), pose_of(unknowns[6:12])
     R_base_eye = poses[0].R @ hand_eye.R
     p_base_eye = poses[0].R @ hand_eye.p + poses[0].p
     return Pose(R_base_eye.T @ target.R, R_base_eye.T @ (target.p - p_base_eye))
 
 
-def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """In the eye's frame, which moves with the arm: the base gauge stays unobservable."""
     target, robot_noise_fraction = Pose(ca.reshape(data[3:12], 3, 3), data[0:3]), data[12]
-    expected, hand_in_eye = _target_in_eye(poses, own), pose_of(own[0:6]).inverse_act([0, 0, 0])
+    expected, hand_in_eye = (
+        _target_in_eye(poses, unknowns),
+        pose_of(unknowns[0:6]).inverse_act([0, 0, 0]),
+    )
     turn = symbolic_chordal_log(expected.R @ target.R.T)
     lever = robot_noise_fraction * (target.p - hand_in_eye) + data[13:16]
     return expected.p - target.p - ca.cross(turn, lever)
 
 
-def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _rotation(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     target = ca.reshape(data, 3, 3)
-    return symbolic_chordal_log(target.T @ _target_in_eye(poses, own).R)
+    return symbolic_chordal_log(target.T @ _target_in_eye(poses, unknowns).R)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class HandEye(SeenTerm):
+class HandEye(InstrumentTerm):
     """``(T_base_hand,i X)⁻¹ Z`` against the measured ``T_eye_target,i``.
 
     X = ``T_hand_eye`` and Z = ``T_base_target`` are unknown. With the hand's poses inverted the
@@ -120,7 +123,7 @@ class HandEye(SeenTerm):
     lever_in_target: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
-    def _seen(self) -> Poses:
+    def _measured(self) -> Poses:
         samples = self.poses.samples
         if samples.position is None or samples.rotation is None:
             raise self.refuse("no poses of the target", "columns x, y, z, qx, qy, qz, qw")
@@ -129,14 +132,14 @@ class HandEye(SeenTerm):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Positions and rotations of the target in the eye."""
-        (rotation, position), n = self._seen, len(self.poses)
-        own, turned = np.tile(np.arange(12), (n, 1)), flat(rotation)
+        (rotation, position), n = self._measured, len(self.poses)
+        own_columns, turned = np.tile(np.arange(12), (n, 1)), flat(rotation)
         lever = np.array(self.lever_in_eye) + rotation @ self.lever_in_target
         both = np.column_stack([position, turned, np.full(n, self.robot_noise_fraction), lever])
         block, labels, angular = Block.per_sample, self.poses.samples.origin, self.angular_noise
         return (
-            block("position", "m", 3, _position, own, both, self.noise, labels),
-            block("rotation", "rad", 3, _rotation, own, turned, angular, labels),
+            block("position", "m", 3, _position, own_columns, both, self.noise, labels),
+            block("rotation", "rad", 3, _rotation, own_columns, turned, angular, labels),
         )
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
@@ -199,7 +202,7 @@ class HandEye(SeenTerm):
             raise self.refuse(f"{len(self.poses)} poses", "at least 3, turned about different axes")
         if not isinstance(self.poses, ArmPoses):
             return
-        _, target = self._seen
+        _, target = self._measured
         away = float(np.median(np.linalg.norm(target, axis=1)))
         # About a target in its middle a camera may turn without seeing it move.
         if away > FAR or away < NEAR:
@@ -208,7 +211,7 @@ class HandEye(SeenTerm):
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Quaternions of consecutive motions for X, then the mean of the loops for Z."""
-        hand, target = (rotation, position), self._seen
+        hand, target = (rotation, position), self._measured
         X = quaternion_hand_eye(hand, target)
         Z = close_the_loop(hand, X, target)
         return np.concatenate([pose_values(*X), pose_values(*Z)])

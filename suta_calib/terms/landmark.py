@@ -53,25 +53,25 @@ ARTEFACT_GROUPINGS: Final = {
 }
 
 
-def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """In the artefact's frame, which turns with the arm: the base gauge stays unobservable."""
     seat = data[0:3]
-    if own.numel() > 6:  # The tip sits off the landmark's axis.
-        seat = seat + ca.reshape(data[3:9], 3, 2) @ own[6:8]
-    return pose_of(own).inverse_act(poses[0].p) - seat
+    if unknowns.numel() > 6:  # The tip sits off the landmark's axis.
+        seat = seat + ca.reshape(data[3:9], 3, 2) @ unknowns[6:8]
+    return pose_of(unknowns).inverse_act(poses[0].p) - seat
 
 
-def _position_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _position_stretched(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """The same on an artefact whose stretch is unknown: the last two of the own unknowns."""
-    made = stretched_point(data[0:3], own[-2:])
-    return _position(poses, own[:-2], ca.vertcat(made, data[3:]))
+    made = stretched_point(data[0:3], unknowns[-2:])
+    return _position(poses, unknowns[:-2], ca.vertcat(made, data[3:]))
 
 
-def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _rotation(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     seat = ca.reshape(data, 3, 3)
-    if own.numel() > 6:  # The tip is turned in its seat.
-        seat = seat @ symbolic_rotation(ca.vertcat(0, 0, own[6]))
-    return symbolic_chordal_log(seat.T @ pose_of(own).R.T @ poses[0].R)
+    if unknowns.numel() > 6:  # The tip is turned in its seat.
+        seat = seat @ symbolic_rotation(ca.vertcat(0, 0, unknowns[6]))
+    return symbolic_chordal_log(seat.T @ pose_of(unknowns).R.T @ poses[0].R)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -113,7 +113,7 @@ class TouchedLandmark(Term):
     seats: FloatArray | None = None
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """The pose of every placement, then the seating, then the artefact's stretch."""
         names, _ = self.places
         poses = (p for name in names for p in pose_parameters(f"placement[{name}]"))
@@ -126,21 +126,25 @@ class TouchedLandmark(Term):
         """Positions, and rotations where the artefact gives the seats'."""
         certified, marks, oriented = self._certified, self._marks, self._oriented
         rows = np.arange(len(marks))
-        data, own = certified, self._own_rows(rows, (".x", ".y"))
+        data, own_columns = certified, self._own_rows(rows, (".x", ".y"))
         if self.seating is not None:
             axes = seat_axes(self.artefact, marks)
-            data = np.hstack([certified, flat(axes)]) if own.shape[1] > 6 else certified
+            data = np.hstack([certified, flat(axes)]) if own_columns.shape[1] > 6 else certified
         by_mark = np.tile(-np.eye(3)[:, None, :], (len(rows), 1, 1, 1))
         touched = Certified.of(self.artefact, marks, rows[:, None], by_mark)
         residual = _position if self.artefact.stretch is None else _position_stretched
-        position = Block.per_sample("position", "m", 3, residual, own, data, self.noise, marks)
+        position = Block.per_sample(
+            "position", "m", 3, residual, own_columns, data, self.noise, marks
+        )
         sigma = touched.sigma[touched.marks[:, 0]]
         position = replace(position, known_sigma=sigma, certified=touched)
         if not len(oriented):
             return (position,)
-        own, data = self._own_rows(oriented, (".rz",)), flat(self._seats[oriented])
+        own_columns, data = self._own_rows(oriented, (".rz",)), flat(self._seats[oriented])
         noise, labels = self.angular_noise, marks[oriented]
-        rotation = Block.per_sample("rotation", "rad", 3, _rotation, own, data, noise, labels)
+        rotation = Block.per_sample(
+            "rotation", "rad", 3, _rotation, own_columns, data, noise, labels
+        )
         return position, replace(rotation, samples=oriented[:, None])
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
@@ -149,8 +153,8 @@ class TouchedLandmark(Term):
         names, placement = grouped(labels["placement"])
         frames = [pose_named(values, f"placement[{name}]") for name in names]
         R, p = (np.array(c)[placement] for c in zip(*frames, strict=True))
-        artefact = self.artefact.stretched(stretch_factors(self.own, values))
-        return seated(artefact, labels["landmark"], R, p, *seated_at(self.own, values))
+        artefact = self.artefact.stretched(stretch_factors(self.own_parameters, values))
+        return seated(artefact, labels["landmark"], R, p, *seated_at(self.own_parameters, values))
 
     def resimulated(
         self, values: Mapping[str, float], noise: Sequence[float], again: Resimulation
@@ -167,7 +171,7 @@ class TouchedLandmark(Term):
         R = np.array([pose_named(values, f"placement[{name}]")[0] for name in names])[placement]
         rotation, _ = simulated.poses.at(values)
         seats = again.turned(np.swapaxes(R[rows], 1, 2) @ rotation[rows], noise[1])
-        _, turn = seated_at(self.own, values)
+        _, turn = seated_at(self.own_parameters, values)
         every = np.tile(np.eye(3), (len(placement), 1, 1))
         every[rows] = seats @ rotation_from_vector([0.0, 0.0, -turn])
         return replace(simulated, seats=every)
@@ -199,7 +203,7 @@ class TouchedLandmark(Term):
                 implied = rotation[seats] @ np.swapaxes(self._seats[seats], 1, 2)
                 R[k] = np.asarray(Rotation.from_matrix(implied).mean().as_matrix(), dtype=float)
                 p[k] = (position[rows] - certified[rows] @ R[k].T).mean(axis=0)
-        seating = len(self.own) - 6 * len(names)
+        seating = len(self.own_parameters) - 6 * len(names)
         return np.concatenate([pose_values(R, p).reshape(-1), np.zeros(seating)])
 
     @property
@@ -245,8 +249,8 @@ class TouchedLandmark(Term):
     def _own_rows(self, rows: IntArray, keys: tuple[str, ...]) -> IntArray:
         """The placement's pose, and those of the other unknowns whose names end so, in order."""
         names, placement = self.places
-        seats = range(6 * len(names), len(self.own))
-        more = [k for k in seats if self.own[k].name.endswith(keys)]
+        seats = range(6 * len(names), len(self.own_parameters))
+        more = [k for k in seats if self.own_parameters[k].name.endswith(keys)]
         pose = 6 * placement[rows, None] + np.arange(6)
         return np.hstack([pose, np.tile(np.array(more, dtype=np.intp), (len(rows), 1))])
 

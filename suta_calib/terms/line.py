@@ -18,9 +18,9 @@ from suta_calib.measurements.fields import LENGTH, Field
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import check_turned
-from suta_calib.terms.given import GivenPose, Known
+from suta_calib.terms.given import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
-from suta_calib.terms.outside import OutsideFrame, OutsidePose, pose_parameters
+from suta_calib.terms.outside import ExternalFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
 
@@ -31,22 +31,22 @@ _SIZE: Final = 0.2
 _KEYS: Final = ("x", "y", "rx", "ry")
 
 
-def _offset(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _offset(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """Off the line, along two directions square to it that turn with the tool.
 
     The data are the tool's axis, in the tool, that the first of them is square to: in the line's
     own frame, which has no turn about the line to follow the arm with, noise would seem to tell
     where the arm points.
     """
-    frame = symbolic_rotation(ca.vertcat(own[2], own[3], 0))
+    frame = symbolic_rotation(ca.vertcat(unknowns[2], unknowns[3], 0))
     along = frame[:, 2]
-    off = poses[0].p - frame[:, 0] * own[0] - frame[:, 1] * own[1]
+    off = poses[0].p - frame[:, 0] * unknowns[0] - frame[:, 1] * unknowns[1]
     first = ca.cross(along, poses[0].R @ data)
     first = first / norm(first)
     return ca.vertcat(ca.dot(first, off), ca.dot(ca.cross(along, first), off))
 
 
-class LineFrame(OutsideFrame):
+class LineFrame(ExternalFrame):
     """A frame on a line."""
 
     def pose(self, values: Mapping[str, float]) -> OutsidePose:
@@ -105,24 +105,26 @@ class TouchedLine(Term):
         return np.asarray(position + aside[:, None] * rotation[:, 0])
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """Place and direction of every line."""
         return tuple(
             p for name in self.places[0] for p in pose_parameters(f"line[{name}]") if p.key in _KEYS
         )
 
     @property
-    def outside(self) -> tuple[OutsideFrame, ...]:
+    def outside(self) -> tuple[ExternalFrame, ...]:
         """Every line: the point of it nearest to the base's origin, z along it."""
         return tuple(LineFrame(f"line[{name}]", "line", "base", _KEYS) for name in self.places[0])
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The offsets."""
-        own = 4 * self.places[1][:, None] + np.arange(4)
+        own_columns = 4 * self.places[1][:, None] + np.arange(4)
         labels = self.poses.samples.labels["line"]
         return (
-            Block.per_sample("position", "m", 2, _offset, own, self._square, self.noise, labels),
+            Block.per_sample(
+                "position", "m", 2, _offset, own_columns, self._square, self.noise, labels
+            ),
         )
 
     @cached_property
@@ -138,14 +140,14 @@ class TouchedLine(Term):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted square to the line onto it."""
         names, line = grouped(poses.samples.labels["line"])
-        own = np.array([[values[f"line[{n}].{k}"] for k in _KEYS] for n in names])
-        frame = rotation_from_vector(np.column_stack([own[:, 2:], np.zeros(len(names))]))[line]
+        lines = np.array([[values[f"line[{n}].{k}"] for k in _KEYS] for n in names])
+        frame = rotation_from_vector(np.column_stack([lines[:, 2:], np.zeros(len(names))]))[line]
         _, position = poses.at(values)
         in_line = np.einsum("nji,nj->ni", frame, position)
-        in_line[:, :2] = own[line, :2]
+        in_line[:, :2] = lines[line, :2]
         return Observed(np.einsum("nij,nj->ni", frame, in_line))
 
-    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, PriorValue]:
         return pose.of_axis(owner, 0, ("x", "y"))
 
     def check_given(self) -> None:

@@ -37,7 +37,7 @@ RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0
 MARKERS: Final = (0.6, 1.6)
 # Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
 FAR_OFF: Final = 10.0
-SEEN: Final = 2.0
+VISIBLE_PX: Final = 2.0
 
 
 def check_files(pictures: BoardPictures) -> None:
@@ -217,8 +217,10 @@ def doubts(
 def _strange(pictures: BoardPictures, names: Sequence[str]) -> list[str]:
     """Pictures whose corners are far from where they are in any pose of the board; which."""
     off = pictures.rms
-    limit = max(FAR_OFF * float(np.nanmedian(off)), SEEN) if np.isfinite(off).any() else np.inf
-    nowhere = pictures.told & np.isnan(off)
+    limit = (
+        max(FAR_OFF * float(np.nanmedian(off)), VISIBLE_PX) if np.isfinite(off).any() else np.inf
+    )
+    nowhere = pictures.posed & np.isnan(off)
     sentences = []
     for k in np.flatnonzero(nowhere | (off > limit)).tolist():
         what = "" if nowhere[k] else _blunder(pictures, k, limit)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.poses import PoseSource
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ class TrueFrame:
     """A frame that a simulation of a kind may state, in place of the unknown that it is.
 
     Attributes:
-        own: the unknowns, ``own.x … own.rz``.
+        owner: the unknowns, ``own.x … own.rz``.
         key: of the simulation's file: what it is, ``_in_``, and in whose frame.
         about: what it is, in words.
         required: whether a simulation must state it; the frames coincide by default.
@@ -29,7 +29,7 @@ class TrueFrame:
             what carries it.
     """
 
-    own: str
+    owner: str
     key: str
     about: str
     required: bool
@@ -37,7 +37,7 @@ class TrueFrame:
 
 
 @dataclass(frozen=True, eq=False)
-class Observed(Shown):
+class Observed(Displayable):
     """What an ideal instrument would report, or where a tip that touches ideally would be.
 
     Attributes:
@@ -87,14 +87,14 @@ class Resimulation(Protocol):
             sigma: standard deviation of each coordinate, m.
         """
 
-    def seen(
-        self, poses: PoseSource, seen: Observed, noise: Mapping[str, float], relative: FloatArray
+    def observed(
+        self, poses: PoseSource, ideal: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
         """The same poses with what an instrument sees in their samples, plus noise.
 
         Args:
             poses: as they were measured.
-            seen: without noise.
+            ideal: without noise.
             noise: standard deviations: of a coordinate of the ``position``, m; of a component of
                 the turn of the ``rotation``, rad; of ``pixels``, px; of each number by its name.
             relative: factor on that of the position, of each coordinate (n, 3), or of all (1, 1).

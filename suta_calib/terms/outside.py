@@ -25,7 +25,7 @@ OutsidePose = tuple[FloatArray | None, FloatArray]
 
 
 @dataclass(frozen=True)
-class OutsideFrame:
+class ExternalFrame:
     """A frame, or a point, that some unknowns of a term are the pose of.
 
     Attributes:
@@ -56,7 +56,7 @@ class OutsideFrame:
 
 def frames_of(
     owners: Mapping[str, set[str]], words: Mapping[str, tuple[str, str]]
-) -> list[OutsideFrame]:
+) -> list[ExternalFrame]:
     """Those owners whose unknowns are a pose, or a point, and for which there are words.
 
     Args:
@@ -68,7 +68,7 @@ def frames_of(
         for every_key in (PLACEMENT, POSITION):
             named = words.get(owner.partition("[")[0])
             if named is not None and set(every_key) <= keys:
-                frames.append(OutsideFrame(owner, *named, every_key))
+                frames.append(ExternalFrame(owner, *named, every_key))
                 break
     return frames
 

@@ -50,18 +50,18 @@ from suta_calib.terms.term import Term
 MOST_PAIRS: Final = 100_000
 
 
-def _distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _distance(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     length = data[0]
-    if own.numel():  # The tip sits off the landmarks' axes, by as much everywhere.
-        length = norm(data[0:3] + ca.reshape(data[3:9], 3, 2) @ own)
+    if unknowns.numel():  # The tip sits off the landmarks' axes, by as much everywhere.
+        length = norm(data[0:3] + ca.reshape(data[3:9], 3, 2) @ unknowns)
     return norm(poses[0].p - poses[1].p) - length
 
 
-def _distance_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _distance_stretched(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """The same on an artefact whose stretch is unknown: the last two of the own unknowns."""
-    made = stretched_point(data[0:3], own[-2:])
-    if own.numel() > 2:
-        made = made + ca.reshape(data[3:9], 3, 2) @ own[:2]
+    made = stretched_point(data[0:3], unknowns[-2:])
+    if unknowns.numel() > 2:
+        made = made + ca.reshape(data[3:9], 3, 2) @ unknowns[:2]
     return norm(poses[0].p - poses[1].p) - norm(made)
 
 
@@ -107,7 +107,7 @@ class PairwiseDistance(Term):
     label: str = "default"
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """How the tip sits off the sockets' axes, where that is open; the artefact's stretch."""
         return (*self._shift, *stretch_parameters(self.artefact.name, self.artefact.stretch))
 
@@ -143,10 +143,12 @@ class PairwiseDistance(Term):
         if self._shift:
             axes = seat_axes(artefact, names)
             data = np.hstack([difference, flat(axes[first] - axes[second])])
-        own = np.tile(np.arange(len(self.own)), (len(pairs), 1))
+        own_columns = np.tile(np.arange(len(self.own_parameters)), (len(pairs), 1))
         sigma = np.hypot(*touched.sigma[touched.marks].T)
         labels = _pair_labels(names, pairs)
-        block = Block.per_sample("distance", "m", 1, residual, own, data, self.noise, labels)
+        block = Block.per_sample(
+            "distance", "m", 1, residual, own_columns, data, self.noise, labels
+        )
         return (replace(block, samples=pairs, known_sigma=sigma, certified=touched),)
 
     def take(self, rows: ArrayLike) -> Self:
@@ -166,7 +168,7 @@ class PairwiseDistance(Term):
         object.__setattr__(taken, "poses", self.poses.take(index))
         values = {
             "blocks": (block,),
-            "own": self.own,
+            "own": self.own_parameters,
             "_certified": self._certified[index],
             "_numbered": numbered(self._numbered[index])[1],
             "_every_pair": True,
@@ -240,8 +242,8 @@ class PairwiseDistance(Term):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every set's landmarks where they fit best to what was touched."""
         landmarks = poses.samples.labels["landmark"]
-        sits = seated_at(self.own, values)
-        artefact = self.artefact.stretched(stretch_factors(self.own, values))
+        sits = seated_at(self.own_parameters, values)
+        artefact = self.artefact.stretched(stretch_factors(self.own_parameters, values))
         marks = seated(artefact, landmarks, np.eye(3), np.zeros(3), *sits).place
         _, position = poses.at(values)
         names, which = grouped(self._sets(poses))
@@ -286,7 +288,7 @@ class PairwiseDistance(Term):
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """On the sockets' axes, where distances know of sockets at all."""
         del rotation, position
-        return np.zeros(len(self.own))
+        return np.zeros(len(self.own_parameters))
 
 
 def _check_apart(poses: PoseSource, first: IntArray, second: IntArray) -> None:

@@ -19,9 +19,9 @@ from suta_calib.measurements.fields import LENGTH, LENGTH_OR_0, Field
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.checks import check_turned
-from suta_calib.terms.given import GivenPose, Known
+from suta_calib.terms.given import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
-from suta_calib.terms.outside import OutsideFrame, OutsidePose, pose_parameters
+from suta_calib.terms.outside import ExternalFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
 
@@ -32,18 +32,18 @@ _SIZE: Final = 0.2
 _KEYS: Final = ("z", "rx", "ry")
 
 
-def _signed_distance(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _signed_distance(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """Of the ball's surface to the plane ``nᵀ x = d``; turns and shifts of the base leave it alone.
 
     The arm is on the side that the tip comes from, against its z axis, whichever way n points: so
     one plane has two descriptions, and both give this distance, but for its sign.
     """
-    normal = symbolic_rotation(ca.vertcat(own[1], own[2], 0))[:, 2]
+    normal = symbolic_rotation(ca.vertcat(unknowns[1], unknowns[2], 0))[:, 2]
     side = -ca.sign(ca.dot(normal, poses[0].R[:, 2]))
-    return ca.dot(normal, poses[0].p) - own[0] - side * data[0]
+    return ca.dot(normal, poses[0].p) - unknowns[0] - side * data[0]
 
 
-class PlaneFrame(OutsideFrame):
+class PlaneFrame(ExternalFrame):
     """A frame on a plane."""
 
     def pose(self, values: Mapping[str, float]) -> OutsidePose:
@@ -120,7 +120,7 @@ class TouchedPlane(Term):
         return np.asarray(position + np.column_stack([aside, above]) @ rotation.T)
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """Distance and direction of every plane."""
         return tuple(
             p
@@ -130,7 +130,7 @@ class TouchedPlane(Term):
         )
 
     @property
-    def outside(self) -> tuple[OutsideFrame, ...]:
+    def outside(self) -> tuple[ExternalFrame, ...]:
         """Every plane: the point of it nearest to the base's origin, z along its normal."""
         given = ("probe_radius_mm",) if self._nothing_checks_the_ball else ()
         return tuple(
@@ -140,11 +140,13 @@ class TouchedPlane(Term):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The signed distances."""
-        own = 3 * self.places[1][:, None] + np.arange(3)
+        own_columns = 3 * self.places[1][:, None] + np.arange(3)
         labels = self.poses.samples.labels["plane"]
         radius = np.full((len(self.poses), 1), self.radius)
         return (
-            Block.per_sample("distance", "m", 1, _signed_distance, own, radius, self.noise, labels),
+            Block.per_sample(
+                "distance", "m", 1, _signed_distance, own_columns, radius, self.noise, labels
+            ),
         )
 
     @property
@@ -170,14 +172,14 @@ class TouchedPlane(Term):
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the normal to where the ball touches."""
         names, plane = grouped(poses.samples.labels["plane"])
-        own = np.array([[values[f"plane[{n}].{k}"] for k in _KEYS] for n in names])
-        turns = np.column_stack([own[:, 1:], np.zeros(len(names))])
-        normal, distance = rotation_from_vector(turns)[plane, :, 2], own[plane, 0]
+        planes = np.array([[values[f"plane[{n}].{k}"] for k in _KEYS] for n in names])
+        turns = np.column_stack([planes[:, 1:], np.zeros(len(names))])
+        normal, distance = rotation_from_vector(turns)[plane, :, 2], planes[plane, 0]
         rotation, position = poses.at(values)
         height = np.sum(normal * position, axis=1) - distance - self._side(normal, rotation)
         return Observed(position - height[:, None] * normal)
 
-    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, PriorValue]:
         return pose.of_axis(owner, 2, ("z",))
 
     def check_given(self) -> None:

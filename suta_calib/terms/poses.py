@@ -41,7 +41,7 @@ FEWEST: Final = 100
 # Joints of a grid, and how far grids are moved along each other in distances of neighbours: that,
 # and room for rounding.
 GRID: Final = 3
-APART: Final = 1.0 + 1e-6
+CELL_MARGIN: Final = 1.0 + 1e-6
 # What makes one number of a cell's: large and odd, so that hardly any two cells have the same.
 MIXED: Final = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64
@@ -161,7 +161,7 @@ class ArmPoses(PoseSource):
 
     def at(self, values: Mapping[str, float]) -> tuple[FloatArray, FloatArray]:
         """Forward kinematics of the samples."""
-        return self.arm.forward(self.samples.q, values, self.samples.told)
+        return self.arm.forward(self.samples.q, values, self.samples.conditions)
 
     def with_samples(self, samples: Samples) -> ArmPoses:
         """The same arm's poses at the samples' readings."""
@@ -203,12 +203,12 @@ class _Standing:
 
     q: FloatArray
     rows: IntArray | None = None
-    whole: dict[float, IntArray] = field(default_factory=dict)
+    by_tolerance: dict[float, IntArray] = field(default_factory=dict)
 
     @property
     def rests(self) -> IntArray:
         """See `ArmPoses.rests`."""
-        return self._apart(WANDER)
+        return self._groups(WANDER)
 
     @property
     def postures(self) -> IntArray:
@@ -216,17 +216,17 @@ class _Standing:
         # How far apart readings are of one posture, rad or m: a model's error does not change
         # within a millimetre, whoever came back there.
         same_posture = 1e-3
-        return self._apart(same_posture)
+        return self._groups(same_posture)
 
     def take(self, rows: ArrayLike) -> _Standing:
         """Those of some rows, by number or by boolean mask."""
         before = np.arange(len(self.q)) if self.rows is None else self.rows
-        return _Standing(self.q, before[np.asarray(rows)], self.whole)
+        return _Standing(self.q, before[np.asarray(rows)], self.by_tolerance)
 
-    def _apart(self, apart: float) -> IntArray:
-        if apart not in self.whole:
-            self.whole[apart] = together(self.q, apart)
-        of_all = self.whole[apart]
+    def _groups(self, tolerance: float) -> IntArray:
+        if tolerance not in self.by_tolerance:
+            self.by_tolerance[tolerance] = together(self.q, tolerance)
+        of_all = self.by_tolerance[tolerance]
         return of_all if self.rows is None else numbered(of_all[self.rows])[1]
 
 
@@ -278,18 +278,19 @@ class MeasuredPoses(PoseSource):
         return MeasuredPoses(self.rotation[chosen], self.position[chosen], samples, **kinds)
 
 
-def together(q: FloatArray, apart: float = WANDER) -> IntArray:
+def together(q: FloatArray, tolerance: float = WANDER) -> IntArray:
     """Rows of readings that hardly differ, in order or not.
 
     Args:
         q: (n, joints) readings, rad (m for prismatic joints).
-        apart: how far a row may be from the first of its group, in any joint; an encoder's flicker
+        tolerance: how far a row may be from the first of its group, in any joint; an encoder's
+            flicker
             in any case.
 
     Returns:
         (n,) number of the group of each row, by first appearance.
     """
-    steps = q / np.maximum(apart, FLICKER * resolutions(q))
+    steps = q / np.maximum(tolerance, FLICKER * resolutions(q))
     first, (waiting, near_to) = np.arange(len(q), dtype=np.intp), _neighbours(steps)
     if not waiting.any():
         return first
@@ -328,7 +329,7 @@ def _not_alone(steps: FloatArray) -> IntArray:
             break
         looked_at = joints[first : first + GRID]
         grids = len(looked_at) + 1
-        cells = [steps[candidates, joint] / (grids * APART) for joint in looked_at]
+        cells = [steps[candidates, joint] / (grids * CELL_MARGIN) for joint in looked_at]
         shared = np.zeros(len(candidates), dtype=np.bool_)
         for moved in np.arange(grids) / grids:
             # The cells of all these joints, mixed into one number.

@@ -31,9 +31,9 @@ _PLANE: Final = 1e-2
 _STEPS: Final = 20
 
 
-def _excess(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _excess(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """A distance alone, so that motions of the whole arm leave it as it is."""
-    return norm(poses[0].p - own[:3]) - (own[3] if own.numel() > 3 else data[0])
+    return norm(poses[0].p - unknowns[:3]) - (unknowns[3] if unknowns.numel() > 3 else data[0])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -129,8 +129,8 @@ class MeasuredRange(Term):
     def settings(self) -> Mapping[str, Any]:
         """Whether the lengths were measured, and between which they are."""
         rotation, position = self.poses.at({})
-        own = self.start(rotation, position).reshape(len(self.places[0]), -1)
-        away = np.linalg.norm(position - own[self.places[1], :3], axis=1)
+        starts = self.start(rotation, position).reshape(len(self.places[0]), -1)
+        away = np.linalg.norm(position - starts[self.places[1], :3], axis=1)
         bounds = (float(away.min()), float(away.max()))
         if self._lengths is None:
             bounds = (float(away.mean()),) * 2
@@ -141,7 +141,7 @@ class MeasuredRange(Term):
         return self.poses.samples.numbers.get("length")
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """Every anchor, followed by its radius where no length was measured."""
         parameters = list[Parameter]()
         for name in self.places[0]:
@@ -155,12 +155,14 @@ class MeasuredRange(Term):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The distances."""
-        size = len(self.own) // len(self.places[0])
-        own = size * self.places[1][:, None] + np.arange(size)
+        size = len(self.own_parameters) // len(self.places[0])
+        own_columns = size * self.places[1][:, None] + np.arange(size)
         labels = self.poses.samples.labels["anchor"]
         none = np.zeros((len(self.poses), 0))
         data = none if self._lengths is None else self._lengths[:, None]
-        return (Block.per_sample("distance", "m", 1, _excess, own, data, self.noise, labels),)
+        return (
+            Block.per_sample("distance", "m", 1, _excess, own_columns, data, self.noise, labels),
+        )
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the line to the anchor."""
@@ -186,7 +188,7 @@ class MeasuredRange(Term):
         """One distance more than an anchor has unknowns, from tips off one line; in one unit."""
         _, position = self.poses.at({})
         names, which = self.places
-        unknowns = len(self.own) // len(names)
+        unknowns = len(self.own_parameters) // len(names)
         for k, name in enumerate(names):
             tips = position[which == k]
             if len(tips) <= unknowns:

@@ -33,60 +33,60 @@ def _reprojection(in_eye: Symbol, intrinsics: Symbol, data: Symbol) -> Symbol:
     return data[5] * ca.fmax(-FARTHEST, ca.fmin(error, FARTHEST))
 
 
-def _seen_from_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _seen_from_hand(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """The board's point in an eye on the hand."""
-    in_hand = poses[0].inverse_act(_on_board(own, data))
-    return pose_of(own[0:6]).inverse_act(in_hand)
+    in_hand = poses[0].inverse_act(_on_board(unknowns, data))
+    return pose_of(unknowns[0:6]).inverse_act(in_hand)
 
 
-def _seen_from_base(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
+def _seen_from_base(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
     """The point of a board on the hand in an eye that stands."""
-    in_base = poses[0].R @ _on_board(own, data) + poses[0].p
-    return pose_of(own[0:6]).inverse_act(in_base)
+    in_base = poses[0].R @ _on_board(unknowns, data) + poses[0].p
+    return pose_of(unknowns[0:6]).inverse_act(in_base)
 
 
-def _on_board(own: Symbol, data: Symbol) -> Symbol:
-    board = pose_of(own[6:12])
+def _on_board(unknowns: Symbol, data: Symbol) -> Symbol:
+    board = pose_of(unknowns[6:12])
     return board.R @ data[2:5] + board.p
 
 
 # Every residual is a function of its own: what was compiled for it is found again by it.
-def _known_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_hand(poses, own, data), data[6:15], data)
+def _known_in_hand(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_hand(poses, unknowns, data), data[6:15], data)
 
 
-def _known_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_base(poses, own, data), data[6:15], data)
+def _known_beside(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_base(poses, unknowns, data), data[6:15], data)
 
 
-def _unknown_in_hand(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_hand(poses, own, data), own[12:21], data)
+def _unknown_in_hand(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_hand(poses, unknowns, data), unknowns[12:21], data)
 
 
-def _unknown_beside(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _reprojection(_seen_from_base(poses, own, data), own[12:21], data)
+def _unknown_beside(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _reprojection(_seen_from_base(poses, unknowns, data), unknowns[12:21], data)
 
 
-def _stretched(own: Symbol, data: Symbol) -> tuple[Symbol, Symbol]:
+def _stretched(unknowns: Symbol, data: Symbol) -> tuple[Symbol, Symbol]:
     """Own unknowns without the board's stretch, and data with the point where it makes it."""
-    made = stretched_point(data[2:5], own[-2:])
-    return own[:-2], ca.vertcat(data[0:2], made, data[5:])
+    made = stretched_point(data[2:5], unknowns[-2:])
+    return unknowns[:-2], ca.vertcat(data[0:2], made, data[5:])
 
 
-def _known_in_hand_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _known_in_hand(poses, *_stretched(own, data))
+def _known_in_hand_stretched(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _known_in_hand(poses, *_stretched(unknowns, data))
 
 
-def _known_beside_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _known_beside(poses, *_stretched(own, data))
+def _known_beside_stretched(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _known_beside(poses, *_stretched(unknowns, data))
 
 
-def _unknown_in_hand_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _unknown_in_hand(poses, *_stretched(own, data))
+def _unknown_in_hand_stretched(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _unknown_in_hand(poses, *_stretched(unknowns, data))
 
 
-def _unknown_beside_stretched(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _unknown_beside(poses, *_stretched(own, data))
+def _unknown_beside_stretched(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _unknown_beside(poses, *_stretched(unknowns, data))
 
 
 # By where the eye is, whether its intrinsics are unknown, and whether the board's stretch is.

@@ -106,8 +106,10 @@ def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
     return np.array(axes)
 
 
-def seated_at(own: Iterable[Parameter], values: Mapping[str, float]) -> tuple[FloatArray, float]:
+def seated_at(
+    parameters: Iterable[Parameter], values: Mapping[str, float]
+) -> tuple[FloatArray, float]:
     """Shift (2,), m, and turn, rad, of the seating among a term's unknowns; zero without one."""
-    by_key = {p.key: values[p.name] for p in own if p.owner.startswith(_OWNER)}
+    by_key = {p.key: values[p.name] for p in parameters if p.owner.startswith(_OWNER)}
     x, y, turn = (by_key.get(key, 0.0) for key in KEYS)
     return np.array([x, y]), turn

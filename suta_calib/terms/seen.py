@@ -14,7 +14,7 @@ from suta_calib.terms.outside import labelled, pose_parameters
 from suta_calib.terms.term import Term
 
 if TYPE_CHECKING:
-    from suta_calib.terms.given import GivenPose, Known
+    from suta_calib.terms.given import GivenPose, PriorValue
 
 # What says the unit of what is seen.
 SEEN_UNIT: Final = (
@@ -31,7 +31,7 @@ class FramedTerm(Term):
     def frame_names(self) -> list[str]:
         """Owners of the unknowns of its frames."""
 
-    def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
+    def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
         """The unknowns that a given pose tells of a frame or of a mark.
 
         Args:
@@ -49,8 +49,8 @@ class FramedTerm(Term):
         marks = self.poses.samples.labels[self.mark] if self.marked else ()
         return pose.of_pose(f"{self.mark}[{label}]") if label in marks else {}
 
-    def checked_known(self, label: str, pose: GivenPose) -> dict[str, Known]:
-        """What `known` makes of a given pose, of something that is there, and known well enough."""
+    def checked_known(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
+        """What `prior_from_pose` makes of the pose of something there, known well enough."""
         where = f"{self.kind}: pose"
         partly = pose.rotation is None or (pose.position_std is None) != (pose.rotation_std is None)
         if not label and self.frames[0].seen_from and partly:
@@ -60,8 +60,8 @@ class FramedTerm(Term):
                 where=where,
                 hint=f"or give {self.frames[0].key}, each part of which may be left out",
             )
-        known = self.known(label, pose)
-        if not set(known) & {p.name for p in self.own}:
+        priors = self.prior_from_pose(label, pose)
+        if not set(priors) & {p.name for p in self.own_parameters}:
             noun = self.mark or "place"
             marks = sorted(
                 set(self.poses.samples.labels[self.mark].tolist()) if self.marked else ()
@@ -72,11 +72,11 @@ class FramedTerm(Term):
                 where=where,
                 hint=did_you_mean(label, marks),
             )
-        return known
+        return priors
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class SeenTerm(FramedTerm):
+class InstrumentTerm(FramedTerm):
     """What an instrument, or a camera, sees: positions and perhaps orientations.
 
     The own unknowns are the poses of its `frames`.
@@ -94,9 +94,9 @@ class SeenTerm(FramedTerm):
     @property
     def frame_names(self) -> list[str]:
         """Owners of the unknowns of its frames."""
-        return [labelled(frame.own, self.label) for frame in self.frames]
+        return [labelled(frame.owner, self.label) for frame in self.frames]
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
         return tuple(p for frame in self.frame_names for p in pose_parameters(frame))

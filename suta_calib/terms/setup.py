@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from suta_calib.errors import ArtefactError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.block import Noise
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Setup(Shown):
+class Setup(Displayable):
     """What a row of a job file can say beside its samples; every kind takes what it needs.
 
     Attributes:

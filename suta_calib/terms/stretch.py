@@ -50,7 +50,7 @@ def stretched_point(point: Symbol, stretch: Symbol) -> Symbol:
     return ca.vertcat((1 + stretch[0]) * point[0], (1 + stretch[1]) * point[1], point[2])
 
 
-def stretch_factors(own: Iterable[Parameter], values: Mapping[str, float]) -> FloatArray:
+def stretch_factors(parameters: Iterable[Parameter], values: Mapping[str, float]) -> FloatArray:
     """(3,) factors on a body's coordinates, by a term's own unknowns; 1 where none is a stretch."""
-    by_key = {p.key: values.get(p.name, 0.0) for p in own if is_stretch(p)}
+    by_key = {p.key: values.get(p.name, 0.0) for p in parameters if is_stretch(p)}
     return np.array([1.0 + by_key.get(key, 0.0) for key in KEYS] + [1.0])

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.outside import point_named, pose_named
 from suta_calib.terms.term import Term
 
@@ -51,7 +51,7 @@ class PoseNoise:
 
 
 @dataclass(frozen=True)
-class OutlierModel(Shown):
+class OutlierModel(Displayable):
     """Gross errors.
 
     Attributes:
@@ -85,7 +85,7 @@ NO_OUTLIERS: Final = OutlierModel()
 
 
 @dataclass(frozen=True, eq=False)
-class Simulated(Shown, Generic[SimulatedTerm]):
+class Simulated(Displayable, Generic[SimulatedTerm]):
     """Measurements that were simulated, and what is true.
 
     Attributes:
@@ -124,10 +124,10 @@ class Simulated(Shown, Generic[SimulatedTerm]):
         return pose_named(self.truth, prefix)
 
 
-def named(term: Term, own: Sequence[FloatArray]) -> dict[str, float]:
+def named(term: Term, truths: Sequence[FloatArray]) -> dict[str, float]:
     """True values by name, given in the order of the term's own parameters."""
-    names = (parameter.name for parameter in term.own)
-    return {name: float(v) for name, v in zip(names, np.concatenate(own), strict=True)}
+    names = (parameter.name for parameter in term.own_parameters)
+    return {name: float(v) for name, v in zip(names, np.concatenate(truths), strict=True)}
 
 
 def random_directions(random: np.random.Generator, count: int) -> FloatArray:

@@ -30,14 +30,14 @@ from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_t
 from suta_calib.terms.from_arrays import FromArrays
 from suta_calib.terms.given import check_in_mm, with_known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
-from suta_calib.terms.outside import OutsideFrame, frames_of
+from suta_calib.terms.outside import ExternalFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
     from suta_calib.measurements.scale import LengthScale
-    from suta_calib.terms.given import GivenPose, Known
+    from suta_calib.terms.given import GivenPose, PriorValue
     from suta_calib.terms.setup import Setup
 
 # What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera
@@ -139,25 +139,25 @@ class Term(ABC):
 
     def __getstate__(self) -> dict[str, Any]:
         """What it was made of: all else follows, residuals too, which may be a `lambda`."""
-        return {each.name: getattr(self, each.name) for each in fields(self)}
+        return {field.name: getattr(self, field.name) for field in fields(self)}
 
     @property
     @abstractmethod
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """The term's own unknowns."""
 
     @cached_property
     def unknowns(self) -> tuple[Parameter, ...]:
-        """`own`, with what is given of them: fixed there, or with a prior about it."""
+        """`own_parameters`, with what is given of them: fixed there, or with a prior about it."""
         if not self.given:
-            return self.own
+            return self.own_parameters
 
-        by_name: dict[str, Known] = {}
+        by_name: dict[str, PriorValue] = {}
         for label, pose in self.given.items():
-            by_name |= self.known(label, pose)
-        return with_known(self.own, by_name)
+            by_name |= self.prior_from_pose(label, pose)
+        return with_known(self.own_parameters, by_name)
 
-    def known(self, label: str, pose: GivenPose) -> dict[str, Known]:
+    def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
         """The own unknowns, by name, that a given pose tells of a place; empty for no such place.
 
         Args:
@@ -169,7 +169,7 @@ class Term(ABC):
             (label,) = names
         return self._known_place(f"{self.place_unknown}[{label}]", pose) if label in names else {}
 
-    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, Known]:
+    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, PriorValue]:
         return pose.of_pose(owner) if self.place_turns else pose.of_point(owner)
 
     def check_given(self) -> None:
@@ -183,10 +183,12 @@ class Term(ABC):
 
         for label, pose in self.given.items():
             by_name = self.checked_known(label, pose)
-            check_in_mm(f"{self.kind}: pose", label, self.own, by_name, self.start_values({}))
+            check_in_mm(
+                f"{self.kind}: pose", label, self.own_parameters, by_name, self.start_values({})
+            )
 
-    def checked_known(self, label: str, pose: GivenPose) -> dict[str, Known]:
-        """What `known` makes of a given pose, which is of something that this kind looks at.
+    def checked_known(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
+        """What `prior_from_pose` makes of the pose of something that this kind looks at.
 
         Raises:
             SamplesError: it is of nothing that is there, or that nothing here depends on.
@@ -198,7 +200,7 @@ class Term(ABC):
                 "position_mm alone: it is a point",
                 where=where,
             )
-        by_name = self.known(label, pose)
+        by_name = self.prior_from_pose(label, pose)
         if not by_name:
             raise SamplesError(
                 f"a pose of {self.place} '{label}'" if label else "one pose",
@@ -206,7 +208,7 @@ class Term(ABC):
                 where=where,
                 hint=did_you_mean(label, there) if label else "",
             )
-        if not set(by_name) <= {p.name for p in self.own}:
+        if not set(by_name) <= {p.name for p in self.own_parameters}:
             raise SamplesError(
                 f"a pose of {self.place} {label}".strip(),
                 "none",
@@ -319,7 +321,7 @@ class Term(ABC):
 
     @abstractmethod
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
-        """Closed-form values of `own` for given tool poses (n, 3, 3), (n, 3): the solver's start.
+        """Closed-form `own_parameters` for tool poses (n, 3, 3), (n, 3): the solver's start.
 
         Must be finite for any poses, also where the data leave some of them undetermined.
         """
@@ -328,7 +330,7 @@ class Term(ABC):
         """What an ideal measurement of these poses would be: the kind's forward model.
 
         Args:
-            values: what is taken for the truth: of the arm and of `own`, m or rad.
+            values: what is taken for the truth: of the arm and of `own_parameters`, m or rad.
             poses: with the labels that this kind needs; what was seen is not looked at. Of a tip
                 that touches, they say how it comes.
 
@@ -361,7 +363,7 @@ class Term(ABC):
         """The term over an arm's samples simulated anew, in nearly the same postures.
 
         Args:
-            values: what is taken for the truth: of the arm and of `own`, m or rad.
+            values: what is taken for the truth: of the arm and of `own_parameters`, m or rad.
             noise: of each block, m or rad per component of its residual.
             again: how the arm reaches what it touches, and how that scatters.
 
@@ -376,7 +378,9 @@ class Term(ABC):
             units = {number.name: number.unit for number in self.columns.numbers}
             units |= {"position": "m", "rotation": "rad"}
             levels = {name: by_unit[unit] for name, unit in units.items() if unit in by_unit}
-            return self.over_poses(again.seen(self.poses, ideal, levels, self.blocks[0].relative))
+            return self.over_poses(
+                again.observed(self.poses, ideal, levels, self.blocks[0].relative)
+            )
         sigma = noise[0] / self.noise_factor
         return self.over_poses(again.touched(self.poses, ideal.place, sigma))
 
@@ -428,15 +432,15 @@ class Term(ABC):
         return displacement[:, samples[:, 0], : self.blocks[0].size]
 
     @property
-    def outside(self) -> tuple[OutsideFrame, ...]:
+    def outside(self) -> tuple[ExternalFrame, ...]:
         """The poses and points that the own unknowns are: of `frames`, `places`, and marks."""
         owners: dict[str, set[str]] = {}
-        for p in self.own:
+        for p in self.own_parameters:
             owners.setdefault(p.owner, set()).add(p.key)
         words = {self.place_unknown: (self.place, "base")} if self.place_unknown else {}
         for frame in self.frames:
             what, _, within = frame.key.partition("_in_")
-            words[frame.own] = (what, within)
+            words[frame.owner] = (what, within)
         if self.mark:
             words[self.mark] = (self.mark, "tip")
         return tuple(frames_of(owners, words))
@@ -448,10 +452,10 @@ class Term(ABC):
 
     def start_values(self, values: Mapping[str, float]) -> dict[str, float]:
         """`start` by name, at the poses that belong to these parameter values."""
-        if not self.own:
+        if not self.own_parameters:
             return {}
-        own = self.start(*self.poses.at(values))
-        return {p.name: float(v) for p, v in zip(self.own, own, strict=True)}
+        start = self.start(*self.poses.at(values))
+        return {p.name: float(v) for p, v in zip(self.own_parameters, start, strict=True)}
 
     def repeats(self) -> IntArray:
         """(n,) one number for all samples that are repeats of the same touch, else their own."""
@@ -474,9 +478,9 @@ class Term(ABC):
         """What must be known of how the samples are used, one sentence each."""
         return ()
 
-    def beside(self, others: Sequence[Term]) -> Self:
+    def beside(self, terms: Sequence[Term]) -> Self:
         """The same as the other terms of a job, which it may be among, make it."""
-        del others
+        del terms
         return self
 
     def check_beside(self, other: Term) -> None:  # noqa: B027 (most terms share nothing more)

@@ -28,7 +28,7 @@ from suta_calib.terms.outside import (
     pose_values,
 )
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
-from suta_calib.terms.seen import SEEN_UNIT, SeenTerm
+from suta_calib.terms.seen import SEEN_UNIT, InstrumentTerm
 from suta_calib.terms.synthetic import EXACT, NO_OUTLIERS, Simulated, contaminated, named
 from suta_calib.terms.target_start import instrument_and_targets
 from suta_calib.terms.term import Gap, Medium, Mount
@@ -40,23 +40,23 @@ if TYPE_CHECKING:
 _T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))
 
 
-def _position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    base = pose_of(own)
-    target = poses[0].p + poses[0].R @ own[6:9] if own.numel() > 6 else poses[0].p
+def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    base = pose_of(unknowns)
+    target = poses[0].p + poses[0].R @ unknowns[6:9] if unknowns.numel() > 6 else poses[0].p
     return base.R @ target + base.p - data
 
 
-def _weighted_position(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    return _position(poses, own, data[:3]) / data[3:]
+def _weighted_position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    return _position(poses, unknowns, data[:3]) / data[3:]
 
 
-def _rotation(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    target = poses[0].R @ pose_of(own[6:12]).R if own.numel() > 6 else poses[0].R
-    return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(own).R @ target)
+def _rotation(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    target = poses[0].R @ pose_of(unknowns[6:12]).R if unknowns.numel() > 6 else poses[0].R
+    return symbolic_chordal_log(ca.reshape(data, 3, 3).T @ pose_of(unknowns).R @ target)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TrackedPoint(SeenTerm):
+class TrackedPoint(InstrumentTerm):
     """``T_instrument_base (p_i + R_i t) - z_i``; the instrument-to-base pose is unknown.
 
     Without the label target, t = 0: the tip itself was seen. With it, every label is a reflector or
@@ -148,7 +148,7 @@ class TrackedPoint(SeenTerm):
         return grouped(self.poses.samples.labels[self.mark])
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """The pose of the instrument, then where the targets are in the tip."""
         of_one = point_parameters if self.poses.samples.rotation is None else pose_parameters
         frames = (p for frame in self.frame_names for p in pose_parameters(frame))
@@ -157,19 +157,23 @@ class TrackedPoint(SeenTerm):
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """Positions, and rotations where they were seen."""
-        samples, own = self.poses.samples, np.tile(np.arange(6), (len(self.poses), 1))
+        samples, own_columns = self.poses.samples, np.tile(np.arange(6), (len(self.poses), 1))
         names, target = self._targets
         if names:
-            size = (len(self.own) - 6) // len(names)
-            own = np.hstack([own, 6 + size * target[:, None] + np.arange(size)])
+            size = (len(self.own_parameters) - 6) // len(names)
+            own_columns = np.hstack([own_columns, 6 + size * target[:, None] + np.arange(size)])
         block, labels, angular = Block.per_sample, samples.origin, self.angular_noise
-        position = block("position", "m", 3, _position, own, self._seen, self.noise, labels)
+        position = block(
+            "position", "m", 3, _position, own_columns, self._measured, self.noise, labels
+        )
         if samples.position_sigma is not None:
             position = self._weighted(position, samples.position_sigma)
         if samples.rotation is None:
             return (position,)
         turned = flat(samples.rotation)
-        return position, block("rotation", "rad", 3, _rotation, own, turned, angular, labels)
+        return position, block(
+            "rotation", "rad", 3, _rotation, own_columns, turned, angular, labels
+        )
 
     def _weighted(self, block: Block, stated: FloatArray) -> Block:
         assert self.typical_sigma is not None
@@ -186,7 +190,7 @@ class TrackedPoint(SeenTerm):
         )
 
     @property
-    def _seen(self) -> FloatArray:
+    def _measured(self) -> FloatArray:
         if self.poses.samples.position is None:
             raise self.refuse("no positions", "columns x, y, z")
         return self.poses.samples.position
@@ -227,7 +231,7 @@ class TrackedPoint(SeenTerm):
         if not isinstance(self.poses, ArmPoses):
             return
         expected = "the tip's positions in m, as the arm moved it"
-        check_unit(self, "positions", extent(self._seen), extent, expected, SEEN_UNIT)
+        check_unit(self, "positions", extent(self._measured), extent, expected, SEEN_UNIT)
 
     @classmethod
     def simulate(
@@ -269,7 +273,7 @@ class TrackedPoint(SeenTerm):
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Arun's registration of the tip's positions; `instrument_and_targets` where there are."""
         if not self._targets[0]:
-            return pose_values(*register_points(position, self._seen))
+            return pose_values(*register_points(position, self._measured))
         R, p, turns, targets = self._body(rotation, position)
         if turns is None:
             return np.concatenate([pose_values(R, p), targets.reshape(-1)])
@@ -282,7 +286,7 @@ class TrackedPoint(SeenTerm):
         """``T_instrument_base``, and turns (k, 3, 3) and places (k, 3) of targets in the tip."""
         orientations, (_, target) = self.poses.samples.rotation, self._targets
         R, p, targets = instrument_and_targets(
-            (rotation, position), self._seen, target, orientations
+            (rotation, position), self._measured, target, orientations
         )
         if orientations is None:
             return R, p, None, targets
