@@ -44,13 +44,13 @@ class ArmComparison:
         unsure: mean square that the other arm's covariance adds to their lengths, m²; zero where
             the covariance is not known.
         unsure_std: standard deviation of that, m².
-        seen: held-out rows that were read where rows of the job's observations were.
+        rows_in_fit: held-out rows that were read where rows of the job's observations were.
     """
 
     terms: tuple[TermAccuracy, ...]
     unsure: float = 0.0
     unsure_std: float = 0.0
-    seen: int = 0
+    rows_in_fit: int = 0
 
     @cached_property
     def gain(self) -> Gain:
@@ -64,20 +64,20 @@ class ArmComparison:
     def assessment(self) -> Assessment:
         """Care where the other arm is worse, or the data cannot tell; it is of use in any case."""
         gain = self.gain
-        own, this = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
+        job_rms, this = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
         care = []
         if gain.worse:
             care.append("The URDF is worse than the job's own on these data.")
         elif not gain.better:
             care.append("These data cannot tell the URDF from the job's own: neither is better.")
-        if self.seen:
-            rows = sum(len(each.term.poses) for each in self.terms)
+        if self.rows_in_fit:
+            rows = sum(len(accuracy.term.poses) for accuracy in self.terms)
             care.append(
-                f"{self.seen} of {rows} validation rows were read where rows of the job's "
+                f"{self.rows_in_fit} of {rows} validation rows were read where rows of the job's "
                 "observations were, if they are not the same: of an arm that was fitted to these "
                 "they tell how good it is there, and nowhere else."
             )
-        sentence = f"RMS {own} with the job's URDF, {this} with this one"
+        sentence = f"RMS {job_rms} with the job's URDF, {this} with this one"
         if 0.0 < abs(gain.significance) < math.inf:
             sentence += f" ({abs(gain.significance):.1f} standard errors apart)"
         return Assessment.of(sentence, care=care)
@@ -111,19 +111,19 @@ def compare_arms(
     before = block_residuals(validation, nothing, _fitted(observations, validation, nothing))
     judged = [_through(term, other) for term in validation]
     fixed = other.select(*beside_geometry) if beside_geometry else ParameterSet()
-    known = [_through(term, other) for term in observations]
-    values = _fitted(known, judged, fixed, beside_geometry)
+    fitted = [_through(term, other) for term in observations]
+    values = _fitted(fitted, judged, fixed, beside_geometry)
     terms = term_accuracies(validation, before, block_residuals(judged, fixed, values))
     # Rows that were fitted were read where they are.
-    seen = int(read_where_fitted(observations, validation).sum())
+    rows_in_fit = int(read_where_fitted(observations, validation).sum())
     if uncertainty is None or not uncertainty[0]:
-        return ArmComparison(terms, seen=seen)
+        return ArmComparison(terms, rows_in_fit=rows_in_fit)
     names, covariance = uncertainty
     estimated = other.select(*names)
     at = {p.name: p.nominal for p in estimated.values()} | values
     first = [term for term in judged if term.kind == judged[0].kind]
     added = added_by_estimates(first, estimated, at, names, covariance)
-    return ArmComparison(terms, *added, seen)
+    return ArmComparison(terms, *added, rows_in_fit)
 
 
 def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:
@@ -160,9 +160,13 @@ def check_nominal(nominal: ArmModel, result: Path, values: Mapping[str, float]) 
     names = ("calibrated.urdf", "not_usable.urdf")
     for made in filter(Path.exists, (result.with_name(name) for name in names)):
         other = ArmModel.from_urdf(made, nominal.chain.tip, nominal.chain.base)
-        alike = other.joints == nominal.joints
-        if not alike or _differing(nominal, other, values):
-            what = f"the origin of {_differing(nominal, other, values)}" if alike else "the joints"
+        same_joints = other.joints == nominal.joints
+        if not same_joints or _differing(nominal, other, values):
+            what = (
+                f"the origin of {_differing(nominal, other, values)}"
+                if same_joints
+                else "the joints"
+            )
             raise UrdfError(
                 f"another arm than the one that was calibrated: {what} differ from {made.name}'s",
                 f"the URDF that became {made}",
@@ -178,8 +182,10 @@ def _differing(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) 
     for joint in other.chain.joints:
         xyz, rpy = made.get(joint.name, (joint.xyz, joint.rpy))
         turn = rotation_from_rpy(rpy).T @ rotation_from_rpy(joint.rpy)
-        apart = max(float(np.abs(xyz - joint.xyz).max()), float(np.abs(turn - np.eye(3)).max()))
-        if apart > SAME_ORIGIN:
+        difference = max(
+            float(np.abs(xyz - joint.xyz).max()), float(np.abs(turn - np.eye(3)).max())
+        )
+        if difference > SAME_ORIGIN:
             return joint.name
     return ""
 
@@ -188,12 +194,12 @@ def _fitted(
     observations: Sequence[Term],
     validation: Sequence[Term],
     fixed: ParameterSet,
-    known: Mapping[str, float] = MappingProxyType({}),
+    fitted_values: Mapping[str, float] = MappingProxyType({}),
 ) -> dict[str, float]:
     """Values of the validation terms' own unknowns, the arm held."""
-    shared = {p.name for term in validation for p in term.own}
-    sharing = [t for t in observations if any(p.name in shared for p in t.own)]
-    return fit_own(validation, fixed, fit_own(sharing or validation, fixed, known))
+    shared = {p.name for term in validation for p in term.own_parameters}
+    sharing = [t for t in observations if any(p.name in shared for p in t.own_parameters)]
+    return fit_own(validation, fixed, fit_own(sharing or validation, fixed, fitted_values))
 
 
 def _through(term: Term, arm: ArmModel) -> Term:

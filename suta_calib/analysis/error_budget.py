@@ -33,7 +33,7 @@ from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
@@ -113,13 +113,13 @@ def linear(
     arm = Problem(terms).arm
     assert arm is not None
     # What is not estimated may still have a value: that of a job's fixed parameters is nominal.
-    own = [n for n in (*arm.parameters, *arm.nongeometric) if n in {*names, *arm.offsets}]
-    problem = Problem(terms, ParameterSet(arm.offered[n] for n in own))
+    names_used = [n for n in (*arm.parameters, *arm.nongeometric) if n in {*names, *arm.offsets}]
+    problem = Problem(terms, ParameterSet(arm.offered[n] for n in names_used))
     x = np.array([values.get(p.name, p.nominal) for p in problem.parameters.values()])
     lines = problem.linearise(x, problem.assumed_sigmas())
     velocity = problem.evaluation.table.velocity
-    by_joint = velocity[:, [own.index(n) for n in arm.offsets]] @ arm.gearing
-    chosen = [own.index(n) for n in names]
+    by_joint = velocity[:, [names_used.index(n) for n in arm.offsets]] @ arm.gearing
+    chosen = [names_used.index(n) for n in names]
     rows = np.arange(len(velocity))
     samples = rows // 6
     residuals, by_reading, by_parameters = [], [], []
@@ -136,7 +136,7 @@ def linear(
         by_reading.append((variance.reshape(n, size) * relative**2).sum(axis=1))
         moves = (motion @ velocity[:, chosen]).reshape(n, size, len(chosen))
         by_parameters.append(moves * relative[:, :, None])
-    moved = velocity.reshape(-1, 6, len(own))[:, :3]
+    moved = velocity.reshape(-1, 6, len(names_used))[:, :3]
     tip = np.einsum("nij,j->n", by_joint.reshape(-1, 6, len(std))[:, :3] ** 2, std**2)
     return Linear(residuals, by_reading, by_parameters, tip, moved[:, :, chosen])
 
@@ -190,8 +190,8 @@ class BlockBudget:
 
     def variance_of(self, *sources: Source) -> float | None:
         """Of exactly these sources, or None where they have no number of their own."""
-        found = [s.variance for s in self.shares if set(s.sources) == set(sources)]
-        return found[0] if found else None
+        variances = [s.variance for s in self.shares if set(s.sources) == set(sources)]
+        return variances[0] if variances else None
 
     @property
     def inside(self) -> list[Share]:
@@ -225,7 +225,7 @@ class TipBudget:
 
 
 @dataclass(frozen=True)
-class ErrorBudget(Shown):
+class ErrorBudget(Displayable):
     """The budget of a calibration.
 
     Attributes:
@@ -298,36 +298,40 @@ def error_budget(
     names = problem.arm_parameters.names
     std = (encoders or EncoderNoise()).std(problem.arm)
     at = linear(problem.terms, names, solution.values, std)
-    known = encoders is not None
-    blocks = _blocks("calibration", problem.terms, at, known, None)
+    encoders_stated = encoders is not None
+    blocks = _blocks("calibration", problem.terms, at, encoders_stated, None)
     covariance = solution.covariance[: len(names), : len(names)]
     if validation:
         values = fit_own(validation, problem.arm_parameters, solution.values)
         held_out = linear(validation, names, values, std)
-        seen = solution.covariance_seen_by(validation)[: len(names), : len(names)]
-        blocks += _blocks("validation", validation, held_out, known, seen)
+        joint_covariance = solution.covariance_seen_by(validation)[: len(names), : len(names)]
+        blocks += _blocks("validation", validation, held_out, encoders_stated, joint_covariance)
     # The model's share of a position; held-out data tell it best.
     lengths = sorted((b for b in blocks if b.unit == "m"), key=lambda b: b.data != "validation")
     model = lengths[0].variance_of("model") if lengths else None
     tip = TipBudget(
-        float(at.tip_by_reading.mean()) if known else None,
+        float(at.tip_by_reading.mean()) if encoders_stated else None,
         _mean_variance(at.tip_by_parameters, covariance),
         None if model is None else lengths[0].per_position * model,
     )
-    return ErrorBudget(tuple(blocks), tip, _missing(blocks, known))
+    return ErrorBudget(tuple(blocks), tip, _missing(blocks, encoders_stated))
 
 
 def _blocks(
-    data: str, terms: Sequence[Term], at: Linear, known: bool, covariance: FloatArray | None
+    data: str,
+    terms: Sequence[Term],
+    at: Linear,
+    encoders_stated: bool,
+    covariance: FloatArray | None,
 ) -> list[BlockBudget]:
-    found, each = [], iter(zip(at.residuals, at.by_reading, at.by_parameters, strict=True))
+    budgets, by_block = [], iter(zip(at.residuals, at.by_reading, at.by_parameters, strict=True))
     for term in terms:
         for block in term.blocks:
             # What was read again at one rest says nothing new of where errors come from.
             once = one_of_each_rest(term, block)
-            residual, by_reading, by_parameters = (array[once] for array in next(each))
+            residual, by_reading, by_parameters = (array[once] for array in next(by_block))
             stated: dict[Source, float | None] = {
-                "encoders": float(by_reading.mean()) if known else None,
+                "encoders": float(by_reading.mean()) if encoders_stated else None,
                 # Stated variance of the certified coordinates; None where none is stated.
                 "artefact": 0.0,
             }
@@ -345,8 +349,8 @@ def _blocks(
             # A position has three coordinates; a distance sees one of each of its two ends.
             per_position = 3.0 / (block.size * term.noise_factor**2)
             sums = (shares, total, len(once), overstated)
-            found.append(BlockBudget(*head, *sums, per_position))
-    return found
+            budgets.append(BlockBudget(*head, *sums, per_position))
+    return budgets
 
 
 def _shares(
@@ -391,10 +395,10 @@ def _mean_variance(derivative: FloatArray, covariance: FloatArray) -> float:
     return float(np.einsum("ndp,pq,ndq->", derivative, covariance, derivative) / len(derivative))
 
 
-def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
+def _missing(blocks: Sequence[BlockBudget], encoders_stated: bool) -> tuple[str, ...]:
     together = [s.sources for b in blocks for s in b.shares if len(s.sources) > 1]
     notes = []
-    if not known:
+    if not encoders_stated:
         notes.append(
             "Nothing is stated of the encoders: give the job encoders: {bits: …, noise_deg: …}, "
             "and their share gets a number of its own."
@@ -412,9 +416,10 @@ def _missing(blocks: Sequence[BlockBudget], known: bool) -> tuple[str, ...]:
             "There are too few repeats of the same touch to tell what scatters from what the model "
             "lacks: touch every landmark again, at least twice (column repeat)."
         )
-    if (others := sorted(mixed - repeatable)) and not repeatable - mixed:
+    if (unrepeatable := sorted(mixed - repeatable)) and not repeatable - mixed:
         notes.append(
-            f"{' and '.join(others)} {'have' if len(others) > 1 else 'has'} no repeats of the same "
+            f"{' and '.join(unrepeatable)} {'have' if len(unrepeatable) > 1 else 'has'} no "
+            "repeats of the same "
             "posture, so what scatters there and what the model lacks stand together: an artefact "
             "touched at least twice at each placement tells them apart."
         )

@@ -21,7 +21,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import JobError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit, mm, shown, text, unit_name
@@ -40,7 +40,7 @@ _NOTHING: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class TipMapOptions(Shown):
+class TipMapOptions(Displayable):
     """What is asked for.
 
     Attributes:
@@ -94,7 +94,7 @@ class OpenDirection:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TipMap(Shown):
+class TipMap(Displayable):
     """The answer.
 
     Attributes:
@@ -153,11 +153,11 @@ class TipMap(Shown):
         if self.tolerance is not None and self.registered.rms > self.tolerance:
             bad.append(f"That is more than the {mm(self.tolerance):.3g} mm asked for.")
         care = [
-            f"{each.fixed} is held, not measured, and not in these figures: if it is off by "
-            f"{shown(each.plausible, each.unit):.3g} {unit_name(each.unit)}, the tip is off by "
-            f"{mm(each.effect):.3g} mm ('plan' says what measures it)."
-            for each in self.open_directions
-            if each.effect > _NOTHING * self.registered.rms
+            f"{open_one.fixed} is held, not measured, and not in these figures: if it is off by "
+            f"{shown(open_one.plausible, open_one.unit):.3g} {unit_name(open_one.unit)}, "
+            f"the tip is off by {mm(open_one.effect):.3g} mm ('plan' says what measures it)."
+            for open_one in self.open_directions
+            if open_one.effect > _NOTHING * self.registered.rms
         ]
         if (held := self.knowledge.fixed) and not self.knowledge.open_directions:
             care.append(
@@ -241,8 +241,8 @@ def _mapped(
     postures = region.postures(knowledge.kinematics, knowledge.visited, tips, options.seed)
     place = middle if options.place is None else options.place
     sizes = {"grid": options.grid, "seed": options.seed}
-    found = tip_map(knowledge, region, place, fiducials, postures, **sizes)
-    return replace(found, tolerance=options.tolerance)
+    result = tip_map(knowledge, region, place, fiducials, postures, **sizes)
+    return replace(result, tolerance=options.tolerance)
 
 
 @single_threaded
@@ -306,7 +306,7 @@ def _open(
     knowledge: Knowledge, postures: FloatArray, reference: FloatArray
 ) -> tuple[OpenDirection, ...]:
     """Effect of every undetermined direction on the registered tip, largest first."""
-    found = []
+    directions = []
     for fixed, direction, plausible in knowledge.open_directions:
         names = tuple(name for name in direction if name in knowledge.arm.offered)
         step = np.array([direction[name] for name in names]) * plausible
@@ -314,5 +314,5 @@ def _open(
         moved = inside.registered(at) @ step
         effect = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
         unit = knowledge.arm.offered[fixed].unit
-        found.append(OpenDirection(fixed, plausible, effect, unit))
-    return tuple(sorted(found, key=lambda each: -each.effect))
+        directions.append(OpenDirection(fixed, plausible, effect, unit))
+    return tuple(sorted(directions, key=lambda direction: -direction.effect))

@@ -24,23 +24,23 @@ _MARGIN: Final = 40.0
 _TITLES: Final = {"side": "from the side", "top": "from above"}
 
 
-def draw_tip_map(figure: Any, found: TipMap, *, absolute: bool = False) -> list[Axes]:
+def draw_tip_map(figure: Any, tip_map: TipMap, *, absolute: bool = False) -> list[Axes]:
     """A vertical and a horizontal section, levels labelled in mm.
 
     Args:
         figure: an empty `Figure` or `SubFigure`.
-        found: the maps.
+        tip_map: the maps.
         absolute: the uncertainty in the base frame instead of that after registration.
 
     Returns:
         A panel for each section.
     """
-    grids = [each.absolute if absolute else each.registered for each in found.sections]
+    grids = [section.absolute if absolute else section.registered for section in tip_map.sections]
     levels = _levels(mm(np.concatenate([grid[np.isfinite(grid)] for grid in grids])))
     panels = list(figure.subplots(1, len(grids), squeeze=False)[0])
-    for axes, each, grid in zip(panels, found.sections, grids, strict=True):
-        filled = _map(axes, each, mm(grid), levels)
-        _arm_and_region(axes, each, found)
+    for axes, section, grid in zip(panels, tip_map.sections, grids, strict=True):
+        filled = _map(axes, section, mm(grid), levels)
+        _arm_and_region(axes, section, tip_map)
     bar = figure.colorbar(
         filled, ax=panels, location="bottom", shrink=0.6, aspect=40, ticks=levels, pad=0.03
     )
@@ -60,8 +60,8 @@ def _levels(values: FloatArray) -> list[float]:
     return list(LEVELS[low : max(high, low + 2) + 1])
 
 
-def _map(axes: Axes, each: Slice, grid: FloatArray, levels: list[float]) -> Any:
-    u, v = mm(each.u), mm(each.v)
+def _map(axes: Axes, section: Slice, grid: FloatArray, levels: list[float]) -> Any:
+    u, v = mm(section.u), mm(section.v)
     shades = colormaps["Blues"].resampled(len(levels) - 1)
     norm = BoundaryNorm(levels, len(levels) - 1)
     masked = np.ma.masked_invalid(grid)
@@ -75,31 +75,31 @@ def _map(axes: Axes, each: Slice, grid: FloatArray, levels: list[float]) -> Any:
     return filled
 
 
-def _arm_and_region(axes: Axes, each: Slice, found: TipMap) -> None:
-    arm = mm(each.project(found.drawn))
+def _arm_and_region(axes: Axes, section: Slice, tip_map: TipMap) -> None:
+    arm = mm(section.project(tip_map.drawn))
     draw_arm(axes, arm)
-    corners = np.array(list(product(*zip(found.region.lower, found.region.upper, strict=True))))
-    flat = mm(each.project(corners))
+    corners = np.array(list(product(*zip(tip_map.region.lower, tip_map.region.upper, strict=True))))
+    flat = mm(section.project(corners))
     low, high = flat.min(axis=0), flat.max(axis=0)
     frame = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
     axes.plot(*frame.T, color="black", lw=1.0, ls=":", label="region")
-    place = mm(each.project(found.place[None, :])[0])
+    place = mm(section.project(tip_map.place[None, :])[0])
     mark: dict[str, Any] = {"color": ORANGE, "mec": "black", "ms": 9, "ls": "none", "zorder": 7}
     axes.plot(*place, "P", label="registered here", **mark)
     # Only where the tip gets, and the arm.
-    rows, columns = np.nonzero(np.isfinite(each.registered))
-    across = np.concatenate([mm(each.u[columns]), arm[:, 0]])
-    upward = np.concatenate([mm(each.v[rows]), arm[:, 1]])
+    rows, columns = np.nonzero(np.isfinite(section.registered))
+    across = np.concatenate([mm(section.u[columns]), arm[:, 0]])
+    upward = np.concatenate([mm(section.v[rows]), arm[:, 1]])
     axes.set_xlim(across.min() - _MARGIN, across.max() + _MARGIN)
     axes.set_ylim(upward.min() - _MARGIN, upward.max() + _MARGIN)
     axes.set_aspect("equal")
     axes.grid()
-    if each.name == "top":
-        axes.set_title(f"{_TITLES[each.name]}, at z = {mm(each.origin[2]):.0f} mm")
+    if section.name == "top":
+        axes.set_title(f"{_TITLES[section.name]}, at z = {mm(section.origin[2]):.0f} mm")
         axes.set_xlabel("x, mm")
         axes.set_ylabel("y, mm")
         return
-    towards = deg(math.atan2(each.along[1], each.along[0]))
-    axes.set_title(f"{_TITLES[each.name]}, plane at {towards:.0f}° from x")
+    towards = deg(math.atan2(section.along[1], section.along[0]))
+    axes.set_title(f"{_TITLES[section.name]}, plane at {towards:.0f}° from x")
     axes.set_xlabel("distance from the base's z axis, mm")
     axes.set_ylabel("z, mm")

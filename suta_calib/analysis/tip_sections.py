@@ -15,7 +15,7 @@ from suta_calib.analysis.planning.region import Region, turning_z_to
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solution import Solution
 
@@ -29,7 +29,7 @@ _MARGIN: Final = 1.02
 
 
 @dataclass(frozen=True, eq=False)
-class Knowledge(Shown):
+class Knowledge(Displayable):
     """An arm as a calibration left it.
 
     Attributes:
@@ -128,18 +128,18 @@ class Slice:
 
 
 @dataclass(frozen=True, eq=False)
-class Walker(Shown):
+class Walker(Displayable):
     """Postures for tip positions, each like its neighbours', so that the map is smooth."""
 
     knowledge: Knowledge
     axis: FloatArray
     seed: int
 
-    def reach(self, wanted: FloatArray, near: float = 0.0) -> FloatArray:
+    def reach(self, places: FloatArray, near: float = 0.0) -> FloatArray:
         """Readings that bring the tip to places, outward from the postures that were visited.
 
         Args:
-            wanted: (n, 3) places in the base, m.
+            places: (n, 3) places in the base, m.
             near: what also counts as reached by an arm that cannot bring its tip to any place, but
                 only along a line or a surface, m.
 
@@ -148,27 +148,27 @@ class Walker(Shown):
         """
         knowledge = self.knowledge
         attainable = knowledge.kinematics.attainable["position"]
-        _, known = knowledge.arm.forward(knowledge.visited, knowledge.values)
+        _, reached_places = knowledge.arm.forward(knowledge.visited, knowledge.values)
         readings = knowledge.visited
-        rotation = np.tile(turning_z_to(self.axis), (len(wanted), 1, 1))
-        found = np.full((len(wanted), readings.shape[1]), np.nan)
-        order = np.argsort(KDTree(known).query(wanted)[0], kind="stable")
+        rotation = np.tile(turning_z_to(self.axis), (len(places), 1, 1))
+        found_readings = np.full((len(places), readings.shape[1]), np.nan)
+        order = np.argsort(KDTree(reached_places).query(places)[0], kind="stable")
         for rows in np.array_split(order, min(_WAVES, len(order))):
-            rows = rows[np.linalg.norm(wanted[rows], axis=1) <= knowledge.farthest]
+            rows = rows[np.linalg.norm(places[rows], axis=1) <= knowledge.farthest]
             if not len(rows):
                 continue
-            start = readings[KDTree(known).query(wanted[rows])[1]]
+            start = readings[KDTree(reached_places).query(places[rows])[1]]
             matching = knowledge.kinematics.most("axis")
-            targets = Targets(wanted[rows], rotation[rows], matching)
+            targets = Targets(places[rows], rotation[rows], matching)
             answer = knowledge.kinematics.solve(
                 targets, start, np.random.default_rng(self.seed), _STARTS
             )
             reached = answer.reached | ((answer.distance <= near) & (not attainable))
             good = rows[reached]
-            found[good] = answer.q[reached]
-            known = np.vstack([known, wanted[good]])
-            readings = np.vstack([readings, found[good]])
-        return found
+            found_readings[good] = answer.q[reached]
+            reached_places = np.vstack([reached_places, places[good]])
+            readings = np.vstack([readings, found_readings[good]])
+        return found_readings
 
 
 def slices(walker: Walker, region: Region, reference: Sensitivity, grid: int) -> tuple[Slice, ...]:
@@ -181,16 +181,16 @@ def slices(walker: Walker, region: Region, reference: Sensitivity, grid: int) ->
     planes = (("side", ahead, z, 0.0 * z), ("top", x, y, centre[2] * z))
     wide = np.linspace(-far, far, grid)
     covariance = walker.knowledge.covariance
-    found = []
+    sections = []
     for name, along, up, origin in planes:
-        wanted = origin + wide[None, :, None] * along + wide[:, None, None] * up
-        q = walker.reach(wanted.reshape(-1, 3), near=(wide[1] - wide[0]) / 2)
+        places = origin + wide[None, :, None] * along + wide[:, None, None] * up
+        q = walker.reach(places.reshape(-1, 3), near=(wide[1] - wide[0]) / 2)
         good = np.isfinite(q).all(axis=1)
         registered, absolute = np.full((2, len(q)), np.nan)
         if good.any():
             at = walker.knowledge.at(q[good])
             registered[good] = at.std(covariance, at.registered(reference))
             absolute[good] = at.std(covariance)
-        stds = (each.reshape(grid, grid) for each in (registered, absolute))
-        found.append(Slice(name, along, up, origin, wide, wide, *stds))
-    return tuple(found)
+        stds = (std.reshape(grid, grid) for std in (registered, absolute))
+        sections.append(Slice(name, along, up, origin, wide, wide, *stds))
+    return tuple(sections)

@@ -5,7 +5,7 @@ from .acceptance import accept as accept
 from .acceptance import acceptance_test as acceptance_test
 from .measured import Articulation as Articulation
 from .measured import LengthErrors as LengthErrors
-from .measured import Repeats as Repeats
+from .measured import RepeatedVisits as RepeatedVisits
 from .measured import Sphere as Sphere
 from .measured import SphereProbing as SphereProbing
 from .measured import articulations as articulations

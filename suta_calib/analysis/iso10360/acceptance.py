@@ -15,7 +15,7 @@ import numpy as np
 from suta_calib.analysis.iso10360.measured import (
     Articulation,
     LengthErrors,
-    Repeats,
+    RepeatedVisits,
     SphereProbing,
     articulations,
     probings,
@@ -32,7 +32,7 @@ from suta_calib.job.limits import (
     StatedUncertainty,
     worst,
 )
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import mm
 
 # What the standard asks for: touches of a sphere, articulations of a point and touches in each,
@@ -50,7 +50,7 @@ GUARDED: Final = DecisionRule()
 
 
 @dataclass(frozen=True, eq=False)
-class AcceptanceMeasurements(Shown):
+class AcceptanceMeasurements(Displayable):
     """What was measured; empty or None where a test was not made.
 
     Attributes:
@@ -69,7 +69,7 @@ class AcceptanceMeasurements(Shown):
     articulations: tuple[Articulation, ...] = ()
     spheres: tuple[SphereProbing, ...] = ()
     sphere_std: float = 0.0
-    repeats: tuple[Repeats, ...] = ()
+    repeats: tuple[RepeatedVisits, ...] = ()
     notes: tuple[str, ...] = ()
 
     @classmethod
@@ -79,32 +79,34 @@ class AcceptanceMeasurements(Shown):
         Raises:
             InputError: samples that do not determine what they are to measure, with their place.
         """
-        found = cls(bidirectional=job.bidirectional, notes=job.notes)
+        measured = cls(bidirectional=job.bidirectional, notes=job.notes)
         if job.lengths:
             with job.error_context("lengths"):
                 errors = LengthErrors.joined([LengthErrors.of(term) for term in job.lengths])
-            found = replace(found, lengths=errors)
+            measured = replace(measured, lengths=errors)
         for samples in job.articulation:
             place, labels = job.arm.forward(samples.q)[1], samples.labels
             with job.error_context("articulation"):
-                each = labels.get("articulation")
-                points = articulations(place, labels["point"], each, sphere=job.on_spheres)
-            found = replace(found, articulations=(*found.articulations, *points))
+                articulation = labels.get("articulation")
+                points = articulations(place, labels["point"], articulation, sphere=job.on_spheres)
+            measured = replace(measured, articulations=(*measured.articulations, *points))
         if job.probing is not None:
             place = job.arm.forward(job.probing.samples.q)[1]
             with job.error_context("probing"):
                 label = job.probing.samples.labels["sphere"]
                 spheres = probings(place, label, job.probing.diameter)
-            found = replace(found, spheres=spheres, sphere_std=job.probing.std)
+            measured = replace(measured, spheres=spheres, sphere_std=job.probing.std)
         if job.repeatability is not None:
             place = job.arm.forward(job.repeatability.q)[1]
             with job.error_context("repeatability"):
-                found = replace(found, repeats=repeats(place, job.repeatability.labels["point"]))
-        return found
+                measured = replace(
+                    measured, repeats=repeats(place, job.repeatability.labels["point"])
+                )
+        return measured
 
 
 @dataclass(frozen=True)
-class Characteristic(Shown):
+class Characteristic(Displayable):
     """One figure of the test: the worst of those that were measured.
 
     Attributes:
@@ -155,7 +157,7 @@ class Characteristic(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class AcceptanceTest(Shown):
+class AcceptanceTest(Displayable):
     """What was found.
 
     Attributes:
@@ -173,7 +175,7 @@ class AcceptanceTest(Shown):
     @property
     def decision(self) -> Decision:
         """On the whole: every limit must be kept."""
-        judged = [each.decision for each in self.characteristics if each.limit is not None]
+        judged = [figure.decision for figure in self.characteristics if figure.limit is not None]
         return worst(judged)
 
     @property
@@ -187,52 +189,56 @@ class AcceptanceTest(Shown):
     def assessment(self) -> Assessment:
         """Passed, failed, or neither proved."""
         sentence = "No limits given: figures without pass or fail"
-        judged = [each for each in self.characteristics if each.limit is not None]
+        judged = [figure for figure in self.characteristics if figure.limit is not None]
         if judged:
-            kept = sum(each.decision == "pass" for each in judged)
+            passed = sum(figure.decision == "pass" for figure in judged)
             words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
-            sentence = f"{words[self.decision]}: {kept} of {len(judged)} limits are kept"
-        bad = [each.broken for each in judged if each.decision != "pass"]
+            sentence = f"{words[self.decision]}: {passed} of {len(judged)} limits are kept"
+        bad = [figure.broken for figure in judged if figure.decision != "pass"]
         notes = [*self.measured.notes]
-        spread = {each.point: each.amplification for each in self.measured.articulations}
-        spread |= {each.sphere: each.amplification for each in self.measured.spheres}
+        spread = {point.point: point.amplification for point in self.measured.articulations}
+        spread |= {sphere.sphere: sphere.amplification for sphere in self.measured.spheres}
         for name, amplification in spread.items():
             if amplification > _BADLY_SPREAD:
                 notes.append(
                     f"{name}: touches lie so that a sphere's centre is up to {amplification:.0f} "
                     "times less sure than a touch; spread them over a pole and the equator."
                 )
-        for found in self.characteristics:
-            unsure = found.expanded or 0.0
-            if found.limit is not None and self.rule.guard(unsure) >= found.limit:
+        for figure in self.characteristics:
+            unsure = figure.expanded or 0.0
+            if figure.limit is not None and self.rule.guard(unsure) >= figure.limit:
                 notes.append(
-                    f"{found.symbol}: the test is less sure (U {mm(unsure):.4f} mm) than "
+                    f"{figure.symbol}: the test is less sure (U {mm(unsure):.4f} mm) than "
                     "the limit: nothing can pass it."
                 )
-            if found.limit is None and self.limits.given:
-                notes.append(f"{found.symbol}: no limit is given.")
+            if figure.limit is None and self.limits.given:
+                notes.append(f"{figure.symbol}: no limit is given.")
         return Assessment.of(sentence, bad=bad, care=notes)
 
     @property
     def simplified(self) -> tuple[str, ...]:
         """Where the procedure is not the standard's, a sentence each."""
         m = self.measured
-        said = [f"{each.symbol}: {each.missing}." for each in self.characteristics if each.missing]
+        sentences = [
+            f"{figure.symbol}: {figure.missing}."
+            for figure in self.characteristics
+            if figure.missing
+        ]
         if m.lengths is not None:
-            said.append(
+            sentences.append(
                 f"Lengths: every pair of landmarks at every placement, {len(m.lengths)} errors of "
                 f"lengths up to {mm(float(m.lengths.length.max())):.0f} mm; the standard "
                 "prescribes which lengths lie where in the measuring volume, and longer ones "
                 "were not tested."
             )
         if m.articulations:
-            said.append(
+            sentences.append(
                 "Articulations: the standard finds a sphere's centre in each, spread over the "
                 "range of the wrist."
             )
         if m.repeats:
-            said.append("Repeatability of one point is no characteristic of ISO 10360-12.")
-        return tuple(said)
+            sentences.append("Repeatability of one point is no characteristic of ISO 10360-12.")
+        return tuple(sentences)
 
 
 def acceptance_test(job: AcceptanceJob) -> AcceptanceTest:
@@ -254,9 +260,9 @@ def accept(
     rule: DecisionRule = GUARDED,
 ) -> AcceptanceTest:
     """Judge what was measured."""
-    m, u, found = measured, uncertainty, []
+    m, u, characteristics = measured, uncertainty, []
     if m.lengths is not None:
-        found.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))
+        characteristics.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))
     diameter = float(np.hypot(EXPANDED * m.sphere_std, u.size))
     visits = [(r.point, r.diameter) for r in m.repeats]
     kinds = (
@@ -272,17 +278,20 @@ def accept(
         "P_Form": few_touches,
     }
     # A size, and a sphere's place, from few touches say more than the touches do; form never does.
-    amplified = {"P_Size": True, "L_Dia": any(each.amplification for each in m.articulations)}
+    amplified = {
+        "P_Size": True,
+        "L_Dia": any(point.amplification for point in m.articulations),
+    }
     for symbol, values, limit, expanded in kinds:
         if values:
-            where, value = max(values, key=lambda each: abs(each[1]))
+            where, value = max(values, key=lambda pair: abs(pair[1]))
             decision = rule.decide(value, limit, expanded)
-            known, count = expanded or None, len(values)
-            judged = Characteristic(symbol, where, value, limit, known, decision, count)
-            found.append(
+            stated_expanded, count = expanded or None, len(values)
+            judged = Characteristic(symbol, where, value, limit, stated_expanded, decision, count)
+            characteristics.append(
                 judged.but_for(missing.get(symbol, ""), amplified=amplified.get(symbol, False))
             )
-    return AcceptanceTest(measured, limits, uncertainty, rule, tuple(found))
+    return AcceptanceTest(measured, limits, uncertainty, rule, tuple(characteristics))
 
 
 def _too_few_touches(m: AcceptanceMeasurements) -> str:
@@ -292,22 +301,22 @@ def _too_few_touches(m: AcceptanceMeasurements) -> str:
 
 
 def _too_few_articulations(m: AcceptanceMeasurements) -> str:
-    said = []
-    for each in m.articulations:
-        few = len(each.names) < ARTICULATIONS
+    sentences = []
+    for point in m.articulations:
+        few = len(point.names) < ARTICULATIONS
         # Each touch of a seat tells the place; a sphere's centre needs all that are asked for.
-        if few or (each.amplification and each.touches < TOUCHES_EACH * len(each.names)):
-            said.append(
-                f"{each.touches} touches in {len(each.names)} articulations of {each.point}"
+        if few or (point.amplification and point.touches < TOUCHES_EACH * len(point.names)):
+            sentences.append(
+                f"{point.touches} touches in {len(point.names)} articulations of {point.point}"
             )
     asked = f"the standard asks for {TOUCHES_EACH} touches in each of {ARTICULATIONS}"
-    return f"{', '.join(said)}; {asked}" if said else ""
+    return f"{', '.join(sentences)}; {asked}" if sentences else ""
 
 
 def length_uncertainty(lengths: LengthErrors, u: StatedUncertainty) -> FloatArray:
     """Expanded (k = 2) uncertainty (n,) of what each length truly was, m."""
-    own = (EXPANDED * lengths.calibration_std) ** 2
-    return np.asarray(np.sqrt(own + u.length**2 + (u.per_length * lengths.length) ** 2))
+    calibration = (EXPANDED * lengths.calibration_std) ** 2
+    return np.asarray(np.sqrt(calibration + u.length**2 + (u.per_length * lengths.length) ** 2))
 
 
 def _worst_length(
@@ -324,7 +333,7 @@ def _worst_length(
     decisions: list[Decision] = ["no limit"]
     if limit is not None:
         rows = zip(lengths.error.tolist(), limit.tolist(), expanded.tolist(), strict=True)
-        decisions = [rule.decide(*each) for each in rows]
+        decisions = [rule.decide(*row) for row in rows]
     missing = ""
     if len(lengths) < LENGTHS or lengths.lines < LINES:
         missing = (

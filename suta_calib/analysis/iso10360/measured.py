@@ -14,7 +14,7 @@ from scipy.optimize import least_squares
 from suta_calib.analysis.repeatability import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 from suta_calib.terms.block import grouped
 
@@ -25,7 +25,7 @@ _FLAT: Final = 1e-3
 
 
 @dataclass(frozen=True)
-class Sphere(Shown):
+class Sphere(Displayable):
     """A sphere.
 
     Attributes:
@@ -60,12 +60,12 @@ def _of_few(points: FloatArray, chosen: list[int]) -> tuple[Sphere, list[int]]:
     """Smallest sphere of a few points, and which of them it passes through."""
     best: tuple[Sphere, list[int]] | None = None
     for size in range(1, min(len(chosen), 4) + 1):
-        for some in combinations(chosen, size):
-            sphere = _through(points[list(some)])
+        for subset in combinations(chosen, size):
+            sphere = _through(points[list(subset)])
             away = np.linalg.norm(points[chosen] - sphere.centre, axis=1)
             holds = (away <= sphere.radius * (1 + _ROUNDING) + 1e-15).all()
             if holds and (best is None or sphere.radius < best[0].radius):
-                best = sphere, list(some)
+                best = sphere, list(subset)
     assert best is not None, "some sphere through at most four points holds them all"
     return best
 
@@ -97,22 +97,22 @@ def best_sphere(points: FloatArray, where: str = "") -> Sphere:
     start = np.linalg.lstsq(rows, (away**2).sum(axis=1), rcond=None)[0]
     radius = np.sqrt(max(float(start[3] + start[:3] @ start[:3]), 0.0))
     scale = float(sizes[0])
-    found = least_squares(
+    solution = least_squares(
         lambda x: (np.linalg.norm(away - x[:3] * scale, axis=1) - x[3] * scale) / scale,
         np.append(start[:3], radius) / scale,
         xtol=1e-15,
         ftol=1e-15,
         gtol=1e-15,
     ).x * scale  # fmt: skip
-    centre = middle + found[:3]
+    centre = middle + solution[:3]
     # How much less sure a centre is than a touch; a pole and four places on the equator give 1.5.
     normals = (points - centre) / np.linalg.norm(points - centre, axis=1, keepdims=True)
     inverse = np.linalg.pinv(np.column_stack([normals, np.ones(len(normals))]))
-    return Sphere(centre, float(found[3]), float(np.linalg.norm(inverse[:3])))
+    return Sphere(centre, float(solution[3]), float(np.linalg.norm(inverse[:3])))
 
 
 @dataclass(frozen=True, eq=False)
-class LengthErrors(Shown):
+class LengthErrors(Displayable):
     """Measured minus calibrated length of every pair of landmarks of one placement and repeat.
 
     Attributes:
@@ -150,7 +150,7 @@ class LengthErrors(Shown):
     @classmethod
     def joined(cls, parts: Sequence[LengthErrors]) -> LengthErrors:
         """Those of several artefacts, one after the other."""
-        columns = [[getattr(part, each.name) for part in parts] for each in fields(cls)]
+        columns = [[getattr(part, entry.name) for part in parts] for entry in fields(cls)]
         return cls(*map(np.concatenate, columns))
 
     def __len__(self) -> int:
@@ -169,10 +169,10 @@ class LengthErrors(Shown):
 
     def _repeats(self) -> dict[tuple[str, ...], list[float]]:
         """Errors of each pair at each placement, whichever of the two was touched first."""
-        found: dict[tuple[str, ...], list[float]] = {}
+        by_pair: dict[tuple[str, ...], list[float]] = {}
         for placement, label, error in zip(self.placement, self.label, self.error, strict=True):
-            found.setdefault((placement, *sorted(label.split("-"))), []).append(float(error))
-        return found
+            by_pair.setdefault((placement, *sorted(label.split("-"))), []).append(float(error))
+        return by_pair
 
     def by_placement(self) -> Iterator[tuple[str, IntArray]]:
         """Rows of each placement."""
@@ -181,7 +181,7 @@ class LengthErrors(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Articulation(Shown):
+class Articulation(Displayable):
     """One point found from several articulations of the arm; lengths in m.
 
     Attributes:
@@ -233,7 +233,7 @@ def articulations(
         SamplesError: a point with fewer than two articulations, or a sphere that its rows do not
             determine.
     """
-    found = []
+    points = []
     for name in grouped(point)[0]:
         rows = np.flatnonzero(point == name)
         names, index = [str(k + 1) for k in range(len(rows))], np.arange(len(rows))
@@ -246,14 +246,14 @@ def articulations(
                 where="articulation",
             )
         places = [position[rows[index == k]] for k in range(len(names))]
-        centres, amplification = np.array([each.mean(axis=0) for each in places]), 0.0
+        centres, amplification = np.array([touches.mean(axis=0) for touches in places]), 0.0
         if sphere:
-            where = [f"point {name!r}, articulation {each!r}" for each in names]
-            fitted = [best_sphere(*each) for each in zip(places, where, strict=True)]
-            centres = np.array([each.centre for each in fitted])
-            amplification = max(each.amplification for each in fitted)
+            where = [f"point {name!r}, articulation {label!r}" for label in names]
+            fitted = [best_sphere(*named) for named in zip(places, where, strict=True)]
+            centres = np.array([sphere.centre for sphere in fitted])
+            amplification = max(sphere.amplification for sphere in fitted)
         away = np.linalg.norm(centres - centres.mean(axis=0), axis=1)
-        found.append(
+        points.append(
             Articulation(
                 name,
                 tuple(names),
@@ -266,11 +266,11 @@ def articulations(
                 amplification,
             )
         )
-    return tuple(found)
+    return tuple(points)
 
 
 @dataclass(frozen=True, eq=False)
-class SphereProbing(Shown):
+class SphereProbing(Displayable):
     """One sphere probed in one place; lengths in m.
 
     Attributes:
@@ -298,19 +298,19 @@ def probings(
         sphere: (n,) labels of the places it stood in.
         diameter: of the sphere on which the tip's centre lies: calibrated, plus the stylus', m.
     """
-    found = []
+    spheres = []
     for name in grouped(sphere)[0]:
         points = position[sphere == name]
         fitted = best_sphere(points, f"sphere {name!r}")
         radial = np.linalg.norm(points - fitted.centre, axis=1) - fitted.radius
         size = 2 * fitted.radius - diameter
         form = float(np.ptp(radial))
-        found.append(SphereProbing(name, radial, size, form, fitted.amplification))
-    return tuple(found)
+        spheres.append(SphereProbing(name, radial, size, form, fitted.amplification))
+    return tuple(spheres)
 
 
 @dataclass(frozen=True, eq=False)
-class Repeats(Shown):
+class RepeatedVisits(Displayable):
     """Repeated visits to one point; lengths in m.
 
     Attributes:
@@ -324,13 +324,13 @@ class Repeats(Shown):
     diameter: float
 
 
-def repeats(position: FloatArray, point: NDArray[np.str_]) -> tuple[Repeats, ...]:
+def repeats(position: FloatArray, point: NDArray[np.str_]) -> tuple[RepeatedVisits, ...]:
     """Repeatability of probing every point (labels (n,)) of positions (n, 3).
 
     Raises:
         SamplesError: a point visited fewer than three times.
     """
-    found = []
+    visited = []
     for name in grouped(point)[0]:
         visits = position[point == name]
         if len(visits) < 3:
@@ -338,5 +338,5 @@ def repeats(position: FloatArray, point: NDArray[np.str_]) -> tuple[Repeats, ...
                 f"{len(visits)} visits to point {name!r}", "at least 3", where="repeatability"
             )
         diameter = 2 * smallest_sphere(visits).radius
-        found.append(Repeats(name, PositionScatter.of(visits), diameter))
-    return tuple(found)
+        visited.append(RepeatedVisits(name, PositionScatter.of(visits), diameter))
+    return tuple(visited)

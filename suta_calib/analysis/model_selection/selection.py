@@ -36,7 +36,7 @@ from suta_calib.diagnostics.score_tests import Residuals, ScoreTest
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -79,7 +79,7 @@ EXPECTED: Final = 30
 
 
 @dataclass(frozen=True, eq=False)
-class ModelSelection(Shown):
+class ModelSelection(Displayable):
     """What was tried, and what is worth having.
 
     Attributes:
@@ -140,7 +140,8 @@ class ModelSelection(Shown):
     def assessment(self) -> Assessment:
         """Whether anything should be added to the job, and what must be known."""
         before, after = (
-            text(each.held_out.rms, self.unit, with_unit=True) for each in (self.job, self.chosen)
+            text(candidate.held_out.rms, self.unit, with_unit=True)
+            for candidate in (self.job, self.chosen)
         )
         gain = f"held-out RMS {before} → {after}"
         wider = self.chosen.geometry and not self.job.geometry
@@ -232,8 +233,8 @@ def choose_model(
     while refitted is None:
         ends = [search.grown(job, wide)]
         ends += [search.grown(wide)] if wide is not None else []
-        found, undecided = _better_end(job, wide, ends)
-        refitted = search.refitted(found, wide if found.geometry and wide else job)
+        best, undecided = _better_end(job, wide, ends)
+        refitted = search.refitted(best, wide if best.geometry and wide else job)
     chosen, solution = refitted
     labels = tuple(fold.label for fold in search.folds)
     examined = CalibrationExamination.of(solution, validation)
@@ -241,7 +242,7 @@ def choose_model(
     started = CalibrationExamination.of(search.solutions[job.name], validation)
     validated = None
     if validation:
-        errors = (each.accuracy.validation for each in (started, examined))
+        errors = (value.accuracy.validation for value in (started, examined))
         before, after = map(limited_rms, errors)
         validated = before, after
     tests = started.score_tests
@@ -265,7 +266,7 @@ def _better_end(
 
 
 @dataclass(frozen=True)
-class _Step:
+class _Extension:
     """What may be added to a model, and how much better it must be, in standard errors."""
 
     name: str
@@ -314,7 +315,7 @@ class _Search:
         self._linearised[geometry] = LinearModels(
             CalibrationExamination.of(solution), self.folds, self._noise
         )
-        return self._told(name, geometry, self._linearised[geometry].fit())
+        return self._candidate_of(name, geometry, self._linearised[geometry].fit())
 
     def grown(self, start: ModelCandidate, rival: ModelCandidate | None = None) -> ModelCandidate:
         """Forward from a start for as long as something outdoes what there is.
@@ -329,15 +330,17 @@ class _Search:
                 name = f"{current.name} + {step.name}" if more else step.name
                 if not more:
                     name = _with_geometry(name, start.geometry)
-                found = self._told(name, start.geometry, linear.fit((*more, *step.names)))
-                if found.outdoes(current, step.errors):
-                    better.append(found)
+                candidate = self._candidate_of(
+                    name, start.geometry, linear.fit((*more, *step.names))
+                )
+                if candidate.outdoes(current, step.errors):
+                    better.append(candidate)
             if not better:
                 break
             # The smallest of those that are as good as the best.
             best = min(better, key=lambda c: c.held_out.loss)
-            alike = [c for c in better if c is best or not best.outdoes(c)]
-            current = min(alike, key=lambda c: (len(c.added), c.held_out.loss))
+            as_good = [c for c in better if c is best or not best.outdoes(c)]
+            current = min(as_good, key=lambda c: (len(c.added), c.held_out.loss))
         return self._pruned(current, start)
 
     def _pruned(self, end: ModelCandidate, start: ModelCandidate) -> ModelCandidate:
@@ -347,9 +350,9 @@ class _Search:
         """
         linear, current = self._linearised[start.geometry], end
         groups = [
-            set(some)
+            set(parts)
             for (_, family), names in offered_names(self.arm).items()
-            for some in ([[n] for n in names] if family == COUPLING else [names])
+            for parts in ([[n] for n in names] if family == COUPLING else [names])
         ]
         while True:
             more = [n for n in current.added if n not in start.added]
@@ -387,10 +390,10 @@ class _Search:
             return None
         self.solutions[chosen.name] = solution
         linear = LinearModels(CalibrationExamination.of(solution), self.folds, self._noise)
-        own = self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
-        return self._noted(own), solution
+        base = self._candidate(chosen.name, chosen.geometry, linear, linear.fit())
+        return self._noted(base), solution
 
-    def _steps(self, left: Residuals) -> Iterator[_Step]:
+    def _steps(self, left: Residuals) -> Iterator[_Extension]:
         """What the residuals of a model make worth a try."""
         tests = left.tests()
         suspects = [t for t in tests if t.p_single < SUSPICIOUS and not self.untold & {*t.names}]
@@ -401,19 +404,24 @@ class _Search:
             if test.family == COUPLING and not proven:
                 continue
             name = f"{test.joint} {SHORT[test.family]}"
-            yield _Step(name, test.names, 1.0 if proven else UNPROVEN)
+            yield _Extension(name, test.names, 1.0 if proven else UNPROVEN)
         if not self.families:
             return
         offered = offered_names(self.arm)
         for families, name in EVERY_JOINT.items():
-            told = left.told(n for (_, f), own in offered.items() if f in families for n in own)
-            names = tuple(n for n in told if n not in self.untold)
+            tellable = left.telling_names(
+                n
+                for (_, f), names_of_joint in offered.items()
+                if f in families
+                for n in names_of_joint
+            )
+            names = tuple(n for n in tellable if n not in self.untold)
             joints = {n for test in tests for n in test.names} & set(names)
             if len(joints) > 2:
                 p = (len(tests) + len(EVERY_JOINT)) * left.chance(names)
-                yield _Step(name, names, 1.0 if p < PROVEN else UNPROVEN)
+                yield _Extension(name, names, 1.0 if p < PROVEN else UNPROVEN)
 
-    def _told(self, name: str, geometry: bool, fit: ModelFit) -> ModelCandidate:
+    def _candidate_of(self, name: str, geometry: bool, fit: ModelFit) -> ModelCandidate:
         return self._noted(self._candidate(name, geometry, self._linearised[geometry], fit))
 
     def _noted(self, candidate: ModelCandidate) -> ModelCandidate:
@@ -425,8 +433,8 @@ class _Search:
     def _candidate(
         self, name: str, geometry: bool, linear: LinearModels, fit: ModelFit
     ) -> ModelCandidate:
-        own = linear.solution.problem.arm_parameters
-        parameters = self._unknown(geometry, (*_added(own), *fit.added))
+        arm_parameters = linear.solution.problem.arm_parameters
+        parameters = self._unknown(geometry, (*_added(arm_parameters), *fit.added))
         errors = linear.cross_validation(fit)
         return ModelCandidate(
             name, geometry, _added(parameters), parameters, linear.rms(fit), errors
@@ -462,10 +470,10 @@ def _rows(arm: ArmModel | None, names: Sequence[str]) -> tuple[Selection, ...]:
     assert arm is not None
     rows = []
     for unit in ("rad", "rad/Nm", "1/K", "1"):
-        if own := tuple(n for n in names if arm.offered[n].unit == unit):
-            plausible = arm.offered[own[0]].plausible
+        if of_unit := tuple(n for n in names if arm.offered[n].unit == unit):
+            plausible = arm.offered[of_unit[0]].plausible
             row = Selection(
-                own,
+                of_unit,
                 bound_rad=plausible if unit == "rad" else None,
                 bound_rad_per_nm=plausible if unit == "rad/Nm" else None,
                 bound_per_k=plausible if unit == "1/K" else None,

@@ -12,7 +12,7 @@ from suta_calib import plotting
 from suta_calib.analysis import outliers
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term, every_grouping
@@ -79,7 +79,7 @@ class Thresholds:
 
 
 @dataclass(frozen=True, eq=False)
-class Displacement(Shown):
+class Displacement(Displayable):
     """How far a landmark lies from where it is certified, in the artefact's frame.
 
     Attributes:
@@ -92,7 +92,7 @@ class Displacement(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Group(Shown):
+class Group(Displayable):
     """One landmark, placement, set, point or row.
 
     Attributes:
@@ -122,7 +122,7 @@ class Group(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Level(Shown):
+class Level(Displayable):
     """All groups of one sort (``landmarks``, ``rows``, …) in the order of the file.
 
     ``thresholds`` are those of each metric for so many groups.
@@ -199,7 +199,7 @@ class HeldOut:
 
 
 @dataclass(frozen=True, eq=False)
-class TermOutliers(Shown):
+class TermOutliers(Displayable):
     """One observation of the job.
 
     Attributes:
@@ -246,7 +246,7 @@ class TermOutliers(Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Outliers(Shown):
+class Outliers(Displayable):
     """The whole answer.
 
     Attributes:
@@ -277,7 +277,9 @@ class Outliers(Shown):
             The figure.
         """
         figure = plotting.figure_or_new(figure, (9.0, 7.0))
-        outliers.draw_metrics(figure, [each for each in self.terms if each.levels][term])
+        outliers.draw_metrics(
+            figure, [term_outliers for term_outliers in self.terms if term_outliers.levels][term]
+        )
         return figure
 
     @property
@@ -349,14 +351,14 @@ def _accused(level: str, group: Group) -> str:
     doubt = "" if group.outlier else " is suspect, not proven"
     n = "all four" if len(group.flags) == len(METRICS) else f"{len(group.flags)} of 4"
     words = ", ".join(WORDS[flag] for flag in group.flags)
-    said = (
+    accusation = (
         f"{GROUPING_NOUN[level].capitalize()} {group.label}{doubt}: {n} metrics name it ({words})"
     )
     if group.suspect or group.displacement is None:
-        return f"{said}."
+        return f"{accusation}."
     x, y, z = mm(group.displacement.vector)
     return (
-        f"{said}; it was touched {x:+.2f}, {y:+.2f}, {z:+.2f} mm from its certified position "
+        f"{accusation}; it was touched {x:+.2f}, {y:+.2f}, {z:+.2f} mm from its certified position "
         f"(artefact's x, y, z; ±{mm(float(np.max(group.displacement.std))):.2f} mm)."
     )
 

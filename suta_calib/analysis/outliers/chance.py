@@ -16,7 +16,7 @@ import numpy as np
 
 from suta_calib.analysis.outliers.answer import METRICS
 from suta_calib.analysis.outliers.groups import Grouping, systematic
-from suta_calib.analysis.outliers.metrics import SINGULAR, Scene, shares
+from suta_calib.analysis.outliers.metrics import SINGULAR, JudgedFit, shares
 from suta_calib.analysis.outliers.reference import ROUNDING, Refit
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
@@ -26,27 +26,27 @@ DRAWS: Final = 1000
 _SUMS: Final = [METRICS.index("contribution"), METRICS.index("cooks_distance")]
 
 
-def chance_of(found: FloatArray, drawn: FloatArray) -> FloatArray:
+def chance_of(observed: FloatArray, drawn: FloatArray) -> FloatArray:
     """(4, groups) probability that chance makes any metric of any group as conspicuous.
 
     Over the groups by the largest value, over the four metrics by Bonferroni's factor.
 
     Args:
-        found: (4, groups) metrics; NaN where one does not exist, as their probability then.
+        observed: (4, groups) metrics; NaN where one does not exist, as their probability then.
         drawn: (4, draws, groups) by chance.
     """
-    drawn, seen = drawn.copy(), found.copy()
-    for values in (drawn, seen):
+    drawn, values_observed = drawn.copy(), observed.copy()
+    for values in (drawn, values_observed):
         # Roots of what is a sum of squares are closer to normal.
         values[_SUMS] = np.sqrt(np.maximum(values[_SUMS], 0.0))
-    told = np.asarray(np.isfinite(drawn).all(axis=1))
-    drawn = np.where(told[:, None], drawn, 0.0)
+    finite = np.asarray(np.isfinite(drawn).all(axis=1))
+    drawn = np.where(finite[:, None], drawn, 0.0)
     mean, std = drawn.mean(axis=1), np.maximum(drawn.std(axis=1), 1e-12)
     largest = ((drawn - mean[:, None]) / std[:, None]).max(axis=2)
-    z = (seen - mean) / std
+    z = (values_observed - mean) / std
     above = np.sum(largest[:, :, None] >= z[:, None, :], axis=1)
     p = np.minimum(len(METRICS) * (1.0 + above) / (1.0 + drawn.shape[1]), 1.0)
-    return np.asarray(np.where(np.isfinite(seen) & told, p, np.nan))
+    return np.asarray(np.where(np.isfinite(values_observed) & finite, p, np.nan))
 
 
 class Simulator:
@@ -60,7 +60,7 @@ class Simulator:
         seed: of the random numbers.
     """
 
-    def __init__(self, scene: Scene, touches: Touches, seed: int) -> None:
+    def __init__(self, scene: JudgedFit, touches: Touches, seed: int) -> None:
         self._scene = scene
         random = np.random.default_rng([seed, scene.reference.index])
         cell = scene.reference.term.witnesses
@@ -69,15 +69,15 @@ class Simulator:
         alone = np.sqrt(max(touches.sigma**2 - touches.shared**2, 0.0))
         noise = touches.shared * common + alone * single
         self._clean = _Imitation(scene, scene.clean, noise)
-        same = scene.clean is scene.whole
-        self._whole = self._clean if same else _Imitation(scene, scene.whole, noise)
+        same = scene.clean is scene.full_refit
+        self._whole = self._clean if same else _Imitation(scene, scene.full_refit, noise)
 
     def metrics(self, grouping: Grouping) -> FloatArray:
         """(4, draws, groups) simulated metrics of every group of a level."""
         columns = []
         for g in range(len(grouping)):
             rows = grouping.rows(g)
-            inside = self._clean if np.any(rows & self._scene.kept) else self._whole
+            inside = self._clean if np.any(rows & self._scene.not_gross) else self._whole
             columns.append(inside.group(grouping, rows))
         return np.moveaxis(np.array(columns), 0, 2)
 
@@ -85,7 +85,7 @@ class Simulator:
 class _Imitation:
     """One fit to first order, and the simulated errors it leaves."""
 
-    def __init__(self, scene: Scene, fit: Refit, noise: FloatArray) -> None:
+    def __init__(self, scene: JudgedFit, fit: Refit, noise: FloatArray) -> None:
         self._scene, self._fit = scene, fit
         terms = fit.problem.terms
         index = scene.reference.index
@@ -105,14 +105,14 @@ class _Imitation:
         step = _by_parameter(white, self._jacobian) @ scaled_inverse(self._hessian, SINGULAR)
         flat = self._jacobian.reshape(-1, len(self._free))
         self._error = white - (step @ flat.T).reshape(white.shape)
-        self._white = _Sums(self._error, self._jacobian)
+        self._white = _RowSums(self._error, self._jacobian)
         # In units of the first row's standard deviation: mostly all rows have the same.
         self._relative = sigma / sigma[0]
         self._alike = bool(np.all(self._relative == 1.0))
         self._metric = self._white
         if not self._alike:
             by_row = self._relative[:, None]
-            self._metric = _Sums(self._error * by_row, self._jacobian * by_row[:, :, None])
+            self._metric = _RowSums(self._error * by_row, self._jacobian * by_row[:, :, None])
         self._registered = scene.registered
         if self._registered is not None:
             self._touched = self._registered.registered(noise)
@@ -139,16 +139,16 @@ class _Imitation:
         if self._registered is None:
             bias = self._fit.sigma[0] * np.sqrt(squared.mean(axis=1))
         else:
-            touched = rows & self._fit.kept
+            touched = rows & self._fit.used
             bias = systematic(self._touched, touched, grouping.name, self._registered)
         return np.array([contribution, cook, fall, bias])
 
-    def _step_without(self, rows: BoolArray, gone: _Sums) -> FloatArray:
+    def _step_without(self, rows: BoolArray, gone: _RowSums) -> FloatArray:
         """(draws, free) change of the parameters when a group is left out."""
         rest, gradient = self._hessian - gone.quadratic, gone.linear
-        kept = np.flatnonzero(self._fit.kept)
+        rows_used = np.flatnonzero(self._fit.used)
         for block in self._mine[1:]:
-            touched = rows[kept[block.line.view.block.samples]]
+            touched = rows[rows_used[block.line.view.block.samples]]
             rest = rest - _square(self._blocked(block)[touched.any(axis=1)])
         # What only the group determined goes with it: its placement's pose, its point.
         left = np.flatnonzero(np.diag(rest) > ROUNDING * np.diag(self._hessian))
@@ -162,7 +162,7 @@ class _Imitation:
         return np.asarray(jacobian.reshape(-1, size, len(self._free)))
 
 
-class _Sums:
+class _RowSums:
     """Sums over rows of errors (draws, n, d) and of their Jacobian (n, d, p).
 
     Attributes:
@@ -176,15 +176,17 @@ class _Sums:
         self.squared = np.einsum("knd,knd->k", error, error)
         self.linear, self.quadratic = _by_parameter(error, jacobian), _square(jacobian)
 
-    def over(self, rows: IntArray) -> _Sums:
+    def over(self, rows: IntArray) -> _RowSums:
         """The same over some rows alone."""
-        return _Sums(self._error[:, rows], self._jacobian[rows])
+        return _RowSums(self._error[:, rows], self._jacobian[rows])
 
-    def without(self, gone: _Sums, step: FloatArray) -> FloatArray:
+    def without(self, gone: _RowSums, step: FloatArray) -> FloatArray:
         """(draws,) Σ (e + J step)² over the rows that are not ``gone``."""
         linear, quadratic = self.linear - gone.linear, self.quadratic - gone.quadratic
-        found = self.squared - gone.squared + np.sum((2 * linear + step @ quadratic) * step, axis=1)
-        return np.asarray(np.maximum(found, 0.0))
+        squares = (
+            self.squared - gone.squared + np.sum((2 * linear + step @ quadratic) * step, axis=1)
+        )
+        return np.asarray(np.maximum(squares, 0.0))
 
 
 def _by_parameter(error: FloatArray, jacobian: FloatArray) -> FloatArray:

@@ -47,16 +47,16 @@ def groupings(term: Term) -> tuple[Grouping, ...]:
 
     Sets, where every placement was gone through once, are placements.
     """
-    labels, found = term.poses.samples.labels, dict[tuple[str, ...], Grouping]()
+    labels, by_columns = term.poses.samples.labels, dict[tuple[str, ...], Grouping]()
     for noun, columns in term.groupings.items():
         if not set(columns) <= set(labels):
             continue
         names, member = grouped(joined(labels, columns) if columns else row_names(term))
         grouping = Grouping(f"{noun}s", tuple(names), member)
-        coarser = found.get(columns[:-1])
+        coarser = by_columns.get(columns[:-1])
         if coarser is None or len(coarser) < len(grouping):
-            found[columns] = grouping
-    return tuple(g for g in found.values() if len(g) >= FEWEST)
+            by_columns[columns] = grouping
+    return tuple(g for g in by_columns.values() if len(g) >= FEWEST)
 
 
 def row_names(term: Term) -> NDArray[np.str_]:
@@ -66,8 +66,8 @@ def row_names(term: Term) -> NDArray[np.str_]:
     if len(set(short)) == len(short):
         return np.array(short)
     full = list(origin)
-    seen = Counter(full)
-    return np.array([f"{o} ({k})" if seen[o] > 1 else o for k, o in enumerate(full)])
+    counts = Counter(full)
+    return np.array([f"{o} ({k})" if counts[o] > 1 else o for k, o in enumerate(full)])
 
 
 def touch_name(term: Term, row: int) -> str:
@@ -108,11 +108,11 @@ class Registered:
     def residuals(self, values: Mapping[str, float]) -> FloatArray:
         """(n, 3) touched minus certified positions in the artefact's frame, m."""
         _, position = self.term.poses.at(values)
-        found = np.zeros((len(position), 3))
+        residuals = np.zeros((len(position), 3))
         for rows, used in self._by_placement():
             r, p = register_points(position[used], self.certified[used])
-            found[rows] = position[rows] @ r.T + p - self.certified[rows]
-        return found
+            residuals[rows] = position[rows] @ r.T + p - self.certified[rows]
+        return residuals
 
     def registered(self, displacements: FloatArray) -> FloatArray:
         """The same for small displacements (k, n, 3) of the touches, m, to first order."""

@@ -36,7 +36,7 @@ SINGULAR: Final = 1e-10
 
 
 @dataclass(eq=False)
-class Scene:
+class JudgedFit:
     """A fit, which touches (samples,) are not gross, and which are of what is displaced."""
 
     reference: ReferenceFit
@@ -44,12 +44,12 @@ class Scene:
     displaced: BoolArray
 
     @property
-    def kept(self) -> BoolArray:
+    def not_gross(self) -> BoolArray:
         """(samples,) what nothing is held against."""
         return np.asarray(self.believed & ~self.displaced)
 
     @cached_property
-    def whole(self) -> Refit:
+    def full_refit(self) -> Refit:
         """The fit of every believed touch."""
         found = self.reference.over(self.believed)
         assert found is not None, "the job's own samples can be fitted"
@@ -58,7 +58,7 @@ class Scene:
     @cached_property
     def clean(self) -> Refit:
         """The fit of what nothing is held against."""
-        return self.reference.over(self.kept) or self.whole
+        return self.reference.over(self.not_gross) or self.full_refit
 
     @cached_property
     def moved(self) -> tuple[str, ...]:
@@ -82,7 +82,7 @@ class Scene:
     @cached_property
     def registered(self) -> Registered | None:
         """Its touches against what is certified, set by set; None where nothing is."""
-        return Registered.of(self.reference.term, self.kept)
+        return Registered.of(self.reference.term, self.not_gross)
 
     @cached_property
     def off(self) -> FloatArray | None:
@@ -95,13 +95,15 @@ class Scene:
     def with_and_without(self, rows: BoolArray) -> tuple[Refit | None, Refit | None]:
         """Fits with a group and without it, whatever else is displaced left out of both."""
         mine = rows & self.believed
-        if np.any(mine & self.kept):
-            mine &= self.kept
-        return self.reference.over(self.kept | mine), self.reference.over(self.kept & ~rows)
+        if np.any(mine & self.not_gross):
+            mine &= self.not_gross
+        return self.reference.over(self.not_gross | mine), self.reference.over(
+            self.not_gross & ~rows
+        )
 
 
 def measures(
-    scene: Scene,
+    scene: JudgedFit,
     grouping: Grouping,
     chosen: Sequence[int] | None = None,
     done: Callable[[], None] = lambda: None,
@@ -114,10 +116,10 @@ def measures(
         chosen: those to leave out one by one; the others have a contribution only.
         done: called after each.
     """
-    n, whole = len(grouping), scene.whole
-    parts = whole.squared[:, None] * shares(whole.samples, scene.displaced)
-    member = grouping.member[whole.samples]
-    total = float(whole.squared.sum()) or 1.0
+    n, full_fit = len(grouping), scene.full_refit
+    parts = full_fit.squared[:, None] * shares(full_fit.samples, scene.displaced)
+    member = grouping.member[full_fit.samples]
+    total = float(full_fit.squared.sum()) or 1.0
     contribution = np.bincount(member.reshape(-1), parts.reshape(-1), n) / total
     cook, fall, bias = np.full((3, n), np.nan)
     for g in range(n) if chosen is None else chosen:
@@ -145,7 +147,7 @@ def shares(samples: IntArray, displaced: BoolArray) -> FloatArray:
     return np.asarray(blamed / blamed.sum(axis=1, keepdims=True))
 
 
-def _bias(scene: Scene, grouping: Grouping, group: int, fit: Refit) -> float:
+def _bias(scene: JudgedFit, grouping: Grouping, group: int, fit: Refit) -> float:
     rows = grouping.rows(group) & scene.believed
     if scene.registered is None or scene.off is None:
         inside = grouping.rows(group)[fit.samples].all(axis=1)
@@ -172,29 +174,29 @@ class Influence:
         variance: FloatArray,
         prior: FloatArray,
         arm: Sequence[int],
-        own: Sequence[int],
+        own_rows: Sequence[int],
     ) -> Influence:
         """From the cost's curvature without priors and its gradient's variance, both (n, n).
 
         ``prior`` (p,) is the precision of the priors on the p parameters of the ``arm``; those of
-        ``own`` are estimated with them, and count for nothing themselves.
+        ``own_rows`` are estimated with them, and count for nothing themselves.
         """
         passed_on = np.hstack(
             [
                 np.eye(len(arm)),
-                -curvature[np.ix_(arm, own)]
-                @ scaled_inverse(curvature[np.ix_(own, own)], SINGULAR),
+                -curvature[np.ix_(arm, own_rows)]
+                @ scaled_inverse(curvature[np.ix_(own_rows, own_rows)], SINGULAR),
             ]
         )
-        both = np.ix_([*arm, *own], [*arm, *own])
+        both = np.ix_([*arm, *own_rows], [*arm, *own_rows])
         data = passed_on @ curvature[both] @ passed_on.T
         score = passed_on @ variance[both] @ passed_on.T
         total = data + np.diag(prior)
         # R (p, r) with Rᵀ M R = 1, of the r directions that are more than rounding.
         scale = np.sqrt(np.maximum(np.diag(total), 1e-300))
         values, vectors = np.linalg.eigh(total / np.outer(scale, scale))
-        kept = values > SINGULAR * max(float(values.max(initial=0.0)), 1e-300)
-        root = vectors[:, kept] / np.sqrt(values[kept]) / scale[:, None]
+        significant = values > SINGULAR * max(float(values.max(initial=0.0)), 1e-300)
+        root = vectors[:, significant] / np.sqrt(values[significant]) / scale[:, None]
         share, turn = np.linalg.eigh(root.T @ data @ root)
         basis = root @ turn[:, share > IDENTIFIED]
         weigh = total @ basis

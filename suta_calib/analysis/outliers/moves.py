@@ -75,7 +75,9 @@ def _poses(term: Term, names: Sequence[str]) -> Iterator[tuple[str, IntArray, li
     """What may have been moved, its rows in their order, and the columns of where it stands."""
     noun, unknown = (term.place, term.place_unknown) if term.place else (term.mark, term.mark)
     if term.medium != "touch":
-        unknowns = [p.name for p in term.own if not (noun and p.owner.startswith(f"{noun}["))]
+        unknowns = [
+            p.name for p in term.own_parameters if not (noun and p.owner.startswith(f"{noun}["))
+        ]
         yield f"the {term.medium}", np.arange(len(term.poses)), [names.index(n) for n in unknowns]
     labels = term.poses.samples.labels.get(noun)
     for label in () if labels is None else dict.fromkeys(labels.tolist()):

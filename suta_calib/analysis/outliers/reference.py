@@ -69,7 +69,7 @@ class Refit:
     """A fit over some of a term's samples.
 
     Attributes:
-        kept: (samples,) which were fitted.
+        used: (samples,) which were fitted.
         values, problem, x: parameters by name; what was solved, and where.
         residual: (n, d) of the term's first block, m.
         sigma: (n,) assumed standard deviation of a component.
@@ -77,7 +77,7 @@ class Refit:
         converged: whether the solver says so.
     """
 
-    kept: BoolArray
+    used: BoolArray
     values: Mapping[str, float]
     problem: Problem
     x: FloatArray
@@ -116,65 +116,65 @@ class ReferenceFit:
     estimated: frozenset[str]
     values: Mapping[str, float]
     sigmas: Mapping[tuple[int, str], float]
-    _known: dict[bytes, Refit | None] = field(default_factory=dict)
+    _fits: dict[bytes, Refit | None] = field(default_factory=dict)
 
     @classmethod
     def of(cls, solution: Solution, parameters: ParameterSet, index: int) -> ReferenceFit:
         """The fit as it is."""
         fixed = {solution.problem.names[k] for k in solution.identification.fixed}
-        wanted = {n for n, p in solution.problem.parameters.items() if p.free}
+        free_names = {n for n, p in solution.problem.parameters.items() if p.free}
         return cls(
             solution.problem.terms,
             index,
             parameters,
-            frozenset(wanted - fixed),
+            frozenset(free_names - fixed),
             solution.values,
             _by_block(solution.problem.terms, solution.sigmas),
         )
 
-    def freed(self, arm: ParameterSet, kept: BoolArray) -> ReferenceFit:
-        """The same with further parameters, and with the noise (of ``kept``) that is left then."""
+    def freed(self, arm: ParameterSet, used: BoolArray) -> ReferenceFit:
+        """The same with further parameters, and with the noise (of ``used``) that is left then."""
         more = {n for n, p in arm.items() if p.free and n not in self.parameters}
         values = {n: p.nominal for n, p in arm.items()} | dict(self.values)
         estimated = self.estimated | more
-        found = replace(self, parameters=arm, estimated=estimated, values=values, _known={})
-        fit = found.over(kept)
+        freed = replace(self, parameters=arm, estimated=estimated, values=values, _fits={})
+        fit = freed.over(used)
         if fit is None:
-            return found
-        sigmas = found.block_sigmas(fit.problem.terms)
+            return freed
+        sigmas = freed.block_sigmas(fit.problem.terms)
         noise = noise_levels(fit.problem, fit.x, sigmas)
-        known = dict(self.sigmas) | _by_block(fit.problem.terms, noise)
-        return replace(found, values=values | dict(fit.values), sigmas=known, _known={})
+        sigmas_of_fit = dict(self.sigmas) | _by_block(fit.problem.terms, noise)
+        return replace(freed, values=values | dict(fit.values), sigmas=sigmas_of_fit, _fits={})
 
     @property
     def term(self) -> Term:
         """The term that is looked at."""
         return self.terms[self.index]
 
-    def over(self, kept: BoolArray) -> Refit | None:
-        """The fit over ``kept`` (samples,) of the term; None if nothing left can be fitted."""
-        key = kept.tobytes()
-        if key not in self._known:
-            self._known[key] = self._fit(kept)
-        return self._known[key]
+    def over(self, used: BoolArray) -> Refit | None:
+        """The fit over ``used`` (samples,) of the term; None if nothing left can be fitted."""
+        key = used.tobytes()
+        if key not in self._fits:
+            self._fits[key] = self._fit(used)
+        return self._fits[key]
 
     def block_sigmas(self, terms: Sequence[Term]) -> list[float]:
         """Assumed noise of every block of these terms, which stand for the reference's."""
         return [self.sigmas[k, b.name] for k, t in enumerate(terms) for b in t.blocks]
 
-    def _foreseen(self, kept: BoolArray) -> Mapping[str, float]:
-        """The parameters, one Gauss-Newton step from the reference's over ``kept``."""
-        if kept.all():
+    def _foreseen(self, used: BoolArray) -> Mapping[str, float]:
+        """The parameters, one Gauss-Newton step from the reference's over ``used``."""
+        if used.all():
             return self.values
-        names, free, whole, gradient, mine = self._linear
-        hessian = whole
+        names, free, full_hessian, gradient, mine = self._linear
+        hessian = full_hessian
         for row in mine:
-            gone = ~kept[row.samples].all(axis=1)
+            gone = ~used[row.samples].all(axis=1)
             curved = row.curved[gone].reshape(-1, len(free))
             hessian = hessian - curved.T @ curved
             gradient = gradient - row.gradient[gone].sum(axis=0)
         # What only the left-out rows determined goes with them: their place, their point.
-        left = np.flatnonzero(np.diag(hessian) > ROUNDING * np.diag(whole))
+        left = np.flatnonzero(np.diag(hessian) > ROUNDING * np.diag(full_hessian))
         step = -scaled_inverse(hessian[np.ix_(left, left)], SINGULAR) @ gradient[left]
         moved = [names[k] for k in free[left]]
         return dict(self.values) | {
@@ -204,31 +204,31 @@ class ReferenceFit:
                 mine.append(_RowParts(line.view.block.samples, curved, scores))
         return names, free, hessian, gradient, mine
 
-    def _fit(self, kept: BoolArray) -> Refit | None:
+    def _fit(self, used: BoolArray) -> Refit | None:
         try:
-            mine = self.term.take(np.flatnonzero(kept))
+            mine = self.term.take(np.flatnonzero(used))
             mine.check_enough()
         except (InputError, ValueError):
             return None
         terms = [mine if k == self.index else t for k, t in enumerate(self.terms)]
         problem = Problem(terms, self.parameters)
         names = problem.names
-        values = self._foreseen(kept)
+        values = self._foreseen(used)
         start = problem.start(values)
         start = np.array([values.get(n, float(s)) for n, s in zip(names, start, strict=True)])
         free = np.array([k for k, n in enumerate(names) if n in self.estimated], dtype=np.intp)
         sigmas = self.block_sigmas(terms)
         solver = GaussNewton(confirm=False, settled=SETTLED)
         minimum = solver.minimise(RobustNlp(problem, free, sigmas), start)
-        found, block = problem.values(minimum.x), mine.blocks[0]
+        fitted_values, block = problem.values(minimum.x), mine.blocks[0]
         return Refit(
-            kept,
-            found,
+            used,
+            fitted_values,
             problem,
             minimum.x,
-            term_residuals(mine, found)[0],
+            term_residuals(mine, fitted_values)[0],
             np.hypot(self.sigmas[self.index, block.name], block.known_sigma),
-            np.flatnonzero(kept)[block.samples],
+            np.flatnonzero(used)[block.samples],
             minimum.converged,
         )
 
@@ -276,10 +276,10 @@ class Judge:
 
     def _folds(self) -> tuple[str, list[BoolArray]]:
         """Placements, as their repeats are no independent witnesses; else points, else rows."""
-        found = {g.name: g for g in groupings(self.reference.term)}
+        by_name = {g.name: g for g in groupings(self.reference.term)}
         for name in ("placements", "sets", "points"):
-            if name in found:
-                return name, [found[name].rows(k) for k in range(len(found[name]))]
+            if name in by_name:
+                return name, [by_name[name].rows(k) for k in range(len(by_name[name]))]
         n = len(self.reference.term.poses)
         dealt = np.random.default_rng(0).permutation(n) % min(FOLDS, n)
         return f"{min(FOLDS, n)} parts", [dealt == k for k in range(min(FOLDS, n))]
@@ -301,9 +301,9 @@ def held_out_errors(
     where it is not.
     """
     arm = {p.name: values.get(p.name, p.nominal) for p in parameters.values()}
-    own = {p.name: values[p.name] for p in term.own if p.name in values}
-    fitted = arm | own
-    if len(own) < len(term.own):
+    own_values = {p.name: values[p.name] for p in term.own_parameters if p.name in values}
+    fitted = arm | own_values
+    if len(own_values) < len(term.own_parameters):
         fitted = fit_own([term], parameters, fitted)
     error = term_residuals(term, fitted)[0] * term.blocks[0].relative
     return np.linalg.norm(error, axis=1), np.asarray(term.blocks[0].samples)
@@ -312,10 +312,10 @@ def held_out_errors(
 def _summary(parts: Sequence[_Compared]) -> HeldOut | None:
     if not parts:
         return None
-    before, after, kept = (np.concatenate(part) for part in zip(*parts, strict=True))
-    if not kept.any():
+    before, after, counted = (np.concatenate(part) for part in zip(*parts, strict=True))
+    if not counted.any():
         return None
     first, second, everything = (
-        float(np.sqrt(np.mean(errors**2))) for errors in (before[kept], after[kept], after)
+        float(np.sqrt(np.mean(errors**2))) for errors in (before[counted], after[counted], after)
     )
-    return HeldOut(first, second, everything, int(kept.sum()))
+    return HeldOut(first, second, everything, int(counted.sum()))

@@ -31,7 +31,7 @@ from suta_calib.analysis.outliers.answer import (
 )
 from suta_calib.analysis.outliers.chance import Simulator, chance_of
 from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
-from suta_calib.analysis.outliers.metrics import Scene, measures
+from suta_calib.analysis.outliers.metrics import JudgedFit, measures
 from suta_calib.analysis.outliers.moves import find_moves
 from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
 from suta_calib.analysis.outliers.touches import (
@@ -130,19 +130,19 @@ def whole_arm(arm: ArmModel | None, job: ParameterSet) -> ParameterSet:
     """
     if arm is None:
         return job
-    known = {name: p for name, p in job.items() if p.free}
+    parameters = {name: p for name, p in job.items() if p.free}
     for name, p in arm.select("geometric", "*.offset").items():
-        if name not in known:
+        if name not in parameters:
             free = replace(p, lower=-math.inf, upper=math.inf, plausible=math.nan, free=True)
-            known[name] = replace(free, prior=LENGTH if p.unit == "m" else ANGLE)
-    return ParameterSet(known.values())
+            parameters[name] = replace(free, prior=LENGTH if p.unit == "m" else ANGLE)
+    return ParameterSet(parameters.values())
 
 
 @dataclass(frozen=True, eq=False)
 class TermSearch:
     """The search in one term, given the job's own fit and the arm with its whole geometry free."""
 
-    own: ReferenceFit
+    reference: ReferenceFit
     arm: ParameterSet
     judge: Judge
     thresholds: Thresholds
@@ -151,38 +151,41 @@ class TermSearch:
 
     def run(self, levels: Sequence[Grouping]) -> TermOutliers:
         """All levels of the term; none where its errors are rounding."""
-        if sum(term.equations() for term in self.own.terms) <= len(self.own.estimated):
+        if sum(term.equations() for term in self.reference.terms) <= len(self.reference.estimated):
             # As many unknowns as data: is any error left to look at?
-            fit = self.own.over(np.ones(len(self.own.term.poses), dtype=bool))
+            fit = self.reference.over(np.ones(len(self.reference.term.poses), dtype=bool))
             if fit is not None and fit.rms < ROUNDING:
-                return not_searched(self.own.term, exact=True)
-        everything = groupings(self.own.term)
+                return not_searched(self.reference.term, exact=True)
+        everything = groupings(self.reference.term)
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
-        single, unknowns, linear = linearised(self.own, self.arm)
-        touches = explained_touches(linear, self.own.term.witnesses, landmarks)
+        single, unknowns, linear = linearised(self.reference, self.arm)
+        touches = explained_touches(linear, self.reference.term.witnesses, landmarks)
         displaced = _displaced(touches, landmarks)
-        judged = self.own.freed(self.arm, ~(touches.gross | displaced))
-        found = self._levels(judged, levels, touches, displaced)
+        judged = self.reference.freed(self.arm, ~(touches.gross | displaced))
+        levels_judged = self._levels(judged, levels, touches, displaced)
         gross = []
         if not any(g.name == "rows" for g in everything):
-            names, size = row_names(self.own.term), np.linalg.norm(touches.rest, axis=1)
+            names, size = row_names(self.reference.term), np.linalg.norm(touches.rest, axis=1)
             for k in np.flatnonzero(touches.gross):
-                what = touch_name(self.own.term, int(k))
+                what = touch_name(self.reference.term, int(k))
                 gross.append(GrossTouch(str(names[k]), what, float(size[k])))
         position = None
-        if landmarks is not None and self.own.term.touched is not None:
-            position = self.own.term.touched.position_of(landmarks.labels)
+        if landmarks is not None and self.reference.term.touched is not None:
+            position = self.reference.term.touched.position_of(landmarks.labels)
         return TermOutliers(
-            self.own.term.kind,
-            tuple(found),
+            self.reference.term.kind,
+            tuple(levels_judged),
             tuple(gross),
-            len(self.own.term.poses),
+            len(self.reference.term.poses),
             touches.sigma,
             position,
-            {level.name: self._held_out(g, level) for g, level in zip(levels, found, strict=True)},
+            {
+                level.name: self._held_out(g, level)
+                for g, level in zip(levels, levels_judged, strict=True)
+            },
             self.judge.method,
             moves=find_moves(single, unknowns, linear, self.thresholds),
-            unit=self.own.term.error_unit,
+            unit=self.reference.term.error_unit,
         )
 
     def _levels(
@@ -194,20 +197,20 @@ class TermSearch:
     ) -> list[Level]:
         """Every level; those that are judged in the same scene share its fits and its noise."""
         nothing = np.zeros(len(displaced), dtype=bool)
-        own = Scene(self.own, ~nothing, nothing)
+        job_scene = JudgedFit(self.reference, ~nothing, nothing)
 
         @cache
-        def judging(*, rows: bool) -> tuple[Scene, Simulator]:
+        def judging(*, rows: bool) -> tuple[JudgedFit, Simulator]:
             held = (~nothing, touches.gross) if rows else (~touches.gross, displaced)
-            scene = Scene(judged, *held)
+            scene = JudgedFit(judged, *held)
             return scene, Simulator(scene, touches, self.seed)
 
-        return [self._level(own, *judging(rows=g.name == "rows"), g, touches) for g in levels]
+        return [self._level(job_scene, *judging(rows=g.name == "rows"), g, touches) for g in levels]
 
     def _level(
         self,
-        own: Scene,
-        scene: Scene,
+        job_scene: JudgedFit,
+        scene: JudgedFit,
         simulator: Simulator,
         grouping: Grouping,
         touches: Touches,
@@ -215,7 +218,7 @@ class TermSearch:
         """Values, chance and flags of every group of one level."""
         chosen = chosen_groups(grouping, touches)
         values = measures(scene, grouping, chosen, self.count)
-        calibrated = measures(own, grouping, chosen, self.count)
+        calibrated = measures(job_scene, grouping, chosen, self.count)
         p = chance_of(values, simulator.metrics(grouping))
         limits = {m: self.thresholds.of(m, len(grouping)) for m in METRICS}
         groups = []

@@ -68,8 +68,8 @@ def linearised(
     """A term of single touches at the job's fit, its unknowns and the arm's, and their fit."""
     vehicle = reference.term.single_touches()
     problem = Problem([vehicle], arm)
-    own = {n: v for n, v in reference.values.items() if n in problem.parameters}
-    values = {p.name: p.nominal for p in arm.values()} | own
+    values_of_job = {n: v for n, v in reference.values.items() if n in problem.parameters}
+    values = {p.name: p.nominal for p in arm.values()} | values_of_job
     start = problem.start(values)
     x = np.array([values.get(n, float(s)) for n, s in zip(problem.names, start, strict=True)])
     rows = whitened_rows(problem, x, problem.assumed_sigmas())[0]
@@ -183,16 +183,16 @@ class RobustLinearFit:
             rest = (self.residual.reshape(-1) + a @ step).reshape(n, size)
             used *= self.readings
             freedom = max(n * size - used, 0.1 * n * size)
-            found = max(scatter(rest) * np.sqrt(n * size / freedom), FINEST)
-            length = np.linalg.norm(rest, axis=1) / found
+            scatter_now = max(scatter(rest) * np.sqrt(n * size / freedom), FINEST)
+            length = np.linalg.norm(rest, axis=1) / scatter_now
             huber = huber_threshold(size)
             if k < SETTLING:
                 weight = np.minimum(1.0, huber / np.maximum(length, huber))
             else:
                 weight = np.maximum(1.0 - (length / TUKEY) ** 2, 0.0) ** 2
-            if k > SETTLING and abs(found - sigma) < SAME * sigma:
+            if k > SETTLING and abs(scatter_now - sigma) < SAME * sigma:
                 break
-            sigma = found
+            sigma = scatter_now
         self.saturated = used > (1.0 - LEAST_LEFT) * n * size
         return rest, sigma, step[a.shape[1] - extra :]
 

@@ -10,14 +10,14 @@ from .candidates import Candidate as Candidate
 from .candidates import CandidateFile as CandidateFile
 from .candidates import Place as Place
 from .candidates import Placement as Placement
-from .candidates import Point as Point
 from .candidates import Posture as Posture
+from .candidates import TouchPoint as TouchPoint
 from .candidates import read_candidates as read_candidates
 from .candidates import tilted as tilted
 from .design import CRITERIA as CRITERIA
 from .design import Design as Design
 from .design import SharedInformation as SharedInformation
-from .design import Space as Space
+from .design import SharedUnknowns as SharedUnknowns
 from .design import best_set as best_set
 from .design import candidate_information as candidate_information
 from .design import no_information as no_information

@@ -12,7 +12,7 @@ from suta_calib.analysis.planning.region import Pool, Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import Unit, mm, text
 
 # Uncertainty of the tip from what is held, as a part of what is estimated, that is nothing.
@@ -22,7 +22,7 @@ _USELESS: Final = 0.01
 
 
 @dataclass(frozen=True)
-class PlanOptions(Shown):
+class PlanOptions(Displayable):
     """What is asked for.
 
     Attributes:
@@ -50,7 +50,7 @@ class PlanOptions(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Choice(Shown):
+class Choice(Displayable):
     """One candidate of the plan, in the order of what they bring.
 
     Attributes:
@@ -69,7 +69,7 @@ class Choice(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Best(Shown):
+class Best(Displayable):
     """The best that as many samples as the present ones could tell, from the candidates.
 
     Attributes:
@@ -102,7 +102,7 @@ class Expected:
 
 
 @dataclass(frozen=True, eq=False)
-class Forecast(Shown):
+class Forecast(Displayable):
     """All of them, and the tip in a region after registration.
 
     Attributes:
@@ -119,7 +119,7 @@ class Forecast(Shown):
 
 
 @dataclass(frozen=True)
-class Remedy(Shown):
+class Remedy(Displayable):
     """A parameter the present data cannot tell.
 
     Attributes:
@@ -140,7 +140,7 @@ class Remedy(Shown):
 
 
 @dataclass(frozen=True)
-class Stop(Shown):
+class Stop(Displayable):
     """When to stop.
 
     Attributes:
@@ -159,7 +159,7 @@ class Stop(Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Plan(Shown):
+class Plan(Displayable):
     """The answer.
 
     Attributes:

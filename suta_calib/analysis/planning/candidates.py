@@ -27,10 +27,10 @@ from suta_calib.measurements.fields import (
     Fields,
     Value,
     cone,
-    whole,
+    whole_number,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
 # Angle between the artefact's z axis and the vertical below which it stands flat, rad.
@@ -65,7 +65,7 @@ GRID_KEYS: Final = Fields(
 )
 POINT_KEYS: Final = Fields(
     POSITION,
-    Field("directions", whole(2, _MOST), "From how many directions it is touched."),
+    Field("directions", whole_number(2, _MOST), "From how many directions it is touched."),
     Field("axis", DIRECTION, "Middle of the tip's z axes, in the base; downwards without it."),
     Field(
         "cone_deg",
@@ -79,7 +79,7 @@ POSTURE_KEYS: Final = Fields(
 )
 KEYS: Final = Fields(
     # At most as the command's option has it.
-    Field("repeats", whole(1, 100), "How often every placement would be gone through."),
+    Field("repeats", whole_number(1, 100), "How often every placement would be gone through."),
     Field("placements", Value("by name", inside=POSE), "Where the artefact could be put down."),
     Field(
         "grids",
@@ -94,7 +94,7 @@ KEYS: Final = Fields(
 
 
 @dataclass(frozen=True, eq=False)
-class Placement(Shown):
+class Placement(Displayable):
     """An artefact put down somewhere: ``T_base_artefact``.
 
     ``line`` is that of the candidates file, as of the other places.
@@ -113,7 +113,7 @@ class Placement(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Point(Shown):
+class TouchPoint(Displayable):
     """One point, or another place without an artefact, touched from many directions.
 
     Attributes:
@@ -135,7 +135,7 @@ class Point(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Posture(Shown):
+class Posture(Displayable):
     """One posture, (joints,) rad or m, in which an instrument or the camera takes a reading."""
 
     name: str
@@ -144,11 +144,11 @@ class Posture(Shown):
     kind: Literal["pose"] = "pose"
 
 
-Place = Placement | Point | Posture
+Place = Placement | TouchPoint | Posture
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate(Shown):
+class Candidate(Displayable):
     """A place the arm can reach.
 
     Attributes:
@@ -179,7 +179,7 @@ class Candidate(Shown):
         if isinstance(self.place, Placement):
             tilt = self.place.tilt
             return "placement, flat" if tilt < FLAT else "placement, tilted"
-        if isinstance(self.place, Point):
+        if isinstance(self.place, TouchPoint):
             return f"{self.place.kind} from many directions"
         return "pose"
 
@@ -194,7 +194,7 @@ class Unreachable:
 
 
 @dataclass(frozen=True, eq=False)
-class CandidateFile(Shown):
+class CandidateFile(Displayable):
     """What the file says, grids written out; ``repeats`` of a placement's landmarks, or None."""
 
     path: Path
@@ -222,7 +222,7 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
     """
     top = YamlSection(read_yaml(Path(path), JobError), JobError)
     values = KEYS.read(top)
-    found: list[Place] = []
+    places: list[Place] = []
     readers: dict[str, Callable[[str, YamlSection], Sequence[Place]]] = {
         "placements": lambda name, section: [_placement(name, section)],
         "grids": _grid,
@@ -233,15 +233,15 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
         if sort in top:
             listed = top.section(sort)
             for name in listed.data:
-                found += reader(str(name), listed.section(name))
-    if not found:
+                places += reader(str(name), listed.section(name))
+    if not places:
         raise top.refuse("no candidate", f"at least one of {', '.join(KEYS.names[1:])}")
-    if len(found) > _MOST:
-        raise top.refuse(f"{len(found)} candidates", f"at most {_MOST}", hint="use coarser grids")
-    for name, count in Counter(place.name for place in found).items():
+    if len(places) > _MOST:
+        raise top.refuse(f"{len(places)} candidates", f"at most {_MOST}", hint="use coarser grids")
+    for name, count in Counter(place.name for place in places).items():
         if count > 1:
             raise top.refuse(f"two candidates named {name!r}", "each name once")
-    return CandidateFile(Path(path), tuple(found), values.get("repeats"))
+    return CandidateFile(Path(path), tuple(places), values.get("repeats"))
 
 
 def tilted(yaw: float, tilt: float, towards: float) -> FloatArray:
@@ -266,10 +266,10 @@ def _placement(name: str, section: YamlSection) -> Placement:
     return Placement(name, **{"rotation": np.eye(3), **POSE.read(section)}, line=section.line)
 
 
-def _point(name: str, section: YamlSection, directions: int) -> Point:
+def _point(name: str, section: YamlSection, directions: int) -> TouchPoint:
     _check_unit(section)
     defaults = {"directions": directions, "axis": np.array(DOWN), "cone": DEFAULT_CONE}
-    return Point(name, **{**defaults, **POINT_KEYS.read(section)}, line=section.line)
+    return TouchPoint(name, **{**defaults, **POINT_KEYS.read(section)}, line=section.line)
 
 
 def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
@@ -300,9 +300,9 @@ def _grid(name: str, section: YamlSection) -> list[Place]:
     count = math.prod(len(values) for values in axes)
     if count > _MOST:
         raise section.refuse(f"{count} placements", f"at most {_MOST}", hint="use a coarser grid")
-    found: list[Place] = []
+    places: list[Place] = []
     for x, y, z, yaw, tilt, towards in itertools.product(*axes):
         turned = tilted(*(from_deg(angle) for angle in (yaw, tilt, towards)))
         where = from_mm(np.array([x, y, z]))
-        found.append(Placement(f"{name}_{len(found) + 1}", where, turned, section.line))
-    return found
+        places.append(Placement(f"{name}_{len(places) + 1}", where, turned, section.line))
+    return places

@@ -27,7 +27,7 @@ from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -46,7 +46,7 @@ _ESTIMATED: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
-class Space(Shown):
+class SharedUnknowns(Displayable):
     """The unknowns that data from different places have in common.
 
     They are the arm's free ones, ``arm_count`` of them, then those of instruments and of seats.
@@ -58,13 +58,13 @@ class Space(Shown):
     lacking: float = 1.0
 
     @classmethod
-    def of(cls, situation: Situation) -> Space:
+    def of(cls, situation: Situation) -> SharedUnknowns:
         """The arm's free parameters, and unknowns of terms that are not of one place."""
         problem = situation.problem
         free = [p for p in problem.parameters.values() if p.free]
         arm = [p for p in free if p.name in problem.arm_parameters]
-        own = [p for p in free[len(arm) :] if not p.name.startswith(_PRIVATE)]
-        return cls(ParameterSet([*arm, *own]), len(arm), situation.lacking)
+        shared_own = [p for p in free[len(arm) :] if not p.name.startswith(_PRIVATE)]
+        return cls(ParameterSet([*arm, *shared_own]), len(arm), situation.lacking)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -80,8 +80,8 @@ class Space(Shown):
     def precision(self) -> FloatArray:
         """(p,) 1/prior², in plausible units; zero where there is no prior."""
         prior = self.parameters.array("prior")
-        known = ~np.isnan(prior)
-        return np.where(known, (self.unit / np.where(known, prior, 1.0)) ** 2, 0.0)
+        has_prior = ~np.isnan(prior)
+        return np.where(has_prior, (self.unit / np.where(has_prior, prior, 1.0)) ** 2, 0.0)
 
     @property
     def regulariser(self) -> FloatArray:
@@ -100,12 +100,12 @@ class Space(Shown):
             for p in self.parameters.values()
         )
         # As a calibration does, which holds nothing for what its model lacks.
-        told = Information(
+        data_information = Information(
             information.curvature,
             information.variance / self.lacking**2,
             information.noise_induced,
         )
-        return identify(parameters, self.arm_count, told, self.precision)
+        return identify(parameters, self.arm_count, data_information, self.precision)
 
     def covariance(self, information: SharedInformation, estimated: IntArray) -> FloatArray:
         """Sandwich (p, p) in SI units, with all but ``estimated`` taken as known."""
@@ -142,33 +142,33 @@ class SharedInformation(Information):
         )
 
 
-def no_information(space: Space) -> SharedInformation:
+def no_information(space: SharedUnknowns) -> SharedInformation:
     """No data."""
     zero = np.zeros((len(space.names),) * 2)
     return SharedInformation(zero, zero, zero)
 
 
-def present_information(situation: Situation, space: Space) -> SharedInformation:
+def present_information(situation: Situation, space: SharedUnknowns) -> SharedInformation:
     """What the data at hand tell."""
     return _shared_information(situation.problem, situation.x, situation.sigmas, space)
 
 
 def candidate_information(
-    situation: Situation, space: Space, candidate: Candidate
+    situation: Situation, space: SharedUnknowns, candidate: Candidate
 ) -> SharedInformation:
     """What a candidate would tell, all its repeats together."""
     term, arm = situation.term(candidate), situation.problem.arm_parameters
     problem = Problem([term], arm)
     values = {p.name: p.nominal for p in arm.values()} | situation.values
     # One sample is too few for the closed-form start of what is shared and known.
-    if not all(p.name in values for p in term.own):
+    if not all(p.name in values for p in term.own_parameters):
         values = term.start_values(situation.values) | values
     x = np.array([values[name] for name in problem.names])
     return _shared_information(problem, x, situation.noise(term), space).times(candidate.repeats)
 
 
 def _shared_information(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float], space: Space
+    problem: Problem, x: FloatArray, sigmas: Sequence[float], space: SharedUnknowns
 ) -> SharedInformation:
     """Information on the shared unknowns, the private ones having followed."""
     information = predicted_information(problem, x, sigmas)
@@ -178,25 +178,25 @@ def _shared_information(
     matrices = [information.curvature, variance, information.noise_induced]
     index = {name: k for k, name in enumerate(space.names)}
     fixed = {p.name for p in problem.parameters.values() if not p.free}
-    kept = [k for k, name in enumerate(problem.names) if name in index]
+    shared = [k for k, name in enumerate(problem.names) if name in index]
     private = [k for k, n in enumerate(problem.names) if n not in index and n not in fixed]
-    known = np.zeros(len(unit))
-    known[private] = (problem.prior_precision() * unit**2)[private]
+    private_precision = np.zeros(len(unit))
+    private_precision[private] = (problem.prior_precision() * unit**2)[private]
     reduced = schur_complement(
         [m * scale for m in matrices],
-        known,
-        np.array(kept, dtype=np.intp),
+        private_precision,
+        np.array(shared, dtype=np.intp),
         np.array(private, dtype=np.intp),
     )
-    places = np.ix_(*[[index[problem.names[k]] for k in kept]] * 2)
-    whole = [np.zeros((len(index),) * 2) for _ in reduced]
-    for target, part in zip(whole, reduced, strict=True):
+    places = np.ix_(*[[index[problem.names[k]] for k in shared]] * 2)
+    totals = [np.zeros((len(index),) * 2) for _ in reduced]
+    for target, part in zip(totals, reduced, strict=True):
         target[places] = part
-    return SharedInformation(*whole)
+    return SharedInformation(*totals)
 
 
 @dataclass(frozen=True, eq=False)
-class Design(Shown):
+class Design(Displayable):
     """Candidates to choose from, and what a choice is worth.
 
     Matrices are kept in coordinates in which everything is uncorrelated and of variance one before
@@ -222,7 +222,7 @@ class Design(Shown):
     @classmethod
     def over(
         cls,
-        space: Space,
+        space: SharedUnknowns,
         information: Sequence[SharedInformation],
         weight: FloatArray,
         criterion: str,
@@ -310,26 +310,26 @@ def greedy(
     design: Design, start: SharedInformation, count: int, chosen: Sequence[int] = ()
 ) -> list[int]:
     """``count`` candidates, each the best after those before it; fewer where there are fewer."""
-    found = list(chosen)
-    while len(found) < min(count, len(design)):
-        found.append(design.best_next(start, found)[0])
-    return found
+    picked = list(chosen)
+    while len(picked) < min(count, len(design)):
+        picked.append(design.best_next(start, picked)[0])
+    return picked
 
 
 def exchange(design: Design, start: SharedInformation, chosen: Sequence[int]) -> list[int]:
     """Exchange single candidates until none is worth it; best first in the end."""
-    found = list(chosen)
-    value = design.value(start, found)
+    picked = list(chosen)
+    value = design.value(start, picked)
     for _ in range(_MOST_PASSES):
         before = value
-        for place in range(len(found)):
-            others = found[:place] + found[place + 1 :]
-            other, better = design.best_next(start, others)
+        for place in range(len(picked)):
+            rest = picked[:place] + picked[place + 1 :]
+            other, better = design.best_next(start, rest)
             if better < value - _WORTH * abs(value):
-                found[place], value = other, better
+                picked[place], value = other, better
         if value >= before:
             break
-    return ordered(design, start, found)
+    return ordered(design, start, picked)
 
 
 def best_set(design: Design, start: SharedInformation, count: int) -> list[int]:
@@ -339,11 +339,11 @@ def best_set(design: Design, start: SharedInformation, count: int) -> list[int]:
 
 def ordered(design: Design, start: SharedInformation, chosen: Sequence[int]) -> list[int]:
     """The same candidates, each the best of those left after those before it."""
-    left, found = list(chosen), list[int]()
+    left, picked = list(chosen), list[int]()
     while left:
-        values = [design.value(start, [*found, k]) for k in left]
-        found.append(left.pop(int(np.argmin(values))))
-    return found
+        values = [design.value(start, [*picked, k]) for k in left]
+        picked.append(left.pop(int(np.argmin(values))))
+    return picked
 
 
 def random_sets(design: Design, count: int, sets: int, seed: int) -> list[list[int]]:

@@ -25,7 +25,7 @@ from suta_calib.analysis.planning.candidates import Candidate, Place, read_candi
 from suta_calib.analysis.planning.design import (
     Design,
     SharedInformation,
-    Space,
+    SharedUnknowns,
     best_set,
     candidate_information,
     exchange,
@@ -123,7 +123,7 @@ def plan(
             where="candidates",
             hint="move them nearer, or give another region",
         )
-    space = Space.of(situation)
+    space = SharedUnknowns.of(situation)
     tip = region.sensitivity(situation, space.names[: space.arm_count], options.seed)
     information = []
     for done, candidate in enumerate(reached.candidates, start=1):
@@ -134,7 +134,7 @@ def plan(
     design = Design.over(space, information, tip_weight(space, tip), options.criterion, now)
     chosen = best_set(design, now, options.count)
     after = sum((information[k] for k in chosen), now)
-    told = list(zip(reached.candidates, information, strict=True))
+    informed = list(zip(reached.candidates, information, strict=True))
     drawn = random_sets(design, options.count, options.random, options.seed)
     return Plan(
         situation=situation,
@@ -145,15 +145,15 @@ def plan(
         collisions=reached.collisions,
         before=forecast(space, now, tip),
         after=forecast(space, after, tip),
-        chosen=_choices(space, design, now, [told[k] for k in chosen]),
-        best=_best(situation, space, design, now, told),
+        chosen=_choices(space, design, now, [informed[k] for k in chosen]),
+        best=_best(situation, space, design, now, informed),
         random=np.array([design.tip(now, rows) for rows in drawn]),
         stop=_stop(design, now, options),
         remedies=remedies(situation, space, now, reached.candidates, information),
     )
 
 
-def tip_weight(space: Space, tip: Sensitivity) -> FloatArray:
+def tip_weight(space: SharedUnknowns, tip: Sensitivity) -> FloatArray:
     """(p, p) W with trace(W C) the mean variance of the registered tip over the region, m²."""
     jacobian = tip.registered()
     weight = np.zeros((len(space.names),) * 2)
@@ -163,12 +163,12 @@ def tip_weight(space: Space, tip: Sensitivity) -> FloatArray:
 
 
 def _choices(
-    space: Space,
+    space: SharedUnknowns,
     design: Design,
     now: SharedInformation,
     chosen: Sequence[tuple[Candidate, SharedInformation]],
 ) -> tuple[Choice, ...]:
-    found = []
+    choices = []
     before = now
     for candidate, more in chosen:
         after = before + more
@@ -176,17 +176,17 @@ def _choices(
         gain = 1.0 - tips[1] / tips[0] if tips[0] > 0 else 0.0
         bits = (design.d(before) - design.d(after)) * space.arm_count / math.log(2.0)
         open_before, still = (
-            [c.fixed for c in space.identify(each).combinations] for each in (before, after)
+            [c.fixed for c in space.identify(state).combinations] for state in (before, after)
         )
-        told = tuple(name for name in open_before if name not in still)
-        found.append(Choice(candidate, tips[1], gain, bits, told))
+        newly_identifiable = tuple(name for name in open_before if name not in still)
+        choices.append(Choice(candidate, tips[1], gain, bits, newly_identifiable))
         before = after
-    return tuple(found)
+    return tuple(choices)
 
 
 def _best(
     situation: Situation,
-    space: Space,
+    space: SharedUnknowns,
     design: Design,
     now: SharedInformation,
     candidates: Sequence[tuple[Candidate, SharedInformation]],
@@ -227,7 +227,7 @@ def _stop(design: Design, now: SharedInformation, options: PlanOptions) -> Stop:
     )
 
 
-def forecast(space: Space, information: SharedInformation, tip: Sensitivity) -> Forecast:
+def forecast(space: SharedUnknowns, information: SharedInformation, tip: Sensitivity) -> Forecast:
     """Predict what such information would give.
 
     Args:
@@ -253,7 +253,7 @@ def forecast(space: Space, information: SharedInformation, tip: Sensitivity) -> 
     )
 
 
-def _tip_rms(space: Space, covariance: FloatArray, tip: Sensitivity) -> float:
+def _tip_rms(space: SharedUnknowns, covariance: FloatArray, tip: Sensitivity) -> float:
     arm = slice(0, space.arm_count)
     std = tip.std(covariance[arm, arm], tip.registered())
     return float(np.sqrt(np.mean(std**2)))
@@ -261,7 +261,7 @@ def _tip_rms(space: Space, covariance: FloatArray, tip: Sensitivity) -> float:
 
 def remedies(
     situation: Situation,
-    space: Space,
+    space: SharedUnknowns,
     present: SharedInformation,
     candidates: Sequence[Candidate],
     information: Sequence[SharedInformation],
@@ -275,7 +275,7 @@ def remedies(
     names = _fixed(space, present)
     problem, x = situation.problem, situation.x
     texts = {e.fixed: e for e in explain(problem, x, identify_at(problem, x, situation.sigmas))}
-    found = []
+    remedies_found = []
     left = [_fixed(space, present + more) for more in information]
     left_by_all = _fixed(space, sum(information, present))
     for name in names:
@@ -287,7 +287,7 @@ def remedies(
         ]
         best = [candidate for candidate, _ in sorted(able, key=lambda pair: -pair[1])]
         text = texts.get(name, Explanation(name, "", ""))
-        found.append(
+        remedies_found.append(
             Remedy(
                 parameter=name,
                 candidates=tuple(c.name for c in best),
@@ -297,10 +297,10 @@ def remedies(
                 advice=text.remedy,
             )
         )
-    return tuple(found)
+    return tuple(remedies_found)
 
 
-def _fixed(space: Space, information: SharedInformation) -> list[str]:
+def _fixed(space: SharedUnknowns, information: SharedInformation) -> list[str]:
     """The arm's parameters that would be held."""
     arm = space.names[: space.arm_count]
     return [c.fixed for c in space.identify(information).combinations if c.fixed in arm]

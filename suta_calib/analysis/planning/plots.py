@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
 
-from suta_calib.analysis.planning import Candidate, Placement, Plan, Point
+from suta_calib.analysis.planning import Candidate, Placement, Plan, TouchPoint
 from suta_calib.plotting.look import BEHIND, BLUE, GREY, ORANGE, TINT
 from suta_calib.plotting.planar import draw_arm, outline
 from suta_calib.plotting.style import plain_log
@@ -20,39 +20,39 @@ _ARROW: Final = 0.05
 _TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 
 
-def draw_bench(figure: Any, found: Plan) -> list[Axes]:
+def draw_bench(figure: Any, plan: Plan) -> list[Axes]:
     """The arm, what was measured, and what to measure next; mm in the base.
 
     Args:
         figure: an empty `Figure` or `SubFigure`.
-        found: the plan.
+        plan: the plan.
 
     Returns:
         The panels: from above, from the side.
     """
     panels = list(figure.subplots(1, 2, width_ratios=(1, 1)))
     for axes, (title, plane) in zip(panels, VIEWS.items(), strict=True):
-        _view(axes, found, plane)
+        _view(axes, plan, plane)
         axes.set_title(title)
     look: dict[str, Any] = {"ncols": 2, "columnspacing": 12.0, "fontsize": 8, "frameon": False}
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", **look)
     return panels
 
 
-def draw_gain(axes: Axes, found: Plan) -> None:
+def draw_gain(axes: Axes, plan: Plan) -> None:
     """Predicted uncertainty of the tip by the number of further candidates, mm."""
-    stop = found.stop
+    stop = plan.stop
     tips = mm(np.array(stop.tips))
     axes.plot(range(len(tips)), tips, "o-", color=BLUE, ms=5, label="best choice")
-    spread = mm(np.percentile(found.random, [5, 50, 95]))
+    spread = mm(np.percentile(plan.random, [5, 50, 95]))
     axes.errorbar(
-        *(len(found.chosen), spread[1]),
+        *(len(plan.chosen), spread[1]),
         yerr=[[spread[1] - spread[0]], [spread[2] - spread[1]]],
         fmt="s",
         color=ORANGE,
         ms=5,
         capsize=5,
-        label=f"{len(found.random)} random choices (5, 50, 95 %)",
+        label=f"{len(plan.random)} random choices (5, 50, 95 %)",
     )
     if stop.target is not None:
         label = f"target {mm(stop.target):.3g} mm"
@@ -73,19 +73,19 @@ def draw_gain(axes: Axes, found: Plan) -> None:
     axes.legend(fontsize=8, loc="upper right", bbox_to_anchor=(0.94, 1), frameon=False)
 
 
-def _view(axes: Axes, found: Plan, plane: tuple[int, int]) -> None:
+def _view(axes: Axes, plan: Plan, plane: tuple[int, int]) -> None:
     i, j = plane
-    box = [found.region.lower, found.region.upper]
+    box = [plan.region.lower, plan.region.upper]
     low, high = (mm(np.array([corner[i], corner[j]])) for corner in box)
     frame = np.array([low, [high[0], low[1]], high, [low[0], high[1]], low])
     axes.plot(*frame.T, color=GREY, lw=1.0, ls="--", label="region of the tip")
-    for k, place in enumerate(found.situation.placements):
-        _artefact(axes, found, place, plane, GREY, "" if k else "measured")
-    for k, choice in enumerate(found.chosen):
-        _candidate(axes, found, choice.candidate, plane, k)
+    for k, place in enumerate(plan.situation.placements):
+        _artefact(axes, plan, place, plane, GREY, "" if k else "measured")
+    for k, choice in enumerate(plan.chosen):
+        _candidate(axes, plan, choice.candidate, plane, k)
     # The arm where it begins the plan, or as it was in the first sample.
-    first = found.chosen[0].candidate.q[0] if found.chosen else found.situation.readings[0]
-    draw_arm(axes, mm(found.situation.arm.skeleton(first).points[:, [i, j]]))
+    first = plan.chosen[0].candidate.q[0] if plan.chosen else plan.situation.readings[0]
+    draw_arm(axes, mm(plan.situation.arm.skeleton(first).points[:, [i, j]]))
     axes.set_aspect("equal", adjustable="datalim")
     axes.set_xlabel(f"{AXES[i]}, mm")
     axes.set_ylabel(f"{AXES[j]}, mm")
@@ -93,17 +93,17 @@ def _view(axes: Axes, found: Plan, plane: tuple[int, int]) -> None:
 
 
 def _candidate(
-    axes: Axes, found: Plan, candidate: Candidate, plane: tuple[int, int], number: int
+    axes: Axes, plan: Plan, candidate: Candidate, plane: tuple[int, int], number: int
 ) -> None:
     place = candidate.place
-    first = not any(type(c.candidate.place) is type(place) for c in found.chosen[:number])
+    first = not any(type(c.candidate.place) is type(place) for c in plan.chosen[:number])
     if isinstance(place, Placement):
-        _artefact(axes, found, place, plane, BLUE, "planned artefact" if first else "")
+        _artefact(axes, plan, place, plane, BLUE, "planned artefact" if first else "")
         where = place.position
-    elif isinstance(place, Point):
+    elif isinstance(place, TouchPoint):
         where = place.position
         # Where the tool comes from, as short lines.
-        rotation, position = found.situation.arm.forward(candidate.q, found.situation.values)
+        rotation, position = plan.situation.arm.forward(candidate.q, plan.situation.values)
         for R, p in list(zip(rotation, position, strict=True))[:: 1 + len(rotation) // 20]:
             line = mm(np.array([p, p - 0.07 * R[:, 2]])[:, list(plane)])
             axes.plot(*line.T, color=ORANGE, lw=0.9, zorder=4)
@@ -111,7 +111,7 @@ def _candidate(
         label = "planned point, tool from all sides" if first else ""
         axes.plot(*at, "*", color=ORANGE, mec="black", ms=13, zorder=8, label=label)
     else:
-        _, where = found.situation.arm.forward(candidate.q[0], found.situation.values)
+        _, where = plan.situation.arm.forward(candidate.q[0], plan.situation.values)
         at = mm(where[list(plane)])
         axes.plot(*at, "D", color=BLUE, ms=5, zorder=7, label="" if number else "planned pose")
     beside: dict[str, Any] = {"xytext": (6, 6), "textcoords": "offset points", "zorder": 9}
@@ -120,11 +120,11 @@ def _candidate(
 
 
 def _artefact(
-    axes: Axes, found: Plan, place: Placement, plane: tuple[int, int], colour: str, label: str
+    axes: Axes, plan: Plan, place: Placement, plane: tuple[int, int], colour: str, label: str
 ) -> None:
     """Outline of the landmarks and their feet, and the artefact's x axis."""
-    assert found.situation.artefact is not None
-    marks = np.array([m.position for m in found.situation.artefact.landmarks.values()])
+    assert plan.situation.artefact is not None
+    marks = np.array([m.position for m in plan.situation.artefact.landmarks.values()])
     body = np.vstack([marks, marks * [1.0, 1.0, 0.0]]) @ place.rotation.T + place.position
     look: dict[str, Any] = {"facecolor": "none", "lw": 0.9, "hatch": "////", "zorder": 2}
     if colour == BLUE:

@@ -17,8 +17,8 @@ from suta_calib.analysis.planning.candidates import (
     Candidate,
     Place,
     Placement,
-    Point,
     Posture,
+    TouchPoint,
     Unreachable,
 )
 from suta_calib.analysis.planning.region import directions, nearest, turning_z_to
@@ -29,7 +29,7 @@ from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
@@ -54,7 +54,7 @@ class Reached:
 
 
 @dataclass(frozen=True, eq=False)
-class Reach(Shown):
+class Reach(Displayable):
     """Finds postures for places, near those the arm had."""
 
     situation: Situation
@@ -71,7 +71,7 @@ class Reach(Shown):
             if isinstance(place, Placement) and self.situation.touching is None:
                 kinds = [name for name, kind in KINDS.items() if kind.needs_artefact]
                 say = "what is put down"
-            elif isinstance(place, Posture) and self.situation.seen is None:
+            elif isinstance(place, Posture) and self.situation.sighted is None:
                 kinds = [name for name, kind in KINDS.items() if kind.medium != "touch"]
                 say = "what sees the arm"
             else:
@@ -83,9 +83,9 @@ class Reach(Shown):
                 where="candidates",
             )
         collisions = Collisions.of(self.situation.arm, self.situation.readings)
-        found: dict[str, Candidate | Unreachable] = {}
-        found |= self._placements([p for p in places if isinstance(p, Placement)])
-        found |= self._points([p for p in places if isinstance(p, Point)])
+        by_name: dict[str, Candidate | Unreachable] = {}
+        by_name |= self._placements([p for p in places if isinstance(p, Placement)])
+        by_name |= self._points([p for p in places if isinstance(p, TouchPoint)])
         for place in places:
             if isinstance(place, Posture):
                 q, moving = place.readings, self.situation.arm.chain.moving
@@ -97,12 +97,12 @@ class Reach(Shown):
                 why = f"{off[0]} beyond its limits" if off else ""
                 if not why and not self.situation.in_sight(q[None, :])[0]:
                     why = "nothing in sight of the camera"
-                found[place.name] = (
+                by_name[place.name] = (
                     Unreachable(place.name, place.kind, why)
                     if why
                     else Candidate(place, q[None, :], (), 1)
                 )
-        judged = [self._colliding(found[place.name], collisions) for place in places]
+        judged = [self._colliding(by_name[place.name], collisions) for place in places]
         return Reached(
             tuple(c for c in judged if isinstance(c, Candidate)),
             tuple(c for c in judged if isinstance(c, Unreachable)),
@@ -114,18 +114,18 @@ class Reach(Shown):
         if artefact is None or not places:
             return {}
         q, ok, failed = self._touch(places, artefact)
-        found: dict[str, Candidate | Unreachable] = {}
+        by_name: dict[str, Candidate | Unreachable] = {}
         names = tuple(mark.name for mark in artefact.landmarks.values())
         for place, readings, good, lost in zip(places, q, ok, failed, strict=True):
             if good.all():
-                found[place.name] = Candidate(place, readings, names, self.repeats)
+                by_name[place.name] = Candidate(place, readings, names, self.repeats)
             else:
                 # One is enough: the others are not all looked for any more.
                 missed = names[int(np.argmax(lost))]
-                found[place.name] = Unreachable(
+                by_name[place.name] = Unreachable(
                     place.name, place.kind, f"landmark {missed} out of reach"
                 )
-        return found
+        return by_name
 
     def _touch(
         self, places: Sequence[Placement], artefact: Artefact
@@ -149,13 +149,13 @@ class Reach(Shown):
                 targets = Targets(
                     position[:, rows].reshape(-1, 3), rotation[:, rows].reshape(-1, 3, 3), matching
                 )
-                found = self._solve(targets, np.repeat(np.arange(len(places)), rows.sum()))
-                q[:, rows] = found.q.reshape(len(places), -1, q.shape[2])
-                ok[:, rows] = found.reached.reshape(len(places), -1)
-                failed[:, rows] = found.failed.reshape(len(places), -1)
+                solved = self._solve(targets, np.repeat(np.arange(len(places)), rows.sum()))
+                q[:, rows] = solved.q.reshape(len(places), -1, q.shape[2])
+                ok[:, rows] = solved.reached.reshape(len(places), -1)
+                failed[:, rows] = solved.failed.reshape(len(places), -1)
         return q, ok, failed
 
-    def _points(self, places: Sequence[Point]) -> dict[str, Candidate | Unreachable]:
+    def _points(self, places: Sequence[TouchPoint]) -> dict[str, Candidate | Unreachable]:
         if not places:
             return {}
         counts = [_TRIED * place.directions for place in places]
@@ -174,17 +174,17 @@ class Reach(Shown):
         matching = self.situation.kinematics.most("axis")
         targets = Targets(np.concatenate(position), np.concatenate(rotation), matching)
         there = self._solve(targets)
-        found: dict[str, Candidate | Unreachable] = {}
+        by_name: dict[str, Candidate | Unreachable] = {}
         ends = np.cumsum(counts)
         for place, end, count in zip(places, ends, counts, strict=True):
             q = there.q[end - count : end][there.reached[end - count : end]]
             if len(q) < _ENOUGH * count:
                 reason = f"{len(q)} of {count} directions within reach"
-                found[place.name] = Unreachable(place.name, place.kind, reason)
+                by_name[place.name] = Unreachable(place.name, place.kind, reason)
                 continue
             spread = np.linspace(0, len(q) - 1, place.directions).round().astype(int)
-            found[place.name] = Candidate(place, q[spread], (), 1)
-        return found
+            by_name[place.name] = Candidate(place, q[spread], (), 1)
+        return by_name
 
     def _solve(self, targets: Targets, together: IntArray | None = None) -> Postures:
         """Postures near those the arm had: whoever measures will not fold it another way."""
@@ -201,7 +201,7 @@ class Reach(Shown):
         free = collisions.free(candidate.q)
         if free.all():
             return candidate
-        if isinstance(candidate.place, Point) and free.mean() >= _ENOUGH:
+        if isinstance(candidate.place, TouchPoint) and free.mean() >= _ENOUGH:
             rows = np.resize(np.flatnonzero(free), len(free))
             return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
         reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
@@ -248,9 +248,9 @@ class Collisions:
         for (j, b), (i, a) in combinations(enumerate(parents), 2):
             if a != b and arm.model.parents[a] != b and arm.model.parents[b] != a:
                 geometry.addCollisionPair(pin.CollisionPair(j, i))
-        found = cls(arm, geometry, "")
+        collisions = cls(arm, geometry, "")
         overlapping = {
-            pair for q in visited[:: 1 + len(visited) // _LOOKED_AT] for pair in found._hits(q)
+            pair for q in visited[:: 1 + len(visited) // _LOOKED_AT] for pair in collisions._hits(q)
         }
         for k in sorted(overlapping, reverse=True):
             geometry.removeCollisionPair(geometry.collisionPairs[k])

@@ -16,8 +16,8 @@ from suta_calib.analysis.planning.candidates import (
     DEFAULT_CONE,
     Place,
     Placement,
-    Point,
     Posture,
+    TouchPoint,
     tilted,
 )
 from suta_calib.analysis.planning.situation import Situation
@@ -25,7 +25,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.units import deg, from_deg, from_mm, mm
 
@@ -50,7 +50,7 @@ _AT_ONCE: Final = 1000
 
 
 @dataclass(frozen=True, eq=False)
-class Region(Shown):
+class Region(Displayable):
     """A box and a cone of directions.
 
     Attributes:
@@ -124,13 +124,13 @@ class Region(Shown):
         u = qmc.Halton(5, seed=np.random.default_rng(seed)).random(POSTURES)
         position = self.lower + u[:, :3] * (self.upper - self.lower)
         rotation = directions(self.axis, self.cone, u[:, 3], u[:, 4])
-        found = kinematics.solve(
+        answer = kinematics.solve(
             Targets(position, rotation, kinematics.most("axis")),
             visited[nearest(tips, position)],
             np.random.default_rng(seed),
             _STARTS,
         )
-        return self._enough(found.q[found.reached])
+        return self._enough(answer.q[answer.reached])
 
     def _enough(self, q: FloatArray) -> FloatArray:
         """These postures in the region, if they are enough to say anything of it."""
@@ -178,9 +178,9 @@ def turning_z_to(axis: FloatArray) -> FloatArray:
     return rotation_from_vector(math.atan2(sine, float(axis[2])) * about)
 
 
-def nearest(visited: FloatArray, wanted: FloatArray) -> FloatArray:
+def nearest(visited: FloatArray, points: FloatArray) -> FloatArray:
     """(n,) which of the visited points (m, 3) is closest to each of (n, 3)."""
-    return np.asarray(KDTree(visited).query(wanted)[1])
+    return np.asarray(KDTree(visited).query(points)[1])
 
 
 def _corner_text(corner: FloatArray) -> str:
@@ -207,14 +207,14 @@ def candidate_pool(
     """
     taken = situation.labels
     names = (k for k in count(1) if not {f"N{k}", f"F{k}", f"A{k}"} & taken)
-    found: list[Place] = []
+    places: list[Place] = []
     if situation.touching is not None:
-        found += _placements(situation, region, pool, names, seed)
-    if situation.seen is None or situation.touching is not None:
-        found += _points(situation, region, pool, repeats, names, seed)
-    if situation.seen is not None:
-        found += _postures(situation, region, pool, names, seed)
-    return tuple(found)
+        places += _placements(situation, region, pool, names, seed)
+    if situation.sighted is None or situation.touching is not None:
+        places += _points(situation, region, pool, repeats, names, seed)
+    if situation.sighted is not None:
+        places += _postures(situation, region, pool, names, seed)
+    return tuple(places)
 
 
 def _placements(
@@ -225,7 +225,7 @@ def _placements(
     floor = min(float(p.position[2]) for p in situation.placements)
     landmarks = np.array([m.position for m in situation.artefact.landmarks.values()])
     foot = landmarks * [1.0, 1.0, 0.0]
-    found: list[Place] = []
+    places: list[Place] = []
     for k, row in enumerate(u):
         flat = k % 2 == 0 or pool.most_tilt < _TILT_STEP
         most = 0.0 if flat else pool.most_tilt
@@ -241,8 +241,8 @@ def _placements(
         rounded = _LENGTH_STEP * np.round(where / _LENGTH_STEP)
         if k % 4 < 2:
             rounded[2] = from_mm(math.ceil(mm(lowest) - 1e-6))
-        found.append(Placement(f"N{next(names)}", rounded, turned))
-    return found
+        places.append(Placement(f"N{next(names)}", rounded, turned))
+    return places
 
 
 def _points(
@@ -259,19 +259,19 @@ def _points(
     within = region.lower + u * (region.upper - region.lower)
     kind = situation.places.place
     return [
-        Point(f"F{next(names)}", where, touches, region.axis, DEFAULT_CONE, kind=kind)
+        TouchPoint(f"F{next(names)}", where, touches, region.axis, DEFAULT_CONE, kind=kind)
         for where in _LENGTH_STEP * np.round(within / _LENGTH_STEP)
     ]
 
 
 def _first(rows: FloatArray, fitting: Callable[[FloatArray], BoolArray], count: int) -> FloatArray:
     """The first ``count`` rows that fit, or all that do; no more are looked at than it takes."""
-    found = rows[:0]
-    for some in np.array_split(rows, math.ceil(len(rows) / _AT_ONCE) or 1):
-        found = np.concatenate([found, some[fitting(some)]])
-        if len(found) >= count:
+    fitting_rows = rows[:0]
+    for chunk in np.array_split(rows, math.ceil(len(rows) / _AT_ONCE) or 1):
+        fitting_rows = np.concatenate([fitting_rows, chunk[fitting(chunk)]])
+        if len(fitting_rows) >= count:
             break
-    return found[:count]
+    return fitting_rows[:count]
 
 
 def _postures(
@@ -279,7 +279,7 @@ def _postures(
 ) -> list[Place]:
     """Anywhere within the limits, the tip in the region where enough of them have it there."""
     rng = np.random.default_rng(seed + 2)
-    chance = 1.0 if situation.seen is None else situation.seen.chance
+    chance = 1.0 if situation.sighted is None else situation.sighted.chance
     q = situation.kinematics.random_readings(rng, int(50 * pool.poses / chance))
     _, position = situation.arm.forward(q, situation.values)
     chosen = _first(q[region.inside(position)], situation.in_sight, pool.poses)
@@ -288,5 +288,5 @@ def _postures(
     turning = [joint.type != "prismatic" for joint in situation.arm.chain.moving]
     limits = np.array([(joint.lower, joint.upper) for joint in situation.arm.chain.moving])
     # In whole degrees, within the limits.
-    whole = np.clip(from_deg(np.round(deg(chosen))), *limits.T)
-    return [Posture(f"A{next(names)}", row) for row in np.where(turning, whole, chosen)]
+    rounded = np.clip(from_deg(np.round(deg(chosen))), *limits.T)
+    return [Posture(f"A{next(names)}", row) for row in np.where(turning, rounded, chosen)]

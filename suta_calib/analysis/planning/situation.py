@@ -7,14 +7,14 @@ from functools import cached_property
 
 import numpy as np
 
-from suta_calib.analysis.planning.candidates import Candidate, Placement, Point, Posture
+from suta_calib.analysis.planning.candidates import Candidate, Placement, Posture, TouchPoint
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.diagnostics.repeats import LACKING, lack_of_fit
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA, Problem
 from suta_calib.solver.solution import Solution
@@ -22,7 +22,7 @@ from suta_calib.terms import ArmPoses, Setup, Term, first_kind
 
 
 @dataclass(frozen=True, eq=False)
-class Situation(Shown):
+class Situation(Displayable):
     """The present data at the parameters they give.
 
     Attributes:
@@ -105,16 +105,16 @@ class Situation(Shown):
         return None if self.touching is None else self.touching.touched
 
     @property
-    def seen(self) -> Term | None:
+    def sighted(self) -> Term | None:
         """The first term of an instrument or a camera."""
         return next((t for t in self.problem.terms if t.medium != "touch"), None)
 
     def in_sight(self, readings: FloatArray) -> BoolArray:
         """(n,) whether the instrument or the camera sees anything at readings (n, joints)."""
-        if self.seen is None or self.seen.chance == 1.0:
+        if self.sighted is None or self.sighted.chance == 1.0:
             return np.ones(len(readings), dtype=np.bool_)
         poses = ArmPoses(self.arm, Samples.from_arrays(self.arm.joints, readings))
-        return self.seen.observed(self.values, poses).in_sight
+        return self.sighted.observed(self.values, poses).in_sight
 
     @property
     def places(self) -> Term | type[Term]:
@@ -140,12 +140,12 @@ class Situation(Shown):
         labels = term.poses.samples.labels
         certified = artefact.position_of(labels["landmark"])
         _, position = term.poses.at(self.values)
-        found = []
+        placements = []
         for name in dict.fromkeys(map(str, labels["placement"])):
             rows = labels["placement"] == name
             R, p = register_points(certified[rows], position[rows])
-            found.append(Placement(name, p, R))
-        return tuple(found)
+            placements.append(Placement(name, p, R))
+        return tuple(placements)
 
     @property
     def labels(self) -> frozenset[str]:
@@ -158,19 +158,21 @@ class Situation(Shown):
         q, n, place = candidate.q, len(candidate.q), candidate.place
         if isinstance(place, Posture):
             # What the instrument or the camera would report in these postures.
-            assert self.seen is not None
-            seen = self.seen.poses.samples.labels
+            assert self.sighted is not None
+            labels_present = self.sighted.poses.samples.labels
             # Every mark that was seen is seen again.
-            marks = list(dict.fromkeys(seen.get(self.seen.mark, np.array([""])).tolist()))
-            labels = {self.seen.mark: marks} if self.seen.marked else {}
+            marks = list(
+                dict.fromkeys(labels_present.get(self.sighted.mark, np.array([""])).tolist())
+            )
+            labels = {self.sighted.mark: marks} if self.sighted.marked else {}
             readings = np.repeat(q, len(marks), axis=0)
             poses = ArmPoses(
                 self.arm, Samples.from_arrays(self.arm.joints, readings, labels=labels)
             )
-            ideal = self.seen.observed(self.values, poses)
-            oriented = self.seen.poses.samples.rotation is not None
+            ideal = self.sighted.observed(self.values, poses)
+            oriented = self.sighted.poses.samples.rotation is not None
             rotation = ideal.rotation if oriented else None
-            position = None if self.seen.poses.samples.position is None else ideal.position
+            position = None if self.sighted.poses.samples.position is None else ideal.position
             samples = replace(
                 poses.samples,
                 position=position,
@@ -178,8 +180,8 @@ class Situation(Shown):
                 pixels=ideal.pixels,
                 numbers=ideal.numbers,
             )
-            return self.seen.over_poses(ArmPoses(self.arm, samples))
-        if isinstance(place, Point):
+            return self.sighted.over_poses(ArmPoses(self.arm, samples))
+        if isinstance(place, TouchPoint):
             labels = {self.places.place: [candidate.name] * n}
             kind = self.places
             settings = kind.settings if isinstance(kind, Term) else {}
@@ -201,16 +203,16 @@ class Situation(Shown):
 
     def noise(self, term: Term) -> list[float]:
         """Noise level of each block of a new term: that of its kind, or of the same hand."""
-        known: dict[tuple[str, str], float] = {}
+        by_kind: dict[tuple[str, str], float] = {}
         # Of one component of a touch: a distance has those of two.
         touch: list[float] = []
         blocks = [(own, block) for own in self.problem.terms for block in own.blocks]
         for (own, block), sigma in zip(blocks, self.sigmas, strict=True):
-            known.setdefault((own.kind, block.name), sigma)
+            by_kind.setdefault((own.kind, block.name), sigma)
             touch += [sigma / own.noise_factor] if block.unit == "m" else []
         other = {"m": [*touch, DEFAULT_SIGMA["m"]][0], "rad": DEFAULT_SIGMA["rad"]}
         return [
-            known.get((term.kind, block.name), other.get(block.unit, PLAIN_SIGMA))
+            by_kind.get((term.kind, block.name), other.get(block.unit, PLAIN_SIGMA))
             for block in term.blocks
         ]
 

@@ -8,11 +8,11 @@ from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.touches import RepeatedTouches
 from suta_calib.analysis.repeatability.visits import Repeatability
 from suta_calib.assessment import Assessment, judged
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 
 @dataclass(frozen=True, eq=False)
-class RepeatabilityTest(Shown):
+class RepeatabilityTest(Displayable):
     """Visits to one point, repeats of many, encoders at rest; None for what was not looked at."""
 
     visits: Repeatability | None = None
@@ -24,7 +24,7 @@ class RepeatabilityTest(Shown):
     def assessment(self) -> Assessment:
         """The worst of them, with the notes of all."""
         looked_at = (self.visits, self.touches, self.rest)
-        given = [each.assessment for each in looked_at if each is not None]
-        bad = [note for each in given if not each.usable for note in each.notes]
-        care = [note for each in given if each.usable for note in each.notes]
-        return Assessment.of("; ".join(each.sentence for each in given), bad=bad, care=care)
+        given = [judgement.assessment for judgement in looked_at if judgement is not None]
+        bad = [note for judgement in given if not judgement.usable for note in judgement.notes]
+        care = [note for judgement in given if judgement.usable for note in judgement.notes]
+        return Assessment.of("; ".join(item.sentence for item in given), bad=bad, care=care)

@@ -24,7 +24,7 @@ from suta_calib.atomic import note_input
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import Unit, from_deg
 
 _PER_DECADE: Final = 8
@@ -43,7 +43,7 @@ _NORMAL: Final = 1.4826
 # An encoder's steps are seen where every level occurs this often.
 _ROWS_PER_LEVEL: Final = 4
 # Levels are whole steps apart to this share of one.
-_WHOLE: Final = 0.1
+_MULTIPLE_OF_STEP: Final = 0.1
 _ROUNDING: Final = 1e-12
 LEAST_ROWS: Final = 100
 # Columns of recordings that are no joints.
@@ -58,7 +58,7 @@ _LARGEST_ANGLE: Final = 8 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
-class AllanDeviation(Shown):
+class AllanDeviation(Displayable):
     """Overlapping Allan deviation of readings at a steady rate.
 
     Attributes:
@@ -112,7 +112,7 @@ def overlapping(sums: FloatArray, size: int) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class JointNoise(Shown):
+class JointNoise(Displayable):
     """One joint at rest, rad (m for a prismatic joint).
 
     Attributes:
@@ -164,7 +164,7 @@ class JointNoise(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Stationary(Shown):
+class Stationary(Displayable):
     """A stationary stream, joint by joint.
 
     Attributes:
@@ -186,14 +186,14 @@ class Stationary(Shown):
     @judged
     def assessment(self) -> Assessment:
         """Whether the arm was at rest, and what the encoders do meanwhile."""
-        worst = max(self.joints, key=lambda each: each.std_detrended)
+        worst = max(self.joints, key=lambda joint: joint.std_detrended)
         sentence = (
             f"{len(self.stream.time)} readings in {self.seconds:.1f} s at "
             f"{1 / self.stream.period:.4g} Hz; most noise: {worst.joint}"
         )
 
         def which(quality: str) -> str:
-            return ", ".join(each.joint for each in self.joints if getattr(each, quality))
+            return ", ".join(joint.joint for joint in self.joints if getattr(joint, quality))
 
         if names := which("moved"):
             return Assessment.of(
@@ -204,7 +204,9 @@ class Stationary(Shown):
             notes.append(f"{names} never changed: noise below one step, or an encoder that hangs.")
         if names := which("drifts"):
             notes.append(f"{names} drifts: more than its noise explains.")
-        if gross := [f"{each.joint} ({each.left_out})" for each in self.joints if each.left_out]:
+        if gross := [
+            f"{joint.joint} ({joint.left_out})" for joint in self.joints if joint.left_out
+        ]:
             notes.append(f"Grossly wrong readings were left out: {', '.join(gross)}.")
         if self.stream.gaps:
             notes.append(
@@ -233,7 +235,7 @@ def stationary(
     if levers is None:
         return Stationary(stream, joints)
     # Encoders are read one by one: their noise has nothing in common.
-    noise = np.array([each.std for each in joints])
+    noise = np.array([joint.std for joint in joints])
     return Stationary(stream, joints, float(np.linalg.norm(levers * noise)))
 
 
@@ -245,10 +247,10 @@ def _joint(
     size = np.abs(off - np.median(off))
     # Where most readings are one and the same, the median deviation is zero and says nothing.
     scale = max(_NORMAL * float(np.median(size)), float(np.quantile(size, 0.99)) / 3)
-    kept = size <= _GROSS * scale + _ROUNDING
-    mean, away = deviations(readings[kept], unit)
-    moment = time[kept]
-    levels, step = _steps(readings[kept])
+    inliers = size <= _GROSS * scale + _ROUNDING
+    mean, away = deviations(readings[inliers], unit)
+    moment = time[inliers]
+    levels, step = _steps(readings[inliers])
     slope, half, batch_range = _drift(moment, away)
     line = np.polynomial.Polynomial.fit(moment, away, 1)
     return JointNoise(
@@ -259,7 +261,7 @@ def _joint(
         float((away - line(moment)).std(ddof=2)),
         float(np.sqrt(np.mean(np.diff(away) ** 2) / 2)),
         float(np.ptp(away)),
-        int(np.sum(~kept)),
+        int(np.sum(~inliers)),
         levels,
         step,
         slope,
@@ -280,8 +282,8 @@ def _steps(readings: FloatArray) -> tuple[int, float | None]:
         return len(levels), None
     counts = np.round(gaps / gaps.min())
     step = float(gaps.sum() / counts.sum())
-    whole = np.abs(gaps / step - np.round(gaps / step)).max() < _WHOLE
-    return len(levels), step if whole else None
+    multiples = np.abs(gaps / step - np.round(gaps / step)).max() < _MULTIPLE_OF_STEP
+    return len(levels), step if multiples else None
 
 
 def _drift(time: FloatArray, away: FloatArray) -> tuple[float, float, float]:
@@ -303,7 +305,7 @@ def _drift(time: FloatArray, away: FloatArray) -> tuple[float, float, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Stream(Shown):
+class Stream(Displayable):
     """Readings over time.
 
     Attributes:
@@ -353,18 +355,18 @@ def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
             "one column per joint, in rad",
             file=path,
         )
-    kept = table.valid()
-    if len(kept) < LEAST_ROWS:
+    valid = table.valid()
+    if len(valid) < LEAST_ROWS:
         raise SamplesError(
-            f"{len(kept)} valid rows", f"at least {LEAST_ROWS}: some seconds", file=path
+            f"{len(valid)} valid rows", f"at least {LEAST_ROWS}: some seconds", file=path
         )
-    time = kept.time("one clock")
-    readings = np.stack([kept.numbers(n, "one column per joint, in rad") for n in names], axis=1)
+    time = valid.time("one clock")
+    readings = np.stack([valid.numbers(n, "one column per joint, in rad") for n in names], axis=1)
     for row, column in np.argwhere(np.abs(readings) > _LARGEST_ANGLE):
         value = f"{readings[row, column]:.6g}"
         hint = "looks like degrees or counts: convert it"
-        raise kept.refuse(int(row), names[column], value, "rad", hint)
-    return Stream(path, names, time, readings, len(table) - len(kept))
+        raise valid.refuse(int(row), names[column], value, "rad", hint)
+    return Stream(path, names, time, readings, len(table) - len(valid))
 
 
 def _read_parquet(path: Path) -> CsvTable:

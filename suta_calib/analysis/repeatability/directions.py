@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from suta_calib.analysis.repeatability.scatter import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.block import grouped
 from suta_calib.units import Unit
 
@@ -36,7 +36,7 @@ _FEW: Final = 500
 # What noise exceeds in the other share of permutations.
 _CHANCE: Final = 0.95
 # Share of its variance that a joint has to itself at least: rounding, and joints that never move.
-_OWN: Final = 1e-7
+_REGULARISATION: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +61,7 @@ class DirectionGroups:
         names, index = grouped(direction)
         strata = [np.arange(len(direction))]
         if protocol is not None:
-            strata = [np.flatnonzero(protocol == each) for each in np.unique(protocol)]
+            strata = [np.flatnonzero(protocol == label) for label in np.unique(protocol)]
         return cls(names, np.eye(len(names))[index], strata)
 
     @property
@@ -107,26 +107,26 @@ def search_backlash(
     groups: DirectionGroups, values: FloatArray, random: np.random.Generator
 ) -> BacklashSearch:
     """Take joints one after the other until noise explains what is left of values (n, joints)."""
-    found: list[int] = []
+    loose: list[int] = []
     as_well: dict[int, tuple[int, ...]] = {}
     p_values = np.ones(values.shape[1])
     while True:
-        shifts = _shifts(groups, values, found)
+        shifts = _shifts(groups, values, loose)
         rest = values - groups.member @ shifts
-        taken, alone, chance, by_chance = _step(groups, rest, found, random)
-        others = [k for k in range(values.shape[1]) if k not in found]
-        p_values[others] = chance[others]
-        best = max(others, key=lambda k: float(taken[k]), default=None)
+        taken, alone, chance, by_chance = _step(groups, rest, loose, random)
+        further = [k for k in range(values.shape[1]) if k not in loose]
+        p_values[further] = chance[further]
+        best = max(further, key=lambda k: float(taken[k]), default=None)
         if best is None or chance[best] > FALSE_ALARM:
-            backlash = np.where(np.isin(range(values.shape[1]), found), shifts, alone)
-            return BacklashSearch(tuple(found), as_well, backlash, p_values, by_chance)
+            backlash = np.where(np.isin(range(values.shape[1]), loose), shifts, alone)
+            return BacklashSearch(tuple(loose), as_well, backlash, p_values, by_chance)
         close = taken[best] - taken < _AS_WELL
-        as_well[best] = tuple(k for k in others if k != best and close[k])
-        found.append(best)
+        as_well[best] = tuple(k for k in further if k != best and close[k])
+        loose.append(best)
 
 
 def _step(
-    groups: DirectionGroups, values: FloatArray, found: Sequence[int], random: np.random.Generator
+    groups: DirectionGroups, values: FloatArray, loose: Sequence[int], random: np.random.Generator
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """What each joint would explain, given the others, those found free to do what they like.
 
@@ -135,47 +135,51 @@ def _step(
     """
     drawn = groups.shuffled_means(values, random)
     true = groups.means(values)[None]
-    taken, backlash = (each[0] for each in _explained(groups, values, true, found))
-    by_chance, wide = _explained(groups, values, drawn, found)
+    taken, backlash = (
+        values_of_set[0] for values_of_set in _explained(groups, values, true, loose)
+    )
+    by_chance, wide = _explained(groups, values, drawn, loose)
     # The joints already found have a chance too: that of being looked at alone.
     _, alone = _explained(groups, values, drawn[:_FEW], ())
-    chance, first = (np.quantile(np.ptp(each, axis=1), _CHANCE, axis=0) for each in (wide, alone))
+    chance, first = (np.quantile(np.ptp(draws, axis=1), _CHANCE, axis=0) for draws in (wide, alone))
     # An effect that is equal but for rounding is no smaller one.
     above = by_chance.max(axis=1)[:, None] >= taken * (1 - 1e-9)
     return (
         taken,
         backlash,
         (1 + above.sum(axis=0)) / (PERMUTATIONS + 1),
-        np.where(np.isin(range(len(taken)), found), first, chance),
+        np.where(np.isin(range(len(taken)), loose), first, chance),
     )
 
 
 def _explained(
-    groups: DirectionGroups, values: FloatArray, means: FloatArray, found: Sequence[int]
+    groups: DirectionGroups, values: FloatArray, means: FloatArray, loose: Sequence[int]
 ) -> tuple[FloatArray, FloatArray]:
     """W (b, joints) and backlash (b, k, joints) of each joint by itself, for b sets of means."""
     between = np.einsum("bki,k,bkj->bij", means, groups.counts, means)
     precision = _inverse((values.T @ values - between) / len(values))
-    if found:
-        rows = precision[:, list(found)]
-        inner = rows[:, :, list(found)]
+    if loose:
+        rows = precision[:, list(loose)]
+        inner = rows[:, :, list(loose)]
         precision = precision - np.swapaxes(rows, 1, 2) @ np.linalg.solve(inner, rows)
-    own = np.diagonal(precision, axis1=1, axis2=2).copy()
-    own[:, list(found)] = np.inf
-    backlash = means @ precision / own[:, None]
-    taken = np.einsum("k,bkj->bj", groups.counts, backlash**2) * np.where(np.isinf(own), 0.0, own)
+    own_precision = np.diagonal(precision, axis1=1, axis2=2).copy()
+    own_precision[:, list(loose)] = np.inf
+    backlash = means @ precision / own_precision[:, None]
+    taken = np.einsum("k,bkj->bj", groups.counts, backlash**2) * np.where(
+        np.isinf(own_precision), 0.0, own_precision
+    )
     return taken, backlash
 
 
-def _shifts(groups: DirectionGroups, values: FloatArray, found: Sequence[int]) -> FloatArray:
+def _shifts(groups: DirectionGroups, values: FloatArray, loose: Sequence[int]) -> FloatArray:
     """(k, joints) by direction: what the joints found did, all at once; zero for the others."""
     means = groups.means(values)
     shifts = np.zeros_like(means)
-    if found:
+    if loose:
         within = values - groups.member @ means
         precision = _inverse(within.T @ within / len(within))
-        inner = precision[np.ix_(found, found)]
-        shifts[:, found] = np.linalg.solve(inner, (means @ precision)[:, found].T).T
+        inner = precision[np.ix_(loose, loose)]
+        shifts[:, loose] = np.linalg.solve(inner, (means @ precision)[:, loose].T).T
     return shifts
 
 
@@ -185,11 +189,13 @@ def _inverse(covariance: FloatArray) -> FloatArray:
     size = np.sqrt(np.where(variance > 0, variance, 1.0))
     product = size[..., :, None] * size[..., None, :]
     joints = covariance.shape[-1]
-    return np.asarray(np.linalg.inv(covariance / product + _OWN * np.eye(joints)) / product)
+    return np.asarray(
+        np.linalg.inv(covariance / product + _REGULARISATION * np.eye(joints)) / product
+    )
 
 
 @dataclass(frozen=True)
-class JointPush(Shown):
+class JointPush(Displayable):
     """What the direction of the push does to one joint, rad (m for a prismatic joint).
 
     Attributes:
@@ -225,7 +231,7 @@ class JointPush(Shown):
 
 
 @dataclass(frozen=True)
-class DirectionalForce(Shown):
+class DirectionalForce(Displayable):
     """The directions compared.
 
     Attributes:
@@ -248,7 +254,7 @@ class DirectionalForce(Shown):
     def loosest(self) -> JointPush | None:
         """Of the joints that noise does not explain, the one that moves the tip most, or None."""
         return max(
-            (j for j in self.joints if j.has_backlash), key=lambda each: each.tip, default=None
+            (j for j in self.joints if j.has_backlash), key=lambda joint: joint.tip, default=None
         )
 
 

@@ -59,7 +59,7 @@ def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None
     as_read = _scatter(position), float(np.linalg.norm(ways))
     if len(ways) < WAYS or as_read[1] < STILL or as_read[0] <= UNDONE * as_read[1]:
         return None
-    found = list[tuple[float, str]]()
+    explanations = list[tuple[float, str]]()
     for sentence, change in _readings(arm):
         q = change(samples).q
         tip, moved = _scatter(arm.forward(q)[1]), _ways(arm, q)
@@ -67,8 +67,8 @@ def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None
         # By how much levers are shorter in other postures says nothing.
         undone = tip / unrelated * FAR_BETTER < as_read[0] / as_read[1]
         if undone and tip * FAR_BETTER < moved[WAYS - 1]:
-            found.append((tip, sentence))
-    tip, sentence = min(found, default=(np.inf, ""))
+            explanations.append((tip, sentence))
+    tip, sentence = min(explanations, default=(np.inf, ""))
     if tip * FAR_BETTER > as_read[0]:
         return None
     return (
@@ -100,8 +100,8 @@ def _slid(column: int, rows: int, samples: Samples) -> Samples:
     """The samples with one joint's readings some rows later, without those that have none."""
     q = samples.q.copy()
     q[:, column] = np.roll(q[:, column], rows)
-    kept = np.arange(1, len(q)) if rows > 0 else np.arange(len(q) - 1)
-    return replace(samples, q=q).take(kept)
+    rows_used = np.arange(1, len(q)) if rows > 0 else np.arange(len(q) - 1)
+    return replace(samples, q=q).take(rows_used)
 
 
 def _scatter(position: FloatArray) -> float:
@@ -111,6 +111,8 @@ def _scatter(position: FloatArray) -> float:
 def _ways(arm: ArmModel, q: FloatArray) -> FloatArray:
     """By what the joints move the tip, each for itself, RMS, m: along its principal axes."""
     units = arm.units.values()
-    off = np.stack([deviations(each, unit)[1] for each, unit in zip(q.T, units, strict=True)], 1)
+    off = np.stack(
+        [deviations(readings, unit)[1] for readings, unit in zip(q.T, units, strict=True)], 1
+    )
     off -= off.mean(axis=0)
     return np.asarray(np.linalg.svd(off * tip_levers(arm, q), compute_uv=False) / np.sqrt(len(q)))

@@ -20,7 +20,7 @@ from scipy.special import stdtrit
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95
@@ -135,7 +135,7 @@ def _factor(confidence: float, freedom: float) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class PositionScatter(Shown):
+class PositionScatter(Displayable):
     """Position repeatability of the tip, ISO 9283:1998, 7.2.2: all lengths in m.
 
     Attributes:
@@ -213,7 +213,7 @@ class OrientationScatter:
 
 
 @dataclass(frozen=True)
-class JointScatter(Shown):
+class JointScatter(Displayable):
     """How far one joint's readings scatter, rad (m for a prismatic joint).
 
     Attributes:
@@ -236,7 +236,7 @@ class JointScatter(Shown):
 def joint_scatter(joint: str, unit: Unit, readings: FloatArray, lever: float) -> JointScatter:
     """Of readings (n,), n at least three; ``lever`` is how far a unit moves the tip, m."""
     mean, away = deviations(readings, unit)
-    std = spread(lambda each: float(each.std(ddof=1)), away)
+    std = spread(lambda sample: float(sample.std(ddof=1)), away)
     return JointScatter(joint, unit, mean, std, float(np.ptp(away)), lever * std.value)
 
 
@@ -268,7 +268,7 @@ def median_angle(readings: FloatArray) -> float:
 
 
 @dataclass(frozen=True)
-class ScatterChange(Shown):
+class ScatterChange(Displayable):
     """One figure under two protocols.
 
     Attributes:
@@ -294,7 +294,7 @@ class ScatterChange(Shown):
 
 
 @dataclass(frozen=True)
-class ProtocolComparison(Shown):
+class ProtocolComparison(Displayable):
     """Two protocols, visits of each about their own barycentre.
 
     Attributes:

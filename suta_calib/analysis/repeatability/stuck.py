@@ -88,7 +88,7 @@ def stuck(arm: ArmModel, q: FloatArray, group: IntArray) -> tuple[Stuck, ...]:
     off = np.stack([deviations(r, u)[1] for r, u in zip(q.T, arm.units.values(), strict=True)], 1)
     spread = off.std(axis=0)
     moved = spread * tip_levers(arm, q)
-    found = list[Stuck]()
+    stuck_joints = list[Stuck]()
     # A joint that moves like the others reads what it does.
     for k in np.flatnonzero(few | (spread < STILL * np.median(spread))).tolist():
         freed = _freed(arm, q, group, k)
@@ -98,13 +98,13 @@ def stuck(arm: ArmModel, q: FloatArray, group: IntArray) -> tuple[Stuck, ...]:
         if few[k] or spread[k] < STILL * float(missing.std()):
             along = lever * missing
             size = float(np.sqrt(np.mean(along**2)))
-            others = float(np.median(np.delete(moved, k)))
-            if size > PART * others and _far(along, left, group):
+            typical = float(np.median(np.delete(moved, k)))
+            if size > PART * typical and _far(along, left, group):
                 tip = _within(arm.forward(q)[1], group)
-                found.append(
+                stuck_joints.append(
                     Stuck(arm.joints[k], levels[k], few[k], size, rms_length(tip), rms_length(left))
                 )
-    return tuple(found)
+    return tuple(stuck_joints)
 
 
 def _freed(
@@ -130,11 +130,11 @@ def _freed(
     return _within(moved[:, None], group)[:, 0], lever, left
 
 
-def _within(each: FloatArray, group: IntArray) -> FloatArray:
+def _within(rows: FloatArray, group: IntArray) -> FloatArray:
     """Rows (n, d) from the mean of their group."""
-    off = each.copy()
+    off = rows.copy()
     for number in np.unique(group):
-        off[group == number] -= each[group == number].mean(axis=0)
+        off[group == number] -= rows[group == number].mean(axis=0)
     return off
 
 

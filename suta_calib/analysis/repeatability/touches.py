@@ -27,7 +27,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms import ArmPoses
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
@@ -39,7 +39,7 @@ POINT: Final = ("placement", "landmark")
 
 
 @dataclass(frozen=True)
-class JointRepeats(Shown):
+class JointRepeats(Displayable):
     """How far one joint's readings scatter among repeats of a touch, rad (m if prismatic).
 
     Attributes:
@@ -62,7 +62,7 @@ class JointRepeats(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class RepeatedTouches(Shown):
+class RepeatedTouches(Displayable):
     """Repeats of many points.
 
     Attributes:
@@ -96,9 +96,11 @@ class RepeatedTouches(Shown):
         )
         care = []
         if self.elsewhere:
-            others = self.rms_of_others
+            of_others = self.rms_of_others
             without = (
-                "" if others is None else f"; the other points scatter by {mm(others.value):.3f} mm"
+                ""
+                if of_others is None
+                else f"; the other points scatter by {mm(of_others.value):.3f} mm"
             )
             care.append(
                 f"Far from the other repeats: {listed(self.elsewhere, 3)}. Did the tip slip, or "
@@ -138,13 +140,13 @@ def repeated_touches(
         np.linalg.norm(position[rows] - np.median(position[rows], axis=0), axis=1) for rows in again
     ]
     limit = ELSEWHERE * float(np.median(np.concatenate(size)))
-    sound = [k for k, each in enumerate(size) if each.max() <= limit]
-    far = np.concatenate([rows[each > limit] for rows, each in zip(again, size, strict=True)])
+    sound = [k for k, sizes in enumerate(size) if sizes.max() <= limit]
+    far = np.concatenate([rows[sizes > limit] for rows, sizes in zip(again, size, strict=True)])
     levers = tip_levers(arm, once.q).tolist()
     joints = []
     for (joint, unit), q, lever in zip(arm.units.items(), once.q.T, levers, strict=True):
         off = [deviations(q[rows], unit)[1] for rows in again]
-        std, widths = _pooled(off, freedom), [float(np.ptp(each)) for each in off]
+        std, widths = _pooled(off, freedom), [float(np.ptp(departures)) for departures in off]
         widest = int(np.argmax(widths))
         mean = float(np.mean(widths))
         joints.append(
@@ -163,10 +165,10 @@ def repeated_touches(
 
 def _pooled(off: list[FloatArray], freedom: FloatArray) -> ScatterEstimate:
     """Of departures from the mean at each point, (n,) or (n, 3), each point a row."""
-    points = np.column_stack([[float(np.sum(each**2)) for each in off], freedom])
+    points = np.column_stack([[float(np.sum(departures**2)) for departures in off], freedom])
 
-    def root(some: FloatArray) -> float:
-        squares, free = some.sum(axis=0)
+    def root(drawn_points: FloatArray) -> float:
+        squares, free = drawn_points.sum(axis=0)
         return float(np.sqrt(squares / free))
 
     return spread(root, points)

@@ -36,7 +36,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
 from suta_calib.trust.serial_correlation import correlation_length
@@ -50,7 +50,7 @@ ELSEWHERE: Final = 6.0
 # Groups of visits that are as far apart as this many times what they scatter about their own
 # middles, and more where there are few visits: less than one set of visits to one point in 1,000 is
 # so, whether it scatters like a ball, a disc, a ring or a line.
-_APART: Final = 3.0
+_SEPARATION: Final = 3.0
 _FEW: Final = 10
 # Of all visits, and in numbers, the least that make a group and no outliers.
 _GROUP: Final = 0.1
@@ -80,18 +80,18 @@ def places(away: FloatArray) -> tuple[IntArray, ...]:
     size = np.concatenate([np.ones(len(away)), merged[:, 3]])
     gap = merged[:, 2]
     parts = (size[merged[:, :2].astype(int)] >= least).all(axis=1)
-    found: tuple[IntArray, ...] = ()
-    clearest = _APART * (1 + (_FEW / len(away)) ** 2)
+    groups_found: tuple[IntArray, ...] = ()
+    clearest = _SEPARATION * (1 + (_FEW / len(away)) ** 2)
     for width in gap[parts & (gap > 0)]:
         label = fcluster(merged, width * (1 - 1e-9), "distance")
-        rows = [np.flatnonzero(label == each) for each in np.unique(label)]
-        groups = tuple(each for each in rows if len(each) >= least)
-        off = np.concatenate([away[each] - away[each].mean(axis=0) for each in groups])
+        rows = [np.flatnonzero(label == number) for number in np.unique(label)]
+        groups = tuple(group for group in rows if len(group) >= least)
+        off = np.concatenate([away[group] - away[group].mean(axis=0) for group in groups])
         # Of an encoder that is coarse, all visits of a group may read the same.
         scatter = max(np.sqrt(np.sum(off**2) / (len(off) - len(groups))), gap[gap > 0].min())
         if width > clearest * scatter:
-            found, clearest = groups, width / scatter
-    return found
+            groups_found, clearest = groups, width / scatter
+    return groups_found
 
 
 def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tuple[int, ...]:
@@ -99,18 +99,18 @@ def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tup
 
     Columns are name, unit, readings (n,) and lever of every joint.
     """
-    odd: set[int] = set()
+    rows_elsewhere: set[int] = set()
     for _, unit, readings, _ in columns:
         if unit == "rad":
             away = np.angle(np.exp(1j * (readings - median_angle(readings))))
             size = np.abs(away - np.median(away))
             limit = max(_POSTURE, _UNUSUAL * float(np.median(size)))
-            odd |= {int(row) for row in np.flatnonzero(size > limit)}
-    return tuple(sorted(odd))
+            rows_elsewhere |= {int(row) for row in np.flatnonzero(size > limit)}
+    return tuple(sorted(rows_elsewhere))
 
 
 @dataclass(frozen=True, eq=False)
-class Repeatability(Shown):
+class Repeatability(Displayable):
     """Visits to one point.
 
     Attributes:
@@ -167,7 +167,7 @@ class Repeatability(Shown):
         visits, effects = self._of_visits(), self._of_effects()
         if self.misread is not None:
             return Assessment.of(sentence, bad=[self.misread], care=[*visits, *effects])
-        if self._apart > SEVERAL_POINTS:
+        if self._noise_floor > SEVERAL_POINTS:
             return Assessment.of(sentence, bad=visits, care=effects)
         bad = []
         if self.within > SEVERAL_POINTS:
@@ -179,7 +179,7 @@ class Repeatability(Shown):
         return Assessment.of(sentence, bad=bad, care=[*visits, *effects])
 
     @property
-    def _apart(self) -> float:
+    def _noise_floor(self) -> float:
         """How far the places lie apart that the visits lie about, m; zero for one."""
         middles = [self.position_of[rows].mean(axis=0) for rows in self.places]
         return float(pdist(middles).max()) if len(middles) > 1 else 0.0
@@ -202,9 +202,9 @@ class Repeatability(Shown):
             )
         parts = self.protocols or {"": self.position}
         few = [
-            f"{each.count} visits" + (f" with protocol {name}" if name else "")
-            for name, each in parts.items()
-            if each.count < CYCLES
+            f"{part.count} visits" + (f" with protocol {name}" if name else "")
+            for name, part in parts.items()
+            if part.count < CYCLES
         ]
         if few:
             notes.append(
@@ -215,7 +215,8 @@ class Repeatability(Shown):
             middles = [visits.mean(axis=0) for visits in groups]
             sizes = [rms_length(v - m) for v, m in zip(groups, middles, strict=True)]
             notes.append(
-                f"The visits lie about {len(groups)} places up to {mm(self._apart):.3f} mm apart: "
+                f"The visits lie about {len(groups)} places up to {mm(self._noise_floor):.3f} mm "
+                "apart: "
                 f"{', '.join(str(len(visits)) for visits in groups)} visits, which scatter by "
                 f"{', '.join(f'{mm(size):.3f}' for size in sizes)} mm (RMS) about their own. Were "
                 "these several points, or one from several sides? Every figure here is of all "
@@ -235,7 +236,7 @@ class Repeatability(Shown):
 
     def _of_effects(self) -> list[str]:
         """What makes successive visits, or those pushed another way, differ."""
-        notes = [each.sentence for each in self.stuck]
+        notes = [joint.sentence for joint in self.stuck]
         if self.correlation > 1.0:
             notes.append(
                 f"Successive visits resemble each other (they are worth {1 / self.correlation:.0%} "
@@ -295,7 +296,7 @@ def repeatability(
             protocols[name] = PositionScatter.of(position[rows])
             by_joint[name] = tuple(joint_scatter(n, u, q[rows], by) for n, u, q, by in columns)
             within[rows] -= within[rows].mean(axis=0)
-    first, *others = protocols or [""]
+    first, *further = protocols or [""]
     # Of the principal axis along which successive visits resemble each other most.
     away = within if pushed is None else pushed.within[:, -3:]
     away = away - away.mean(axis=0)
@@ -321,7 +322,7 @@ def repeatability(
                 confidence,
                 zip(by_joint[first], by_joint[other], strict=True),
             )
-            for other in others
+            for other in further
         ),
         pushed,
         elsewhere(within),

@@ -21,7 +21,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.diagnostics.accuracy import block_residuals, fit_own
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import Term
@@ -82,7 +82,7 @@ class DriftPoint:
 
 
 @dataclass(frozen=True)
-class DriftStudy(Shown):
+class DriftStudy(Displayable):
     """How held-out errors grow.
 
     Attributes:
@@ -152,13 +152,13 @@ def drift_study(
     walking = [e for e in solution.arm_estimates.values() if e.std is not None]
     names = [estimate.name for estimate in walking]
     size = np.array([rate.get(arm[name].unit, 0.0) for name in names])
-    kept = [term for term in validation if term.kind == validation[0].kind]
-    own = any(term.own for term in kept)
-    first = np.cumsum([0, *(len(term.blocks) for term in kept)])[:-1]
+    judged = [term for term in validation if term.kind == validation[0].kind]
+    with_unknowns = any(term.own_parameters for term in judged)
+    first = np.cumsum([0, *(len(term.blocks) for term in judged)])[:-1]
 
     def held_out(values: dict[str, float]) -> float:
-        fitted = fit_own(kept, arm, values) if own else values
-        residuals = block_residuals(kept, arm, fitted)
+        fitted = fit_own(judged, arm, values) if with_unknowns else values
+        residuals = block_residuals(judged, arm, fitted)
         squares = [np.sum(residuals[k] ** 2, axis=1) for k in first]
         return float(np.sqrt(np.mean(np.concatenate(squares))))
 

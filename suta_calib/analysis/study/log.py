@@ -33,13 +33,13 @@ def identity(job: CalibrationJob, data: StudyData) -> dict[str, str]:
     for row in (*job.spec.observations, *job.spec.validation):
         files += [*row.sample_files, *([] if row.artefact is None else [row.artefact])]
         files += [value for value in row.settings.values() if isinstance(value, Path)]
-    each = (hashlib.sha256(path.read_bytes()).digest() for path in files)
+    digests = (hashlib.sha256(path.read_bytes()).digest() for path in files)
     return {
         "kind": data.kind,
         "unit": data.sets.unit,
         "seed": str(data.seed),
         "version": version("suta_calib"),
-        "job": hashlib.sha256(b"".join(each)).hexdigest(),
+        "job": hashlib.sha256(b"".join(digests)).hexdigest(),
     }
 
 
@@ -69,13 +69,13 @@ class StudyLog:
         if not self.path.exists():
             return {}
         text = read_text(self.path, JobError)
-        whole = text[: text.rfind("\n") + 1]
-        lines = whole.splitlines(keepends=True)
+        complete = text[: text.rfind("\n") + 1]
+        lines = complete.splitlines(keepends=True)
         self._refuse_others(lines[0] if lines else "")
         if len(lines) < 2:
-            whole = "".join(self._head())
-        if whole != text:
-            write_bytes_atomically(self.path, whole.encode())
+            complete = "".join(self._head())
+        if complete != text:
+            write_bytes_atomically(self.path, complete.encode())
         self._goes_on = True
         if len(lines) <= 2:
             return {}
@@ -100,8 +100,8 @@ class StudyLog:
         """
         estimates = [trial.estimates.get(name, (math.nan, math.nan)) for name in self._names]
         numbers = [trial.rms, *(number for pair in estimates for number in pair)]
-        told = (repr(number) if math.isfinite(number) else "" for number in numbers)
-        cells = [str(trial.size), str(trial.number), trial.problem, *told]
+        numbers_text = (repr(number) if math.isfinite(number) else "" for number in numbers)
+        cells = [str(trial.size), str(trial.number), trial.problem, *numbers_text]
         try:
             if self._descriptor < 0:
                 if not self._goes_on:
@@ -122,9 +122,9 @@ class StudyLog:
         self._stack.close()
 
     def _head(self) -> tuple[str, str]:
-        said = ", ".join(f"{name}={value}" for name, value in self._identity.items())
+        settings = ", ".join(f"{name}={value}" for name, value in self._identity.items())
         columns = [column for name in self._names for column in (name, f"{name}:std")]
-        return f"{_MARK}{said}\n", _line(["size", "trial", "problem", "rms_m", *columns])
+        return f"{_MARK}{settings}\n", _line(["size", "trial", "problem", "rms_m", *columns])
 
     def _refuse_others(self, first: str) -> None:
         """Trials of another study, as the first line of the file says."""

@@ -25,7 +25,7 @@ from suta_calib.analysis.study.trial import (
 )
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
@@ -37,7 +37,7 @@ MOST_DRAWN: Final = 0.8
 
 
 @dataclass(frozen=True, eq=False)
-class StudyPlan(Shown):
+class StudyPlan(Displayable):
     """Which trials to run.
 
     Attributes:
@@ -66,7 +66,7 @@ class StudyPlan(Shown):
 
 
 @dataclass(frozen=True)
-class Request(Shown):
+class Request(Displayable):
     """What the user asked for.
 
     Attributes:
@@ -119,7 +119,7 @@ def plan_study(
         request.kind, request.seed, parameters, tuple(terms), tuple(validation), sets, once
     )
     if request.kind == "size":
-        sizes, left_out = _sizes(request.sizes, sets, whole=bool(validation))
+        sizes, left_out = _sizes(request.sizes, sets, all_sets=bool(validation))
         return StudyPlan(data, sizes, request.trials, left_out)
     solution = solution or solve(Problem(terms, parameters), options)
     if not solution.converged:
@@ -128,8 +128,8 @@ def plan_study(
             f"one to compare {request.kind} trials with",
             hint="see what 'calibrate' and 'observe' say of this job",
         )
-    known = replace(data, reference=FullDataFit.of(solution))
-    return StudyPlan(known, (len(sets),), request.trials, (), solution)
+    with_reference = replace(data, reference=FullDataFit.of(solution))
+    return StudyPlan(with_reference, (len(sets),), request.trials, (), solution)
 
 
 def run_study(
@@ -172,24 +172,26 @@ def run_study(
 
 
 def _sizes(
-    asked: tuple[int, ...] | None, sets: Sets, *, whole: bool
+    asked: tuple[int, ...] | None, sets: Sets, *, all_sets: bool
 ) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Sizes to study, and those asked for that cannot be; all sets where others are held out."""
-    largest = len(sets) if whole else len(sets) - 1
+    largest = len(sets) if all_sets else len(sets) - 1
     # An error over one or two held-out sets tells little of the arm.
-    judgeable = largest if whole else max(1, int(MOST_DRAWN * len(sets)))
+    judgeable = largest if all_sets else max(1, int(MOST_DRAWN * len(sets)))
     if asked is not None:
-        wanted = sorted(set(asked))
+        sizes = sorted(set(asked))
     elif sets.unit == SAMPLE:
-        wanted = sorted({max(1, round(judgeable * k / 10)) for k in range(1, 11)})
+        sizes = sorted({max(1, round(judgeable * k / 10)) for k in range(1, 11)})
     else:
-        wanted = list(range(1, min(judgeable, 10) + 1))
-    possible = tuple(size for size in wanted if size <= largest)
+        sizes = list(range(1, min(judgeable, 10) + 1))
+    possible = tuple(size for size in sizes if size <= largest)
     if not possible:
-        held_out = "" if whole else ", one of them to be held out: the job has no validation data"
+        held_out = (
+            "" if all_sets else ", one of them to be held out: the job has no validation data"
+        )
         raise SamplesError(
-            f"sizes from {wanted[0]} for {len(sets)} sets{held_out}",
+            f"sizes from {sizes[0]} for {len(sets)} sets{held_out}",
             f"sizes up to {largest}",
             where="--sizes",
         )
-    return possible, tuple(size for size in wanted if size > largest)
+    return possible, tuple(size for size in sizes if size > largest)

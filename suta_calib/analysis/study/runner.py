@@ -84,10 +84,10 @@ def _set_down(content: bytes) -> Iterator[Path | bytes]:
     would not be started before.
     """
     place: Path | bytes = content
-    with ExitStack() as kept:
+    with ExitStack() as resources:
         with suppress(OSError):
             folder = tempfile.TemporaryDirectory(prefix="suta_calib-", ignore_cleanup_errors=True)
-            path = Path(kept.enter_context(folder)) / "study.pickle"
+            path = Path(resources.enter_context(folder)) / "study.pickle"
             path.write_bytes(content)
             place = path
         yield place
@@ -104,10 +104,10 @@ def _beside_others(
         while waiting and len(running) < ready * (workers - 1):
             count = max(1, min(BATCH, len(waiting) // (4 * workers)))
             batch = [waiting.popleft() for _ in range(count)]
-            running.add(others.submit(_run, key, place, batch))
+            running.add(executor.submit(_run, key, place, batch))
 
     with _interrupts_withheld():
-        others = get_reusable_executor(
+        executor = get_reusable_executor(
             workers - 1, timeout=IDLE, initializer=_prepare, env=ONE_THREAD
         )
     try:
@@ -115,7 +115,7 @@ def _beside_others(
             hand_out()
         while waiting or running:
             hand_out()
-            for done in [each for each in running if each.done()]:
+            for done in [task for task in running if task.done()]:
                 running.remove(done)
                 yield from done.result()
             if waiting:
@@ -132,7 +132,7 @@ def _beside_others(
     except BaseException:
         # Workers ignore an interrupt so as not to cry, and would finish their batch.
         _wait_until_passed_on(running)
-        others.shutdown(wait=True, kill_workers=True)
+        executor.shutdown(wait=True, kill_workers=True)
         raise
 
 

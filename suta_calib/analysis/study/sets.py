@@ -67,13 +67,13 @@ class Sets:
         Raises:
             SamplesError: a kind cannot be built over these samples alone.
         """
-        found = []
+        parts = []
         for term, members in zip(terms, self.members, strict=True):
             if members is None:
-                found.append(term)
+                parts.append(term)
             elif np.isin(members, chosen).any():
-                found.append(self._drawn(term, members, chosen))
-        return tuple(found)
+                parts.append(self._drawn(term, members, chosen))
+        return tuple(parts)
 
     def rest(self, terms: Sequence[Term], chosen: Sequence[int]) -> tuple[Term, ...]:
         """The terms over the sets that were not chosen, without those that are kept whole.
@@ -82,11 +82,11 @@ class Sets:
             SamplesError: a kind cannot be built over these samples alone.
         """
         left = np.setdiff1d(np.arange(len(self)), chosen)
-        found = []
+        parts = []
         for term, members in zip(terms, self.members, strict=True):
             if members is not None and np.isin(members, left).any():
-                found.append(term.take(np.isin(members, left)))
-        return tuple(found)
+                parts.append(term.take(np.isin(members, left)))
+        return tuple(parts)
 
     def _drawn(self, term: Term, members: IntArray, chosen: Sequence[int]) -> Term:
         copies = [(k, c) for k, count in Counter(chosen).items() for c in range(count)]
@@ -128,7 +128,7 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
             labelled.append([str(name) for name in joined(labels, UNITS[unit])])
         else:
             labelled.append(None)
-    names = tuple(dict.fromkeys(name for own in labelled for name in own or ()))
+    names = tuple(dict.fromkeys(name for labels in labelled for name in labels or ()))
     if not names:
         raise SamplesError(
             f"no samples with {' and '.join(UNITS[unit])}",
@@ -145,8 +145,8 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
         )
     index = {name: k for k, name in enumerate(names)}
     members = tuple(
-        None if own is None else np.array([index[n] for n in own], dtype=np.intp)
-        for own in labelled
+        None if labels is None else np.array([index[n] for n in labels], dtype=np.intp)
+        for labels in labelled
     )
     return Sets(unit, names, members)
 

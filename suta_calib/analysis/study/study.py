@@ -22,7 +22,7 @@ from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nomi
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import Progress
 from suta_calib.units import shown
@@ -41,7 +41,7 @@ RIGHT: Final = (0.8, 1.25)
 
 
 @dataclass(frozen=True, eq=False)
-class SizeResult(Shown):
+class SizeResult(Displayable):
     """All trials with one number of sets.
 
     Attributes:
@@ -80,7 +80,7 @@ class SizeResult(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class SizeStudy(Shown):
+class SizeStudy(Displayable):
     """Error on held-out data by number of sets.
 
     Attributes:
@@ -148,29 +148,29 @@ class SizeStudy(Shown):
         return Assessment.of(sentence, care=self._cautions())
 
     def _cautions(self) -> list[str]:
-        found = []
+        cautions = []
         if not self.levelled:
-            found.append("The curve has not levelled off: study more sets than these.")
+            cautions.append("The curve has not levelled off: study more sets than these.")
         if bad := [s for s in self.sizes if s.failed > MANY_FAILED * s.trials]:
-            told = ", ".join(f"{s.failed} of {s.trials} with {s.size}" for s in bad)
-            found.append(
-                f"Trials without a result: {told}. The figures are of the others, so they are "
+            failures = ", ".join(f"{s.failed} of {s.trials} with {s.size}" for s in bad)
+            cautions.append(
+                f"Trials without a result: {failures}. The figures are of the others, so they are "
                 "better than such data deserve."
             )
         if self.plan.left_out:
             first, last = self.plan.left_out[0], self.plan.left_out[-1]
             sizes = f"{first}" if first == last else f"{first} to {last}"
-            found.append(f"There are {len(self.plan.data.sets)} sets: not studied: {sizes}.")
+            cautions.append(f"There are {len(self.plan.data.sets)} sets: not studied: {sizes}.")
         if not self.plan.data.validation:
-            found.append(
+            cautions.append(
                 "The job has no validation data: the sets that a trial did not draw stood in for "
                 "them. They come from the same measurement, which flatters the figures."
             )
-        return found
+        return cautions
 
 
 @dataclass(frozen=True, eq=False)
-class TrialScatter(Shown):
+class TrialScatter(Displayable):
     """One quantity, (told,) m or rad, over the trials that told it."""
 
     values: FloatArray
@@ -200,7 +200,7 @@ class TrialScatter(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class ParameterSpread(Shown):
+class ParameterSpread(Displayable):
     """One parameter of the arm.
 
     Attributes:
@@ -240,7 +240,7 @@ class ParameterSpread(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class SpreadStudy(Shown):
+class SpreadStudy(Displayable):
     """Scatter of a calibration's answer.
 
     Attributes:
@@ -275,25 +275,25 @@ class SpreadStudy(Shown):
         return Assessment.of(sentence, care=self._cautions())
 
     def _cautions(self) -> list[str]:
-        found = []
+        cautions = []
         off = {name: p.ratio for name, p in self.parameters.items() if not p.as_predicted}
         if more := [name for name, ratio in off.items() if ratio > 1]:
-            found.append(f"Scattered more than predicted: {listed(more)}.")
+            cautions.append(f"Scattered more than predicted: {listed(more)}.")
         if less := [name for name, ratio in off.items() if ratio < 1]:
-            found.append(f"Scattered less than predicted: {listed(less)}.")
-        if found and self.plan.data.kind == "bootstrap" and self.plan.data.sets.unit == "set":
-            found.append(
+            cautions.append(f"Scattered less than predicted: {listed(less)}.")
+        if cautions and self.plan.data.kind == "bootstrap" and self.plan.data.sets.unit == "set":
+            cautions.append(
                 "Repeats of a placement share what the model gets wrong there; this bootstrap "
                 "takes them for independent, the prediction does not: try --unit placement."
             )
         often = (1 - MANY_FAILED) * self.solved
         estimated = {n: p for n, p in self.parameters.items() if p.estimate.state in ESTIMATED}
         if rarely := [n for n, p in estimated.items() if len(p.spread.values) < often]:
-            found.append(f"Not identified in every trial: {listed(rarely)}.")
+            cautions.append(f"Not identified in every trial: {listed(rarely)}.")
         failed = self.plan.trials - self.solved
         if failed > MANY_FAILED * self.plan.trials:
-            found.append(f"{failed} of {self.plan.trials} trials gave no result.")
-        return found
+            cautions.append(f"{failed} of {self.plan.trials} trials gave no result.")
+        return cautions
 
 
 Study = SizeStudy | SpreadStudy

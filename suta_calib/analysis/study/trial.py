@@ -25,7 +25,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations, stream
 from suta_calib.solver.kernel import TermErrors
@@ -90,8 +90,8 @@ class StudyData:
         """The term whose kind of error counts: the first held out, or the first drawn."""
         if self.validation:
             return self.validation[0]
-        whole = self.sets.kept_whole
-        return next(term for k, term in enumerate(self.terms) if k not in whole)
+        complete_terms = self.sets.kept_whole
+        return next(term for k, term in enumerate(self.terms) if k not in complete_terms)
 
     def chosen(self, size: int, trial: int) -> tuple[int, ...]:
         """Numbers of the sets of one trial, ascending; with repeats in a bootstrap."""
@@ -103,7 +103,7 @@ class StudyData:
 
 
 @dataclass(frozen=True)
-class Trial(Shown):
+class Trial(Displayable):
     """What came of one calibration.
 
     Attributes:
@@ -156,19 +156,19 @@ def nominal_rms(data: StudyData) -> float:
     if not data.validation:
         return math.nan
     nominal = {p.name: p.nominal for p in data.parameters.values()}
-    known = fit_own(data.terms, data.parameters, nominal)
-    return _rms(data.validation, data.parameters, known)
+    fitted = fit_own(data.terms, data.parameters, nominal)
+    return _rms(data.validation, data.parameters, fitted)
 
 
-def _rms(validation: Sequence[Term], arm: ParameterSet, known: Mapping[str, float]) -> float:
+def _rms(validation: Sequence[Term], arm: ParameterSet, values_known: Mapping[str, float]) -> float:
     """Over all terms of the first one's kind; own unknowns that are not known are fitted."""
     if not validation:
         return math.nan
-    unknown = {p.name for term in validation for p in term.own} - known.keys()
-    values = fit_own(validation, arm, known) if unknown else known
+    unknown = {p.name for term in validation for p in term.own_parameters} - values_known.keys()
+    values = fit_own(validation, arm, values_known) if unknown else values_known
     same = tuple(term for term in validation if term.kind == validation[0].kind)
     first = [errors(values)[0] for errors in _judges(same, arm.names)]
-    squared = [np.einsum("nd,nd->n", each, each) for each in first]
+    squared = [np.einsum("nd,nd->n", residuals, residuals) for residuals in first]
     return float(np.sqrt(np.mean(np.concatenate(squared))))
 
 
@@ -183,8 +183,8 @@ def _drawn(data: StudyData, size: int, number: int) -> tuple[Sequence[Term], Seq
     if data.kind == "monte-carlo":
         assert data.reference is not None
         random = stream(data.seed, data.kind, str(number))
-        known = data.reference
-        return resimulated(data.terms, known.values, known.noise, random), data.validation
+        reference = data.reference
+        return resimulated(data.terms, reference.values, reference.noise, random), data.validation
     chosen = data.chosen(size, number)
     terms = data.sets.take(data.terms, chosen)
     if data.validation:
@@ -197,13 +197,13 @@ def _estimates(solution: Solution, reference: FullDataFit | None) -> dict[str, t
     """Values that mean the same as with all data: told, and relative to the same held ones."""
     if reference is None:
         return {}
-    found = {}
+    comparable = {}
     for name, given in reference.given.items():
         estimate = solution.estimates[name]
         if estimate.state in ESTIMATED and set(estimate.given) == set(given):
             assert estimate.std is not None
-            found[name] = (estimate.value, estimate.std)
-    return found
+            comparable[name] = (estimate.value, estimate.std)
+    return comparable
 
 
 def resimulated(
@@ -242,29 +242,29 @@ class _Noisy:
         rotation, _ = poses.at(self.values)
         reached = target + sigma * self.random.standard_normal(target.shape)
         kinematics = InverseKinematics(poses.arm, self.values)
-        wanted = Targets(reached, rotation, "position")
-        found = kinematics.solve(wanted, poses.samples.q, self.random, starts=1)
-        for row in np.flatnonzero(found.distance > max(sigma, 1e-6) / 10):
+        targets = Targets(reached, rotation, "position")
+        answer = kinematics.solve(targets, poses.samples.q, self.random, starts=1)
+        for row in np.flatnonzero(answer.distance > max(sigma, 1e-6) / 10):
             raise SamplesError(
                 "a sample whose touch cannot be simulated: no posture nearby reaches it",
                 "an arm that can move its tip in all three directions there",
                 where=poses.samples.origin[int(row)],
             )
-        return poses.with_samples(replace(poses.samples, q=found.q))
+        return poses.with_samples(replace(poses.samples, q=answer.q))
 
-    def seen(
-        self, poses: PoseSource, seen: Observed, noise: Mapping[str, float], relative: FloatArray
+    def observed(
+        self, poses: PoseSource, ideal: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
         samples, normal = poses.samples, self.random.standard_normal
-        if seen.pixels is not None:
-            pixels = seen.pixels + noise["pixels"] * normal(seen.pixels.shape)
+        if ideal.pixels is not None:
+            pixels = ideal.pixels + noise["pixels"] * normal(ideal.pixels.shape)
             return poses.with_samples(replace(samples, pixels=pixels))
-        if seen.position is not None:
-            scatter = noise["position"] * relative * normal(seen.position.shape)
-            samples = replace(samples, position=seen.position + scatter)
-        if seen.rotation is not None and "rotation" in noise:
-            samples = replace(samples, rotation=self.turned(seen.rotation, noise["rotation"]))
-        numbers = {n: v + noise[n] * normal(v.shape) for n, v in seen.numbers.items()}
+        if ideal.position is not None:
+            scatter = noise["position"] * relative * normal(ideal.position.shape)
+            samples = replace(samples, position=ideal.position + scatter)
+        if ideal.rotation is not None and "rotation" in noise:
+            samples = replace(samples, rotation=self.turned(ideal.rotation, noise["rotation"]))
+        numbers = {n: v + noise[n] * normal(v.shape) for n, v in ideal.numbers.items()}
         return poses.with_samples(replace(samples, numbers={**samples.numbers, **numbers}))
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
