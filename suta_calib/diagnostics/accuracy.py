@@ -14,7 +14,7 @@ from scipy.special import chdtri, fdtri, stdtrit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import attempt
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import whitened_rows
@@ -59,7 +59,7 @@ class Metrics:
 
 
 @dataclass(frozen=True, eq=False)
-class BlockErrors(Shown):
+class BlockErrors(Displayable):
     """Errors of one block of a term.
 
     Attributes:
@@ -91,7 +91,7 @@ class BlockErrors(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class TermAccuracy(Shown):
+class TermAccuracy(Displayable):
     """One term, nominal arm against calibrated arm."""
 
     term: Term
@@ -189,7 +189,7 @@ class Gain:
 
 
 @dataclass(frozen=True, eq=False)
-class Accuracy(Shown):
+class Accuracy(Displayable):
     """Errors of the fitted terms and of the held-out ones.
 
     Attributes:

@@ -38,17 +38,17 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
         nominal one on held-out data; ``care`` where something must be known.
     """
     solution, accuracy, failed = examined.solution, examined.accuracy, list[str]()
-    terms = [*solution.problem.terms, *(each.term for each in accuracy.validation)]
+    terms = [*solution.problem.terms, *(item.term for item in accuracy.validation)]
     doubts = dict(judge("the samples", lambda: _doubts(terms), failed))
     if not solution.converged:
         return _not_converged(examined, doubts, failed)
     fewer = attempt("judged: a part of the rows", lambda: examined.fewer, examined, failed)
-    found = judge("contradictions", lambda: examined.contradictions, failed)
+    contradicting = judge("contradictions", lambda: examined.contradictions, failed)
     # A fit that other readings explain far better has residuals that say nothing of joints.
-    cause = judge("other readings", lambda: _cause(examined), failed) if found else []
+    cause = judge("other readings", lambda: _cause(examined), failed) if contradicting else []
     named = judge("the model", lambda: _named_cause(fewer, accuracy, alone=not cause), failed)
     # What explains residuals that are far too large is said before them.
-    first = named if any(each.bad for each in found) else []
+    first = named if any(item.bad for item in contradicting) else []
     worse = "The calibrated arm is worse than the nominal one on the validation data."
     fitted_only = "There are no validation data: the errors shown are those of the fitted data."
     nothing = PriorNotes()
@@ -61,16 +61,16 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
             *first,
             *cause,
             *([worse] if is_worse else []),
-            *(each.sentence for each in found if each.bad),
+            *(item.sentence for item in contradicting if item.bad),
             *priors.bad,
             *(said for said, level in doubts.items() if level == "bad"),
         ],
         care=[
-            *(each.sentence for each in found if not each.bad),
+            *(item.sentence for item in contradicting if not item.bad),
             *(said for said, level in doubts.items() if level == "care"),
             *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
             *judge("the gain", lambda: _on_gain(accuracy), failed),
-            *(each.sentence for each in beliefs),
+            *(belief.sentence for belief in beliefs),
             *judge("parameters", lambda: _on_parameters(examined), failed),
             *judge("redundancy", lambda: _on_redundancy(examined), failed),
             *([] if first else named),
@@ -86,10 +86,10 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
             *priors.care,
             *accuracy.unjudged,
         ],
-        known=[
+        facts=[
             *judge("what is held at nominal", lambda: _as_drawn(examined), failed),
             *judge("the scale", lambda: _on_scale(examined), failed),
-            *priors.known,
+            *priors.facts,
             *judge("widened ±", lambda: _on_widening(solution), failed),
         ],
     ).with_care(failed)
@@ -101,7 +101,7 @@ def assess_solution(solution: Solution) -> Assessment:
 
 
 def _doubts(terms: Sequence[Term]) -> Iterable[tuple[str, Level]]:
-    return [each for term in terms for each in term.doubts.items()]
+    return [doubt for term in terms for doubt in term.doubts.items()]
 
 
 def _not_converged(
@@ -109,10 +109,10 @@ def _not_converged(
 ) -> Assessment:
     """Of a solution that did not converge: what may be the cause."""
     solution = examined.solution
-    notes = [said for said, level in doubts.items() if level == "bad"]
+    notes = [doubt for doubt, level in doubts.items() if level == "bad"]
     notes = notes or _causes(examined, failed)
     notes = notes or judge(
-        "single rows", lambda: [each.sentence for each in gross_rows(solution)], failed
+        "single rows", lambda: [row.sentence for row in gross_rows(solution)], failed
     )
     patterns = judge("patterns", lambda: _patterns(solution, "note"), failed)
     return Assessment("bad", solution.sentence, (*patterns, *notes, *failed))
@@ -147,14 +147,14 @@ def _on_parameters(examined: CalibrationExamination) -> list[str]:
     """What other data would tell, by what to measure; and what ended at a bound."""
     solution = examined.solution
     by_remedy: dict[tuple[HeldReason, str], list[Explanation]] = {}
-    for each in examined.explanations:
-        if each.told != "redundant":
-            by_remedy.setdefault((each.told, each.remedy), []).append(each)
+    for explanation in examined.explanations:
+        if explanation.reason != "redundant":
+            by_remedy.setdefault((explanation.reason, explanation.remedy), []).append(explanation)
     how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
     notes = [
-        f"These data {how[told]} {listed([each.fixed for each in held])}: held at nominal"
+        f"These data {how[reason]} {listed([item.fixed for item in held])}: held at nominal"
         f"{_at_stake(solution, held)}. To know more: {remedy}."
-        for (told, remedy), held in by_remedy.items()
+        for (reason, remedy), held in by_remedy.items()
     ]
     if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
         notes.append(
@@ -166,12 +166,12 @@ def _on_parameters(examined: CalibrationExamination) -> list[str]:
 
 def _as_drawn(examined: CalibrationExamination) -> list[str]:
     """What no data of these kinds could tell is no convention where the tip hangs on it."""
-    held = [each for each in examined.explanations if each.as_drawn]
+    held = [explanation for explanation in examined.explanations if explanation.as_drawn]
     if not held:
         return []
     return [
         "Held at nominal, because observations of these kinds cannot tell: "
-        f"{listed([each.fixed for each in held])}. The tip is as good as its drawing there, and "
+        f"{listed([item.fixed for item in held])}. The tip is as good as its drawing there, and "
         f"no ± of this answer includes that{_at_stake(examined.solution, held)}."
     ]
 
@@ -198,13 +198,13 @@ def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
     """What the tip loses where what is held is not as drawn, the worst of each unit."""
     parameters = solution.problem.parameters
     worst: dict[Unit, Explanation] = {}
-    for each in sorted(held, key=lambda each: each.moves):
+    for each in sorted(held, key=lambda item: item.moves):
         if each.moves:
             worst[parameters[each.fixed].unit] = each
     losses = [
-        f"with {each.fixed} off by 1 {unit_name(unit)}, the tip is off by "
-        f"{text(each.moves * stored(1.0, unit), 'm', with_unit=True)} in other postures"
-        for unit, each in worst.items()
+        f"with {value.fixed} off by 1 {unit_name(unit)}, the tip is off by "
+        f"{text(value.moves * stored(1.0, unit), 'm', with_unit=True)} in other postures"
+        for unit, value in worst.items()
     ]
     return f" ({'; '.join(losses)})" if losses else ""
 
@@ -314,8 +314,8 @@ def _like_an_error(fewer: CalibrationExamination, accuracy: Accuracy) -> list[st
     if gain is None:
         return []
     in_it = [test for test in suspects if set(test.names) & set(gain.names)]
-    worst, *others = in_it
-    more = f" (and {len(others)} more such errors)" if others else ""
+    worst, *further = in_it
+    more = f" (and {len(further)} more such errors)" if further else ""
     return [
         f"The residuals of {worst.joint} look like {LOOKS_LIKE[worst.family]}{more}. "
         f"{_with_it(gain)}. Run suta-calib extend, which says what to add to the job."

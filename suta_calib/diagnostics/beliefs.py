@@ -91,7 +91,7 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
         p.name: (p, term.assumptions_key)
         for term in estimated
         if term is not None
-        for p in term.own
+        for p in term.own_parameters
         if p.name not in problem.parameters
     }
     if not believed:

@@ -20,7 +20,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.diagnostics.following import (
     Followed,
-    Following,
+    ReducedFit,
     everything_follows,
     followed,
     gained,
@@ -139,7 +139,7 @@ def changes(
     return (replace(change, instead=sentences, share=share),)
 
 
-def suspects(fit: Following) -> tuple[list[Suspect], int]:
+def suspects(fit: ReducedFit) -> tuple[list[Suspect], int]:
     """All that may have changed, or that a model lacks, where it explains most.
 
     Returns:
@@ -170,7 +170,7 @@ def suspects(fit: Following) -> tuple[list[Suspect], int]:
     return sorted(suspected, key=lambda suspect: (suspect.p, -suspect.lowered)), tests
 
 
-def waves(fit: Following, suspect: Suspect) -> FloatArray:
+def waves(fit: ReducedFit, suspect: Suspect) -> FloatArray:
     """(6·samples, m) velocity of the tips by other errors of the same encoder, per plausible one.
 
     Poses in the order of a joint's readings make them come and go in time.
@@ -187,7 +187,7 @@ def waves(fit: Following, suspect: Suspect) -> FloatArray:
     return np.asarray(TURN * by_readings(problem)[:, :, k].reshape(-1, 1) * shapes)
 
 
-def _needed(fit: Following, suspect: Suspect, rule: Rule) -> float:
+def _needed(fit: ReducedFit, suspect: Suspect, rule: Rule) -> float:
     """Squares that it must explain; of gross errors, which nothing explains, none."""
     blocks = fit.problem.terms[suspect.term].blocks
     mine = [r for r in fit.rows if any(r.line.view.block is b for b in blocks)]
@@ -196,7 +196,7 @@ def _needed(fit: Following, suspect: Suspect, rule: Rule) -> float:
 
 
 def _told_apart(
-    fit: Following, telling: Sequence[Suspect], options: ChangeOptions
+    fit: ReducedFit, telling: Sequence[Suspect], options: ChangeOptions
 ) -> list[tuple[Suspect, Followed]]:
     """Each at its row, what explains most for its few numbers first (Schwarz's criterion)."""
     placed = [_where(fit, suspect, options) for suspect in telling]
@@ -210,7 +210,7 @@ def _told_apart(
     return sorted(placed, key=criterion)
 
 
-def _where(fit: Following, suspect: Suspect, options: ChangeOptions) -> tuple[Suspect, Followed]:
+def _where(fit: ReducedFit, suspect: Suspect, options: ChangeOptions) -> tuple[Suspect, Followed]:
     """The row at which a change happened, and what all leave that follow it.
 
     With what followed a change that is nearly in its place, each row says whether it comes before
@@ -234,7 +234,7 @@ def _where(fit: Following, suspect: Suspect, options: ChangeOptions) -> tuple[Su
     return suspect, left
 
 
-def _chance(fit: Following, suspect: Suspect) -> float:
+def _chance(fit: ReducedFit, suspect: Suspect) -> float:
     """Chance of so much beside what a model may lack and what neighbours have in common."""
     # What an encoder reads too much of its travel looks like its own other errors.
     travel = suspect.hypothesis is not None and suspect.hypothesis.sort == "travel"
@@ -245,7 +245,7 @@ def _chance(fit: Following, suspect: Suspect) -> float:
 
 
 def _change(
-    fit: Following, suspect: Suspect, hypothesis: InTime, left: Followed, p: float
+    fit: ReducedFit, suspect: Suspect, hypothesis: InTime, left: Followed, p: float
 ) -> ChangeInTime:
     size, std = left.size(fit)
     turn, turn_std = math.nan, math.nan

@@ -112,10 +112,10 @@ def contradictions(
         *residuals,
         *_held_out(held_out, options),
         # What does not fit at all has no scale.
-        *([] if any(each.bad for each in residuals) else _scales(solution, options)),
+        *([] if any(residual.bad for residual in residuals) else _scales(solution, options)),
         *_priors(solution, options),
         *(Contradiction(False, m.sentence) for m in matches(solution, "cause", "note")),
-        *_repeated(solution, list(dict.fromkeys(each.term for each in held_out))),
+        *_repeated(solution, list(dict.fromkeys(item.term for item in held_out))),
     ]
     same, tried = solution.agreeing, len(solution.attempts)
     if tried > 1 and same < options.starts * tried:
@@ -124,7 +124,7 @@ def contradictions(
             "the data fit none well. Tighten the bounds, or raise solver.starts."
         )
         disagreements.append(Contradiction(False, sentence))
-    return tuple(sorted(disagreements, key=lambda each: not each.bad))
+    return tuple(sorted(disagreements, key=lambda item: not item.bad))
 
 
 def _residuals(solution: Solution, options: ContradictionOptions) -> Iterator[Contradiction]:

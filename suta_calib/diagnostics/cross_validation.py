@@ -20,7 +20,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 
 # Of the held-out variance: less is not worth an unknown.
@@ -60,7 +60,7 @@ class FoldErrors:
 
 
 @dataclass(frozen=True, eq=False)
-class CrossValidation(Shown):
+class CrossValidation(Displayable):
     """The held-out errors of one set of unknowns, fold by fold."""
 
     folds: tuple[FoldErrors, ...]
@@ -100,7 +100,7 @@ class CrossValidation(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class ModelCandidate(Shown):
+class ModelCandidate(Displayable):
     """One set of unknowns, cross-validated.
 
     Attributes:

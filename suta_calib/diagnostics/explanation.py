@@ -21,7 +21,7 @@ from suta_calib.assessment import attempt
 from suta_calib.diagnostics.rich_data import LEVER, RichData
 from suta_calib.diagnostics.tip_motion import NOISE, TipMotion, placement_groups, tip_motion
 from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
@@ -43,7 +43,7 @@ Advice = tuple[str, Callable[[], FloatArray]]
 
 
 @dataclass(frozen=True)
-class Explanation(Shown):
+class Explanation(Displayable):
     """Why one parameter is held at nominal.
 
     Attributes:
@@ -58,13 +58,13 @@ class Explanation(Shown):
     fixed: str
     sentence: str
     remedy: str
-    told: HeldReason = "untold"
+    reason: HeldReason = "untold"
     moves: float = 0.0
 
     @property
     def as_drawn(self) -> bool:
         """Whether it is redundant, and the tip depends on it all the same: no convention."""
-        return self.told == "redundant" and self.moves > 0.0
+        return self.reason == "redundant" and self.moves > 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,7 +93,7 @@ class _Case:
         return self.problem.parameters[self.fixed]
 
     @property
-    def others(self) -> str:
+    def partners(self) -> str:
         """The parameters that move with the fixed one; empty where it is alone."""
         names = [n for n in self.motion.main if n != self.fixed]
         if len(names) > _MOST_NAMES:
@@ -102,7 +102,7 @@ class _Case:
 
     def says(self, does: str, *advice: Advice) -> Explanation:
         """``does`` follows the fixed parameter, and whatever changes with it."""
-        together = f" together with {self.others}" if self.others else ""
+        together = f" together with {self.partners}" if self.partners else ""
         return self.explained(f"{self.fixed}{together} {does}", *advice)
 
     def explained(self, sentence: str, *advice: Advice) -> Explanation:
@@ -160,7 +160,7 @@ class _Case:
 
 def redundant_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
     """Names of the held parameters that no data of these kinds could tell."""
-    return tuple(e.fixed for e in explanations if e.told == "redundant")
+    return tuple(e.fixed for e in explanations if e.reason == "redundant")
 
 
 def as_drawn_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
@@ -313,8 +313,8 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         why, remedy = columns[parameter.key]
         reason: HeldReason = "redundant" if case.redundant else "untold"
         return Explanation(case.fixed, f"{case.fixed} cannot be told: {why}", remedy, reason)
-    if case.others:
-        does = f"does the same as {case.others} at the readings visited"
+    if case.partners:
+        does = f"does the same as {case.partners} at the readings visited"
         arm = case.problem.arm
         assert arm is not None
         joint = arm.couplings.get(case.fixed, arm.read_from[parameter.owner])
@@ -336,7 +336,9 @@ def _same_thing(case: _Case) -> Explanation | None:
         does = "does the same as {others}: together they turn a joint's frame about its own axis"
     else:
         does = "makes up for {others}: together they move a joint's frame, not the tip"
-    return case.explained(f"{case.fixed} {does.format(others=case.others or 'another parameter')}")
+    return case.explained(
+        f"{case.fixed} {does.format(others=case.partners or 'another parameter')}"
+    )
 
 
 def _turns_tip(case: _Case) -> Explanation | None:

@@ -21,7 +21,7 @@ from suta_calib.geometry.numbers import (
     vector_from_rotation,
 )
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.outside import OutsideFrame
+from suta_calib.terms.outside import ExternalFrame
 
 _STEP: Final = 1e-6
 
@@ -42,7 +42,7 @@ class ExternalPose:
             checks: the pose is meant relative to them.
     """
 
-    frame: OutsideFrame
+    frame: ExternalFrame
     rotation: FloatArray | None
     position: FloatArray
     std: FloatArray
@@ -89,7 +89,7 @@ def external_poses(solution: Solution) -> tuple[ExternalPose, ...]:
     return tuple(_external_pose(solution, frame) for frame in frames.values())
 
 
-def _external_pose(solution: Solution, frame: OutsideFrame) -> ExternalPose:
+def _external_pose(solution: Solution, frame: ExternalFrame) -> ExternalPose:
     estimates = [solution.estimates[name] for name in frame.names]
     values = {e.name: e.value for e in estimates}
     rotation, position = frame.pose(values)

@@ -34,7 +34,7 @@ MOST_TOUCHES: Final = 1_500
 
 
 @dataclass(frozen=True, eq=False)
-class Following:
+class ReducedFit:
     """A problem with all of the geometry unknown, where that has followed the data.
 
     Attributes:
@@ -52,7 +52,7 @@ class Following:
     prior: FloatArray
     away: FloatArray
     lacking: dict[tuple[str, Family], IntArray]
-    known: IntArray
+    offered: IntArray
     spent: float
 
     @property
@@ -63,7 +63,7 @@ class Following:
     @property
     def free(self) -> IntArray:
         """(p,) indices of all that follows."""
-        return np.setdiff1d(np.arange(len(self.problem.names)), self.known)
+        return np.setdiff1d(np.arange(len(self.problem.names)), self.offered)
 
     @cached_property
     def linear(self) -> LinearFit:
@@ -83,14 +83,14 @@ class Following:
             independent_rows=self.equations,
         )
 
-    def beside(self, lacking: IntArray, share: float) -> Following:
+    def beside(self, lacking: IntArray, share: float) -> ReducedFit:
         """The same where more of what a model may lack follows, by a share of what is plausible."""
         prior = self.prior.copy()
         prior[lacking] = (share * self.problem.parameters.array("plausible")[lacking]) ** -2.0
-        return replace(self, prior=prior, known=np.setdiff1d(self.known, lacking))
+        return replace(self, prior=prior, offered=np.setdiff1d(self.offered, lacking))
 
 
-def everything_follows(answer: Examination) -> Following:
+def everything_follows(answer: Examination) -> ReducedFit:
     """What is left of an answer's data once all of the geometry has followed, within reason.
 
     Args:
@@ -113,7 +113,7 @@ def everything_follows(answer: Examination) -> Following:
     # The job's priors pull where the job's fit has ended.
     away = np.where(problem.prior_precision() > 0, x - problem.parameters.array("nominal"), 0.0)
     rows = whitened_rows(problem, x, sigmas)
-    fit = Following(problem, rows, known_beforehand(problem), away, lacking, stays, 0.0)
+    fit = ReducedFit(problem, rows, known_beforehand(problem), away, lacking, stays, 0.0)
     moved = followed(fit)
     away[moved.free] += moved.step
     return replace(fit, rows=_moved(rows, moved), away=away, spent=moved.spent)
@@ -197,7 +197,7 @@ class Followed:
     scatter: float
     spent: float
 
-    def size(self, fit: Following, *, turn: bool = False) -> tuple[float, float]:
+    def size(self, fit: ReducedFit, *, turn: bool = False) -> tuple[float, float]:
         """Of what else there was a column for, and its standard deviation.
 
         Args:
@@ -216,7 +216,7 @@ class Followed:
         return size, float(np.sqrt(along @ covariance[part, part] @ along))
 
 
-def followed(fit: Following, velocity: FloatArray | None = None) -> Followed:
+def followed(fit: ReducedFit, velocity: FloatArray | None = None) -> Followed:
     """Everything follows, with it what moves the tips so; rows are weighed by what is left of them.
 
     Args:
@@ -253,7 +253,7 @@ def followed(fit: Following, velocity: FloatArray | None = None) -> Followed:
     return Followed(free, step, inverse, left, scatter, spent)
 
 
-def gained(fit: Following, done: Followed, motion: FloatArray) -> FloatArray:
+def gained(fit: ReducedFit, done: Followed, motion: FloatArray) -> FloatArray:
     """(samples,) how much less each costs if its tip has moved so, whether or not it was said to.
 
     Args:

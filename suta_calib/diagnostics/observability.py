@@ -21,7 +21,7 @@ from suta_calib.diagnostics.explanation import (
     redundant_names,
 )
 from suta_calib.diagnostics.scale_effects import held_scale
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.covariance import predicted_covariance, predicted_scale_covariance
 from suta_calib.solver.held_geometry import held_geometry
 from suta_calib.solver.identifiability import WEAK, Identification, schur_complement
@@ -76,7 +76,7 @@ class Indices:
 
 
 @dataclass(frozen=True)
-class Prospect(Shown):
+class Prospect(Displayable):
     """One parameter before the fit.
 
     Attributes:
@@ -106,7 +106,7 @@ class Prospect(Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Observability(Shown):
+class Observability(Displayable):
     """What the data of a problem can tell.
 
     Attributes:

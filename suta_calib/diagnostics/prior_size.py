@@ -26,7 +26,7 @@ class PriorNotes:
 
     bad: tuple[str, ...] = ()
     care: tuple[str, ...] = ()
-    known: tuple[str, ...] = ()
+    facts: tuple[str, ...] = ()
 
 
 def judge_priors(solution: Solution) -> PriorNotes:

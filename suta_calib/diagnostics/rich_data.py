@@ -86,17 +86,17 @@ class _Exact:
         self.reached = solved.distance < 1e-9
         return poses.with_samples(replace(poses.samples, q=solved.q))
 
-    def seen(
-        self, poses: PoseSource, seen: Observed, noise: Mapping[str, float], relative: FloatArray
+    def observed(
+        self, poses: PoseSource, ideal: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
         del relative
-        if seen.pixels is not None:
-            return poses.with_samples(replace(poses.samples, pixels=seen.pixels))
+        if ideal.pixels is not None:
+            return poses.with_samples(replace(poses.samples, pixels=ideal.pixels))
         again = replace(
             poses.samples,
-            position=seen.position,
-            rotation=seen.rotation if "rotation" in noise else None,
-            numbers=seen.numbers,
+            position=ideal.position,
+            rotation=ideal.rotation if "rotation" in noise else None,
+            numbers=ideal.numbers,
         )
         return poses.with_samples(again)
 
@@ -285,7 +285,7 @@ class RichData:
             poses = poses.with_samples(replace(poses.samples, numbers=numbers))
         noise = sort.noise, sort.angular_noise
         term = kind.over(poses, Setup(artefact, *noise, label, sort.seating, sort.settings))
-        anywhere = {p.name: random.uniform(-0.5, 0.5) for p in term.own}
+        anywhere = {p.name: random.uniform(-0.5, 0.5) for p in term.own_parameters}
         own_values = term.start_values({}) if touches else anywhere
         return self._ideal(term, random, self._values | own_values), own_values
 

@@ -24,7 +24,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.scores import Scores, curvature_of, scores_of
 from suta_calib.model.parameters import COUPLING, Family
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem
@@ -38,7 +38,7 @@ SUPPORTED: Final = 0.05
 
 
 @dataclass(frozen=True)
-class ScoreTest(Shown):
+class ScoreTest(Displayable):
     """One joint and one family of parameters.
 
     Attributes:
@@ -147,7 +147,7 @@ class Residuals:
         index = np.array([self._order[n] for n in names if n in self._order], dtype=np.intp)
         return self._alone.p_by_touch(index, self._freedom) if self.enough else 1.0
 
-    def told(self, names: Iterable[str]) -> tuple[str, ...]:
+    def telling_names(self, names: Iterable[str]) -> tuple[str, ...]:
         """Those of the candidates that the data could tell."""
         return tuple(n for n in names if n in self._order and self._alone.telling[self._order[n]])
 

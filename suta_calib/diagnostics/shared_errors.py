@@ -6,7 +6,7 @@ residuals are taken to be correlated,
 
     cov(e_i, e_j) = σ² (κ exp(-|q_i - q_j| / ℓ - |i - j| / τ)   + 1 where i = j)
 
-and whatever else a model may lack (`Following.lacking`) to be off by some share of what is
+and whatever else a model may lack (`ReducedFit.lacking`) to be off by some share of what is
 plausible. How much of both there is, the restricted likelihood of the residuals says (Patterson and
 Thompson 1971, doi:10.1093/biomet/58.3.545) once the change is taken for true: a change that is one
 leaves nothing to be shared. What it then explains by generalised least squares is held against
@@ -26,7 +26,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.following import Following, whitened, widened
+from suta_calib.diagnostics.following import ReducedFit, whitened, widened
 from suta_calib.solver.information import scaled_inverse
 
 # Variance that neighbours have in common over what each has for itself, and chords of turns (or
@@ -41,7 +41,7 @@ ENOUGH_ROWS: Final = 400
 
 
 def chance_beside_shared_errors(
-    fit: Following, velocity: FloatArray, lacking: Sequence[IntArray], waves: FloatArray
+    fit: ReducedFit, velocity: FloatArray, lacking: Sequence[IntArray], waves: FloatArray
 ) -> float:
     """Chance that errors which neighbours share look so much like what moves the tips so.
 
@@ -113,7 +113,7 @@ class _Fitted:
 
 
 @dataclass(frozen=True, eq=False)
-class _Block:
+class _CorrelatedBlock:
     """Rows of a block: residuals (n, d), derivatives (n, d, p), weights and samples (n,)."""
 
     residual: FloatArray
@@ -133,14 +133,14 @@ class _Rows:
         equations: independent ones, at most.
     """
 
-    blocks: Sequence[_Block]
+    blocks: Sequence[_CorrelatedBlock]
     prior: FloatArray
     away: FloatArray
     q: FloatArray
     equations: int
 
     @classmethod
-    def of(cls, fit: Following, velocity: FloatArray, waves: FloatArray | None = None) -> _Rows:
+    def of(cls, fit: ReducedFit, velocity: FloatArray, waves: FloatArray | None = None) -> _Rows:
         """Some of each block's rows, as the fit leaves them, beside waves of a size of one."""
         waves = np.zeros((len(velocity), 0)) if waves is None else waves
         count, unit = len(fit.problem.names), np.ones(waves.shape[1])
@@ -154,7 +154,9 @@ class _Rows:
             chosen = np.sort(random.permutation(n)[:ENOUGH_ROWS])
             sample = r.line.view.block.samples[chosen, 0] + r.line.view.first_sample
             jacobian = r.jacobian[:, free].reshape(n, size, -1)[chosen]
-            blocks.append(_Block(whitened(r)[chosen], jacobian, r.line.weight[chosen], sample))
+            blocks.append(
+                _CorrelatedBlock(whitened(r)[chosen], jacobian, r.line.weight[chosen], sample)
+            )
         arm, q = fit.problem.arm, np.vstack([t.poses.samples.q for t in fit.problem.terms])
         assert arm is not None
         sliding = [arm.units[joint] == "m" for joint in arm.joints]
@@ -170,7 +172,7 @@ class _Rows:
         return replace(self, blocks=blocks)
 
     @cached_property
-    def _apart(self) -> list[tuple[FloatArray, FloatArray]]:
+    def _distances(self) -> list[tuple[FloatArray, FloatArray]]:
         """For each block how far rows (n, n) are apart, in posture and in the order they stand."""
         distances = []
         for block in self.blocks:
@@ -187,7 +189,7 @@ class _Rows:
         prior, away = self.prior[:count], self.away[:count]
         information, gradient = np.zeros((count, count)), prior * away
         squares, volume, components = float(prior @ away**2), 0.0, 0
-        for block, (near, soon) in zip(self.blocks, self._apart, strict=True):
+        for block, (near, soon) in zip(self.blocks, self._distances, strict=True):
             n, size = block.residual.shape
             shared = np.exp(-near / correlation.near - soon / correlation.soon)
             alone = np.diag(1.0 / block.weight)

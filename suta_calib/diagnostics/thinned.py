@@ -48,7 +48,7 @@ def _thinned(term: Term) -> Term:
     even = np.arange(0, count, -(-count // MOST_SAMPLES), dtype=np.intp)
     rows: list[IntArray] = [even]
     for block in term.blocks:
-        rows.append(block.samples[first_of_each(block.own), 0])
+        rows.append(block.samples[first_of_each(block.own_columns), 0])
     return term.take(np.unique(np.concatenate(rows)))
 
 

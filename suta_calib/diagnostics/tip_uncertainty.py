@@ -20,14 +20,14 @@ from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 # Of the motion of a direction's parts, what their sum may leave to be no motion.
 STILL: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Sensitivity(Shown):
+class Sensitivity(Displayable):
     """The tip in some postures, and how it moves with parameters.
 
     Attributes:
