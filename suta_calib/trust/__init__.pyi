@@ -12,7 +12,7 @@ from .hypothesis import Finding as Finding
 from .hypothesis import Hypothesis as Hypothesis
 from .hypothesis import Pattern as Pattern
 from .hypothesis import Reinterpretation as Reinterpretation
-from .hypothesis import Spoilt as Spoilt
+from .hypothesis import SpoiltData as SpoiltData
 from .hypothesis import examine as examine
 from .hypothesis import known_hypotheses as known_hypotheses
 from .patterns import matches as matches

@@ -36,7 +36,7 @@ from scipy.special import fdtrc
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.measurements.fields import Value, keyed, quantity
 from suta_calib.measurements.yaml_file import YamlSection
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.information import scaled_inverse
 from suta_calib.terms.block import grouped_rows, summed
 
@@ -88,7 +88,7 @@ class Rule:
 
 
 @dataclass(frozen=True, eq=False)
-class LinearFit(Shown):
+class LinearFit(Displayable):
     """A converged fit, linear about its solution.
 
     Only `jacobian` and `residual` are needed. The rest are options.
@@ -225,7 +225,7 @@ class LinearFit(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Stretches(Shown, Sequence[FloatArray]):
+class Stretches(Displayable, Sequence[FloatArray]):
     """Windows that are runs of samples: 1 from one sample up to another, 0 elsewhere.
 
     Sums over the rows between any two edges serve all of them, so that every time at which
@@ -268,7 +268,7 @@ class Stretches(Shown, Sequence[FloatArray]):
 
 
 @dataclass(frozen=True, eq=False)
-class Effect(Shown):
+class Effect(Displayable):
     """Something that no parameter of the fit describes, such as a base that moved.
 
     Attributes:
@@ -301,7 +301,7 @@ class Effect(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Evidence(Shown):
+class Evidence(Displayable):
     """What the data say of one effect.
 
     Attributes:

@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level, attempt
 from suta_calib.registry import all_classes
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, eq=False)
-class Spoilt(Shown):
+class SpoiltData(Displayable):
     """Data with a fault of known size.
 
     Attributes:
@@ -103,7 +103,7 @@ class Hypothesis(ABC):
         """What was found, its size with ±, and what to do."""
 
     @abstractmethod
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Put the fault into sound data.
 
         Args:
@@ -185,7 +185,7 @@ class Pattern(Hypothesis):
 
 
 @dataclass(frozen=True, eq=False)
-class Finding(Shown):
+class Finding(Displayable):
     """A hypothesis that the data support.
 
     Attributes:
@@ -291,7 +291,7 @@ def weigh(
             continue
         if hypothesis.by_itself:
             evidence = tried(hypothesis, partial(hypothesis.weigh, answer))
-            findings += [Finding(hypothesis, each) for each in evidence]
+            findings += [Finding(hypothesis, item) for item in evidence]
             continue
         for effect in tried(hypothesis, partial(effects_of, hypothesis)):
             owner[id(effect)] = hypothesis

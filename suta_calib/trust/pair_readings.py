@@ -19,7 +19,7 @@ from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses, some_poses
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.trust.evidence import Rule
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt, known_hypotheses
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData, known_hypotheses
 from suta_calib.units import from_deg
 
 # Pairs that are enough to tell one reading from another.
@@ -79,7 +79,7 @@ class MisreadPairs(Reinterpretation):
         """What would have to be so."""
         return f"The pairs agree far better {evidence}."
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """All pairs with the `fault`."""
         del values, rng
         term: HandEye = data
@@ -88,7 +88,7 @@ class MisreadPairs(Reinterpretation):
         assert samples.rotation is not None
         pairs = self.fault(Pairs(term.poses.at({}), (samples.rotation, samples.position)))
         seen = replace(samples, rotation=pairs.seen[0], position=pairs.seen[1])
-        return Spoilt(term.over_poses(MeasuredPoses(*pairs.hand, seen)), np.zeros(0))
+        return SpoiltData(term.over_poses(MeasuredPoses(*pairs.hand, seen)), np.zeros(0))
 
 
 @dataclass(frozen=True)

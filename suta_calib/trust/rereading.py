@@ -22,7 +22,7 @@ from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -64,7 +64,7 @@ class RereadingOptions:
 
 
 @dataclass(frozen=True)
-class Rereading(Shown):
+class Rereading(Displayable):
     """A reading of the data under which they agree.
 
     Attributes:

@@ -16,7 +16,7 @@ from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.spoiling import arm_of
 
 Change = Callable[[Samples], Samples]
@@ -56,12 +56,12 @@ class MisreadSamples(Reinterpretation):
         description, change = changes[len(changes) // 2]
         return description, change(term.poses.samples)
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """A term whose samples have the `fault`."""
         del values, rng
         term: Term = data
         description, samples = self.fault(term)
-        return Spoilt(with_samples(term, samples), np.zeros(0), description)
+        return SpoiltData(with_samples(term, samples), np.zeros(0), description)
 
 
 class MisreadJoints(MisreadSamples):

@@ -13,7 +13,7 @@ from suta_calib.model.lengths import OtherLength, other_lengths
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust.evidence import Rule
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.rereading import nominal_cap, nominal_misfit
 from suta_calib.trust.spoiling import arm_of
 
@@ -42,7 +42,7 @@ class ArmLengthUnit(Reinterpretation):
             if all(scores[first] * far_better < scores[k] for k in rest):
                 yield readings[first]
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The longest coordinate of any origin, ten times as long."""
         del values, rng
         term: Term = data
@@ -50,7 +50,7 @@ class ArmLengthUnit(Reinterpretation):
         longest = max(lengths, key=lambda length: min(map(abs, length.values.values())))
         name = next(iter(longest.values))
         wrong = _with_length(term, next(n for n in lengths if [*n.values] == [name]))
-        return Spoilt(wrong, np.zeros(0), f"{name} is ")
+        return SpoiltData(wrong, np.zeros(0), f"{name} is ")
 
 
 def _with_length(term: Term, length: OtherLength) -> Term:

@@ -13,7 +13,7 @@ from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.units import deg, text
 
 # A tip that bends evenly by 1.5 mm at 45° explains 4 % of the squared residuals of 120 poses with
@@ -66,7 +66,7 @@ class BentTip(AddedVariable):
             "of this, and ± includes it."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """A tip that bends by 2 mm per rad to one side of the tool, and not to the other."""
         term: FixedPoint = data
         poses = term.poses
@@ -78,7 +78,7 @@ class BentTip(AddedVariable):
         size = 2e-3 * np.outer(along, along).ravel()
         off = np.einsum("nij,njk,k->ni", poses.rotation, to_sides, size)
         moved = MeasuredPoses(poses.rotation, poses.position - off, poses.samples)
-        return Spoilt(term.over_poses(moved), size, TO_ONE_SIDE)
+        return SpoiltData(term.over_poses(moved), size, TO_ONE_SIDE)
 
 
 def displacement(evidence: Evidence) -> tuple[float, float]:
@@ -101,10 +101,10 @@ def bending(rotation: FloatArray, tip: FloatArray) -> tuple[FloatArray, FloatArr
     shaft = tip / np.linalg.norm(tip)
     middle = (rotation @ shaft).mean(axis=0)
     middle /= max(float(np.linalg.norm(middle)), 1e-300)
-    seen = np.einsum("nij,i->nj", rotation, middle)
-    cosine = np.clip(seen @ shaft, -1.0, 1.0)
+    direction = np.einsum("nij,i->nj", rotation, middle)
+    cosine = np.clip(direction @ shaft, -1.0, 1.0)
     tilt = np.arccos(cosine)
-    across = seen - cosine[:, None] * shaft
+    across = direction - cosine[:, None] * shaft
     across *= (tilt / np.maximum(np.sin(tilt), 1e-9))[:, None]
     sides = np.linalg.svd(shaft[None])[2][1:]
     to_sides = np.einsum("ia,nb->niab", sides.T, across @ sides.T).reshape(-1, 3, 4)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
 from suta_calib.trust.spoiling import arm_of, with_readings
 from suta_calib.units import text
@@ -40,10 +40,10 @@ class ClippedColumn(Pattern):
                         "there?"
                     )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The readings of the middle joint end at the largest but a fourth of them."""
         del values, rng
         q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
         q[:, joint] = np.minimum(q[:, joint], np.quantile(q[:, joint], 0.75))
         description = f"readings of {arm_of(data).joints[joint]} are"
-        return Spoilt(with_readings(data, q), np.zeros(0), description)
+        return SpoiltData(with_readings(data, q), np.zeros(0), description)

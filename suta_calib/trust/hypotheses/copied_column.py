@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
 from suta_calib.trust.spoiling import arm_of, with_readings
 
@@ -34,9 +34,9 @@ class CopiedColumn(Pattern):
                     "one column copied over the other?"
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The third column copied over the fourth."""
         del values, rng
         q, joints = data.poses.samples.q.copy(), arm_of(data).joints
         q[:, 3] = q[:, 2]
-        return Spoilt(with_readings(data, q), np.zeros(0), f"{joints[2]} and {joints[3]} read")
+        return SpoiltData(with_readings(data, q), np.zeros(0), f"{joints[2]} and {joints[3]} read")

@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import may_read_alike
 from suta_calib.words import listed
 
@@ -54,12 +54,12 @@ class CopiedRows(Pattern):
             counted = "they count once" if once else "they count twice; name every file once"
             yield f"{count} rows of {copy} stand in {source} too: {counted}."
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The first fourth of the rows again at the end."""
         del values, rng
         count = len(data.poses)
         rows = np.concatenate([np.arange(count), np.arange(count // 4)])
-        return Spoilt(data.take(rows), np.zeros(0), f"{count // 4} rows of ")
+        return SpoiltData(data.take(rows), np.zeros(0), f"{count // 4} rows of ")
 
 
 @dataclass(frozen=True)

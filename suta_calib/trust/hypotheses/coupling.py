@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.extended import neighbours
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.spoiling import arm_of, with_readings
 
 
@@ -54,7 +54,7 @@ class Coupling(AddedVariable):
             f"extend, which says what to add to the job: {evidence.effect.name}."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Readings of one joint that lack what its neighbour moves it by: 1:100."""
         del values
         arm, ratio = arm_of(data), 0.01
@@ -63,4 +63,4 @@ class Coupling(AddedVariable):
         moved, other = (arm.joints.index(joint) for joint in pairs[name])
         q = data.poses.samples.q.copy()
         q[:, moved] -= ratio * q[:, other]
-        return Spoilt(with_readings(data, q), np.array([ratio]), name)
+        return SpoiltData(with_readings(data, q), np.array([ratio]), name)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import STILL, all_readings
 from suta_calib.trust.spoiling import arm_of, with_readings
 
@@ -32,10 +32,10 @@ class DeadJoint(Pattern):
                 "so by leaving its parameters out."
             )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle joint reads its mean."""
         del values, rng
         q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
         q[:, joint] = q[:, joint].mean()
         description = f"{arm_of(data).joints[joint]} reads the same in every row"
-        return Spoilt(with_readings(data, q), np.zeros(0), description)
+        return SpoiltData(with_readings(data, q), np.zeros(0), description)

@@ -11,7 +11,7 @@ import numpy as np
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 
 
 class DepthScale(AddedVariable):
@@ -59,9 +59,9 @@ class DepthScale(AddedVariable):
             "(--corners), which also corrects the camera."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """All targets 1 % too far, or too near."""
         del values
         samples, share = data.poses.samples, float(rng.choice([-0.01, 0.01]))
         seen = replace(samples, position=samples.position * [1.0, 1.0, 1.0 + share])
-        return Spoilt(data.over_poses(data.poses.with_samples(seen)), np.array([share]))
+        return SpoiltData(data.over_poses(data.poses.with_samples(seen)), np.array([share]))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from suta_calib.solver.problem import Problem
-from suta_calib.trust.hypothesis import Spoilt
+from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.in_time import (
     TURN,
     ChangeInTime,
@@ -48,10 +48,10 @@ class EncoderSlip(InTime):
             "zero set anew?"
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle joint reads 4 mrad too much from the middle on."""
         del values, rng
         q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
         q[:, joint] += 4e-3 * later_half(data)
         name = f"slip {arm_of(data).joints[joint]}"
-        return Spoilt(with_readings(data, q), np.array([4e-3]), name)
+        return SpoiltData(with_readings(data, q), np.array([4e-3]), name)

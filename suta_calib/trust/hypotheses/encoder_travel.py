@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from suta_calib.solver.problem import Problem
-from suta_calib.trust.hypothesis import Spoilt
+from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.in_time import ChangeInTime, InTime, TipShift, by_readings, flat
 from suta_calib.trust.spoiling import arm_of, with_readings
 from suta_calib.units import Unit
@@ -42,11 +42,11 @@ class EncoderTravel(InTime):
             "travel too much: does its encoder lose or double counts, or is a gear ratio wrong?"
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle joint reads 0.3 % of its travel too much."""
         del values, rng
         q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
         q[:, joint] += 3e-3 * (q[:, joint] - q[:, joint].mean())
         # What is read too much is a part of the true travel.
         size = np.array([3e-3 / (1.0 + 3e-3)])
-        return Spoilt(with_readings(data, q), size, f"travel {arm_of(data).joints[joint]}")
+        return SpoiltData(with_readings(data, q), size, f"travel {arm_of(data).joints[joint]}")

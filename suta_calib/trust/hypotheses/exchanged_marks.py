@@ -13,7 +13,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.units import text
 
 # Rows of both targets before and after the exchange.
@@ -66,7 +66,7 @@ class ExchangedMarks(AddedVariable):
             "way. Exchange the two labels from this row on."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The labels of two targets exchanged in the second half of the rows."""
         del values, rng
         term: Term = data
@@ -79,7 +79,7 @@ class ExchangedMarks(AddedVariable):
         was_a, was_b = late & (labels == a), late & (labels == b)
         labels[was_a], labels[was_b] = b, a
         changed = replace(samples, labels={**samples.labels, term.mark: labels})
-        return Spoilt(term.over_poses(term.poses.with_samples(changed)), np.full(3, np.nan))
+        return SpoiltData(term.over_poses(term.poses.with_samples(changed)), np.full(3, np.nan))
 
 
 def _exchanged(

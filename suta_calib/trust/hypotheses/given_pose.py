@@ -11,7 +11,7 @@ import numpy as np
 from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 
 
 class WrongGivenPose(Reinterpretation):
@@ -30,7 +30,7 @@ class WrongGivenPose(Reinterpretation):
                 terms = (*data.terms[:k], replace(term, given=rest), *data.terms[k + 1 :])
                 yield _description(term, label), terms
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The first of the given poses 5 cm elsewhere."""
         del values
         term: Term = data
@@ -40,7 +40,7 @@ class WrongGivenPose(Reinterpretation):
         direction = rng.standard_normal(3)
         by = 0.05 * direction / np.linalg.norm(direction)
         given = {**term.given, label: replace(pose, position=pose.position + by)}
-        return Spoilt(replace(term, given=given), np.zeros(0), _description(term, label))
+        return SpoiltData(replace(term, given=given), np.zeros(0), _description(term, label))
 
 
 def _description(term: Term, label: str) -> str:

@@ -11,7 +11,7 @@ from suta_calib.model.parameters import COUPLING
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.extended import LOOKS_LIKE, offered_names
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.spoiling import arm_of, with_readings
 
 
@@ -44,7 +44,7 @@ class JointError(AddedVariable):
             "run suta-calib extend, which says whether such a term predicts left-out data better."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """An encoder disc off its axis: 0.2° once a turn."""
         del values
         arm = arm_of(data)
@@ -54,4 +54,4 @@ class JointError(AddedVariable):
         q = data.poses.samples.q.copy()
         # The reading misses what the parameters add to it.
         q[:, joint] -= size @ [np.cos(q[:, joint]), np.sin(q[:, joint])]
-        return Spoilt(with_readings(data, q), size, f"{arm.joints[joint]} ecc_1")
+        return SpoiltData(with_readings(data, q), size, f"{arm.joints[joint]} ecc_1")

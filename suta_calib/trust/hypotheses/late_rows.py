@@ -11,7 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.spoiling import arm_of, with_readings
 
 # How alike two steps from row to row must be that follow one another (their mean correlation), for
@@ -70,14 +70,14 @@ class LateRows(AddedVariable):
             "rest at every row."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Readings that are 0.2 rows old."""
         del values, rng
         arm_of(data)
         q, late = data.poses.samples.q, 0.2
         rows = np.arange(len(q), dtype=float)
         older = np.stack([np.interp(rows - late, rows, column) for column in q.T], axis=1)
-        return Spoilt(with_readings(data, older), np.array([late]))
+        return SpoiltData(with_readings(data, older), np.array([late]))
 
 
 def per_row(q: FloatArray, files: Any) -> FloatArray | None:

@@ -11,7 +11,7 @@ import numpy as np
 from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 
 DESCRIPTION = "the artefact is mirrored: its certificate's frame is left-handed"
 
@@ -28,13 +28,13 @@ class MirroredArtefact(Reinterpretation):
         if any(term.touched for term in data.terms):
             yield DESCRIPTION, tuple(map(mirrored, data.terms))
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The artefact mirrored."""
         del values, rng
         term: Term = data
         if term.touched is None:
             raise SamplesError(f"the kind {term.kind}", "one that touches an artefact")
-        return Spoilt(mirrored(term), np.zeros(0), DESCRIPTION)
+        return SpoiltData(mirrored(term), np.zeros(0), DESCRIPTION)
 
 
 def mirrored(term: Term) -> Term:

@@ -12,7 +12,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 
 
 class MirroredSurvey(Reinterpretation):
@@ -28,13 +28,15 @@ class MirroredSurvey(Reinterpretation):
             for axis, sign in zip("xyz", 1.0 - 2.0 * np.eye(3), strict=True):
                 yield _description(axis), tuple(mirrored(term, sign) for term in data.terms)
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The y of all given positions with the other sign."""
         del values, rng
         term: Term = data
         if not term.given:
             raise SamplesError("no given positions", "a term with some", where=term.kind)
-        return Spoilt(mirrored(term, np.array([1.0, -1.0, 1.0])), np.zeros(0), _description("y"))
+        return SpoiltData(
+            mirrored(term, np.array([1.0, -1.0, 1.0])), np.zeros(0), _description("y")
+        )
 
 
 def _description(axis: str) -> str:

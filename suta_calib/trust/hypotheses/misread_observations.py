@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 
 
 class MisreadObservations(Reinterpretation):
@@ -29,10 +29,10 @@ class MisreadObservations(Reinterpretation):
         for description, way in ways.items():
             yield description, tuple(way.get(k, term) for k, term in enumerate(data.terms))
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The first way, which undoes itself."""
         del values, rng
         term: Term = data
         for description, read in term.misread:
-            return Spoilt(read, np.zeros(0), description)
+            return SpoiltData(read, np.zeros(0), description)
         raise SamplesError(f"the kind {term.kind}", "one that can be misread")

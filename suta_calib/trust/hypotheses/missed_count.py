@@ -25,7 +25,7 @@ from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.terms.poses import joint_ranges
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.spoiling import arm_of, with_readings
 from suta_calib.units import from_deg, text
 
@@ -98,14 +98,16 @@ class MissedCount(Reinterpretation):
                         tuple(_read(data.terms, shifts)),
                     )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """An inner joint reads a tenth of a turn too little in the rows where it is farthest."""
         del values, rng
         term: Term = data
         q, joint = term.poses.samples.q.copy(), len(arm_of(term).joints) - 2
         q[:, joint] -= from_deg(36.0) * (q[:, joint] > np.quantile(q[:, joint], 0.6))
         name = arm_of(term).joints[joint]
-        return Spoilt(with_readings(term, q), np.zeros(0), f"{name} reads 36.0000 deg too little")
+        return SpoiltData(
+            with_readings(term, q), np.zeros(0), f"{name} reads 36.0000 deg too little"
+        )
 
 
 @dataclass(frozen=True, eq=False)

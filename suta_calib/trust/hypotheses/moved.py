@@ -18,7 +18,7 @@ from suta_calib.terms.term import Term
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.trust.evidence import Effect, Evidence, LinearFit, Rule, weigh_effects
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.serial_correlation import correlation_length
 from suta_calib.trust.spoiling import seen_elsewhere
 from suta_calib.units import deg, text
@@ -169,15 +169,15 @@ class Moved(AddedVariable):
             f"moved. Use the {change.rows} before or after that alone."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """What was seen or touched is 5 mm elsewhere from the middle on."""
         by = rng.standard_normal(3)
         by *= 5e-3 / np.linalg.norm(by)
         late = np.arange(len(data.poses)) >= len(data.poses) // 2
         size = by if isinstance(data, FixedPoint) else np.concatenate([by, np.zeros(3)])
         if isinstance(data, HandEye):
-            size[:3] = pose_named(values, HandEye.frames[1].own)[0] @ by
-        return Spoilt(seen_elsewhere(data, late[:, None] * by), size)
+            size[:3] = pose_named(values, HandEye.frames[1].owner)[0] @ by
+        return SpoiltData(seen_elsewhere(data, late[:, None] * by), size)
 
 
 def sizes(evidence: Evidence) -> list[tuple[float, float]]:

@@ -13,8 +13,8 @@ from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.terms.seen import SeenTerm
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.terms.seen import InstrumentTerm
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.spoiling import displaced
 
 WHAT: Final = "the instrument, the artefact or what was touched"
@@ -44,24 +44,24 @@ class MovedBetween(Reinterpretation):
             if any(term not in data.terms for term in terms):
                 yield description, tuple(terms)
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """All that is seen in the second half is 5 cm elsewhere."""
         del rng
         term: Term = data
         twist = np.zeros((len(term.poses), 6))
         twist[len(twist) // 2 :, 0] = 0.05
-        return Spoilt(displaced(term, values, twist), np.zeros(0), HALVES)
+        return SpoiltData(displaced(term, values, twist), np.zeros(0), HALVES)
 
 
 def _divided(term: Term, parts: Parts) -> Iterator[Term]:
     """The term with a place of its own for each part; a term for each part without places."""
     samples = term.poses.samples
     part = parts(samples, samples.labels.get(term.place))
-    if term.place in samples.labels and term.own:
+    if term.place in samples.labels and term.own_parameters:
         label = joined({"": samples.labels[term.place], "part": part}, ("", "part"))
         labels = {**samples.labels, term.place: label}
         yield term.over_poses(term.poses.with_samples(replace(samples, labels=labels)))
-    elif isinstance(term, SeenTerm):
+    elif isinstance(term, InstrumentTerm):
         for name in np.unique(part):
             rows = np.flatnonzero(part == name)
             yield replace(term.take(rows), label=f"{term.label} {name}")

@@ -20,7 +20,7 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
 from suta_calib.trust.evidence import Effect, weigh_effects
 from suta_calib.trust.examination import STEP, Examination
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.rereading import QUICK_FIT
 
 # Steps, and from which on the next is none worth taking.
@@ -56,10 +56,10 @@ class OtherCamera(Reinterpretation):
             if abs(by) > LEAST:
                 yield _description(by), terms
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Everything 8 % too far."""
         del values, rng
-        return Spoilt(_at_depth(data, 1.08), np.zeros(0), _description(0.08)[:18])
+        return SpoiltData(_at_depth(data, 1.08), np.zeros(0), _description(0.08)[:18])
 
 
 def _description(by: float) -> str:

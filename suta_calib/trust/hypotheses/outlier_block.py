@@ -12,7 +12,7 @@ from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Rule
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypotheses.moved import Moved
-from suta_calib.trust.hypothesis import Hypothesis, Spoilt
+from suta_calib.trust.hypothesis import Hypothesis, SpoiltData
 from suta_calib.trust.spoiling import seen_elsewhere
 
 # Outliers in one block that are no chance. Of the rows in the block, and of all outliers, this
@@ -68,14 +68,14 @@ class OutlierBlock(Hypothesis):
             f"there on (rows from 0): was {what} moved in between?"
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """What was seen is 50 mm elsewhere in the last fourth of the rows."""
         del values
         count = len(data.poses)
         by = rng.standard_normal(3)
         late = np.arange(count) >= count - max(FEWEST + 1, count // 4)
         elsewhere = seen_elsewhere(data, late[:, None] * 50e-3 * by / np.linalg.norm(by))
-        return Spoilt(elsewhere, np.array([float(np.flatnonzero(late)[0])]))
+        return SpoiltData(elsewhere, np.array([float(np.flatnonzero(late)[0])]))
 
 
 def _block(outlier: BoolArray) -> tuple[int, float] | None:

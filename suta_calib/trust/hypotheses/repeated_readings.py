@@ -11,7 +11,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.measurements.samples import hashed, joined
 from suta_calib.terms import Term
 from suta_calib.terms.block import grouped, grouped_rows, numbered
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import may_read_alike
 from suta_calib.trust.spoiling import with_readings
 
@@ -47,12 +47,12 @@ class RepeatedReadings(Pattern):
                     "Leave them out."
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Five rows repeat the readings of the one before."""
         del values, rng
         q = data.poses.samples.q.copy()
         q[11:16] = q[10]
-        return Spoilt(with_readings(data, q), np.zeros(0), "read the same in all joints")
+        return SpoiltData(with_readings(data, q), np.zeros(0), "read the same in all joints")
 
 
 def _repeated(term: Term) -> BoolArray:

@@ -14,7 +14,7 @@ from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import all_readings
 from suta_calib.units import from_deg, text
 from suta_calib.words import listed
@@ -55,7 +55,7 @@ class Rounded(Pattern):
                     f"{text(levels[0], 'm', with_unit=True)}. Write every digit."
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Positions in whole millimetres."""
         del values, rng
         term: Term = data
@@ -63,7 +63,9 @@ class Rounded(Pattern):
         assert samples.position is not None
         coarse = replace(samples, position=np.round(samples.position, 3))
         description = "are in steps of 1.000 mm"
-        return Spoilt(term.over_poses(term.poses.with_samples(coarse)), np.zeros(0), description)
+        return SpoiltData(
+            term.over_poses(term.poses.with_samples(coarse)), np.zeros(0), description
+        )
 
 
 def _of_joints(answer: Solution) -> Iterator[tuple[str, str, float]]:

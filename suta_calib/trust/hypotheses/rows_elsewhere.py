@@ -13,13 +13,13 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Rule, log_ways
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 
 # Rows of the smaller part: fewer are single mishaps, which a robust loss leaves out.
 FEWEST: Final = 5
 # Distance of the two parts over the scatter inside them. Normal noise that is cut in two at its
 # middle has 2.6; what a model lacks passes from one part to the other without a gap.
-APART: Final = 5.0
+SEPARATED: Final = 5.0
 # How often rows are assigned anew, and rows from which a search begins.
 ROUNDS: Final = 20
 SEEDS: Final = 12
@@ -71,7 +71,7 @@ class RowsElsewhere(AddedVariable):
             "another place. Give these rows a label of their own, or leave them out."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """A fourth of the rows saw a point that is 4 mm off on the tip."""
         del values
         term: Term = data
@@ -83,7 +83,7 @@ class RowsElsewhere(AddedVariable):
         elsewhere = rng.permutation(len(samples)) < len(samples) // 4
         position = samples.position + elsewhere[:, None] * (samples.rotation @ by)
         moved = term.over_poses(term.poses.with_samples(replace(samples, position=position)))
-        return Spoilt(moved, by, "tip")
+        return SpoiltData(moved, by, "tip")
 
 
 def _displacements(answer: Examination, columns: FloatArray) -> FloatArray:
@@ -158,7 +158,7 @@ def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float
         float(np.sqrt(np.median(np.sum((p - np.median(p, axis=0)) ** 2, axis=1)) / 2.366))
         for p in parts
     )
-    if np.linalg.norm(one - other) < APART * max(scatter, 1e-12):
+    if np.linalg.norm(one - other) < SEPARATED * max(scatter, 1e-12):
         return None
     total = float(np.sum((cloud - cloud.mean(axis=0)) ** 2))
     inside = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)

@@ -15,7 +15,7 @@ from suta_calib.terms.outside import pose_named
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.units import text
 
 # Difference in scale that no temperature makes.
@@ -43,7 +43,7 @@ class PointSets:
     def of(cls, answer: Examination) -> PointSets:
         """Those that were fitted."""
         (term,) = answer.problem.terms
-        turn, shift = pose_named(answer.solution.values, TrackedPoint.frames[0].own)
+        turn, shift = pose_named(answer.solution.values, TrackedPoint.frames[0].owner)
         assert term.poses.samples.position is not None
         placed = answer.position @ turn.T + shift
         residual = placed - term.poses.samples.position
@@ -121,11 +121,11 @@ class ScaledPoints(AddedVariable):
             f"{text(sets.left(size * sets.placed), 'm', with_unit=True)}."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """A second set that is 1 % larger or smaller."""
         del values
         term: TrackedPoint = data
         samples, size = term.poses.samples, float(rng.choice([-0.01, 0.01]))
         assert samples.position is not None
         larger = replace(samples, position=(1.0 + size) * samples.position)
-        return Spoilt(term.over_poses(term.poses.with_samples(larger)), np.array([size]))
+        return SpoiltData(term.over_poses(term.poses.with_samples(larger)), np.array([size]))

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL
 from suta_calib.trust.spoiling import arm_of, with_readings
 
@@ -40,10 +40,10 @@ class SortedColumn(Pattern):
                 "of no other joint do: was its column sorted by itself?"
             )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle column sorted."""
         del values, rng
         q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
         q[:, joint] = np.sort(q[:, joint])
         description = f"The readings of {arm_of(data).joints[joint]} stand in order"
-        return Spoilt(with_readings(data, q), np.zeros(0), description)
+        return SpoiltData(with_readings(data, q), np.zeros(0), description)

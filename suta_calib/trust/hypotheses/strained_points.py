@@ -19,7 +19,7 @@ from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypotheses.scaled_points import PointSets, one_by_one
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.units import text
 
 # Symmetric matrices without a trace (5, 3, 3), each of length one.
@@ -135,7 +135,7 @@ class StrainedPoints(AddedVariable):
             f"With these scales the rms would be {text(strain.rms, 'm', with_unit=True)}."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """A second set that is 2 % longer along one axis, and 1 % shorter along the others."""
         del values
         term: TrackedPoint = data
@@ -145,7 +145,7 @@ class StrainedPoints(AddedVariable):
         seen = samples.position + samples.position @ strain
         size = np.einsum("kij,ij->k", STRAINS, strain)
         changed = term.poses.with_samples(replace(samples, position=seen))
-        return Spoilt(term.over_poses(changed), size)
+        return SpoiltData(term.over_poses(changed), size)
 
 
 def _strain(answer: Examination, beside: LinearFit, evidence: Evidence) -> Strain:

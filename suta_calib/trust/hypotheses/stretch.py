@@ -15,7 +15,7 @@ from suta_calib.terms.stretch import is_stretch
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import STEP, Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 
 # Along x and y, how far a sheet or a shrunk part may be off: two standard deviations of the grade
 # `printed` (`measurements.scale.GRADES`).
@@ -41,7 +41,7 @@ class Stretch(AddedVariable):
         bodies: dict[str, list[int]] = {}
         for k, term in enumerate(answer.problem.terms):
             body = body_of(term)
-            if body is not None and not any(is_stretch(p) for p in term.own):
+            if body is not None and not any(is_stretch(p) for p in term.own_parameters):
                 bodies.setdefault(_called(body), []).append(k)
         for called, places in bodies.items():
             columns = (
@@ -64,7 +64,7 @@ class Stretch(AddedVariable):
             "both axes, or estimate the stretch (stretch: free in its file)."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """A file that says 0.3 % too little along x, and as much too much along y."""
         del values
         body = body_of(data)
@@ -72,7 +72,7 @@ class Stretch(AddedVariable):
             raise SamplesError(f"the kind {data.kind}", "one that looks at an artefact or a board")
         size = 0.003 * np.array([1.0, -1.0]) * rng.choice([-1.0, 1.0])
         wrong = stretched(data, (1.0 / (1.0 + size[0]), 1.0 / (1.0 + size[1])))
-        return Spoilt(wrong, size, _called(body))
+        return SpoiltData(wrong, size, _called(body))
 
 
 def body_of(term: Term) -> Artefact | Board | None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from suta_calib.measurements.samples import hashed
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, Spoilt
+from suta_calib.trust.hypothesis import Pattern, SpoiltData
 
 # Way of the tip, m, after which no instrument shows the same to the last digit: none is so coarse.
 STRIDE: Final = 0.01
@@ -42,7 +42,7 @@ class StuckInstrument(Pattern):
                     "instrument repeat its last value, or were rows copied? Leave them out."
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Three rows repeat the position of the one before."""
         del values, rng
         term: Term = data
@@ -51,4 +51,4 @@ class StuckInstrument(Pattern):
         position = samples.position.copy()
         position[11:14] = position[10]
         stuck = term.poses.with_samples(replace(samples, position=position))
-        return Spoilt(term.over_poses(stuck), np.zeros(0), "repeat its last value")
+        return SpoiltData(term.over_poses(stuck), np.zeros(0), "repeat its last value")

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from suta_calib.solver.problem import Problem
-from suta_calib.trust.hypothesis import Spoilt
+from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.in_time import (
     TWIST,
     ChangeInTime,
@@ -38,10 +38,10 @@ class TipMoved(InTime):
         """From where to where, by how much."""
         return moved("tool, or what is on it,", change)
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Two millimetres from the middle on."""
         del rng
         by = 2e-3 * np.array([0.6, 0.0, 0.8])
         twist = np.zeros((len(data.poses), 6))
         twist[:, :3] = (data.poses.at(values)[0] @ by) * later_half(data)[:, None]
-        return Spoilt(displaced(data, values, twist), np.array([*by, 0.0, 0.0, 0.0]))
+        return SpoiltData(displaced(data, values, twist), np.array([*by, 0.0, 0.0, 0.0]))

@@ -9,7 +9,7 @@ import numpy as np
 
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, Spoilt
+from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.spoiling import displaced
 
 
@@ -30,7 +30,7 @@ class UnknownMount(Reinterpretation):
             terms = tuple(term if other is None else other[1] for other, term in pairs)
             yield descriptions[0], terms
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The target 3 cm away from the tip."""
         term: Term = data
         direction = rng.standard_normal(3)
@@ -40,4 +40,4 @@ class UnknownMount(Reinterpretation):
         twist[:, :3] = rotation @ by
         reading = term.on_unknown_mount
         description = "" if reading is None else reading[0]
-        return Spoilt(displaced(term, values, twist), np.zeros(0), description)
+        return SpoiltData(displaced(term, values, twist), np.zeros(0), description)

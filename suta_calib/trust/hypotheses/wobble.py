@@ -12,7 +12,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ROTATION
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, Spoilt
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.spoiling import arm_of, displaced
 from suta_calib.units import from_deg, text
 
@@ -63,7 +63,7 @@ class Wobble(AddedVariable):
             "the bearing of this joint."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """An axis that tilts by 0.1° twice a turn."""
         arm = arm_of(data)
         joint = str(rng.choice([j for j in arm.joints if arm.units[j] == "rad"][:-1]))
@@ -72,7 +72,7 @@ class Wobble(AddedVariable):
         across = _turned(arm, joint, q, values)
         waves = _waves(2.0 * q[:, arm.joints.index(joint)])
         twist = np.einsum("nvu,nw,uw->nv", across, waves, size.reshape(2, 2))
-        return Spoilt(displaced(data, values, twist), size, f"{joint} twice a turn")
+        return SpoiltData(displaced(data, values, twist), size, f"{joint} twice a turn")
 
 
 def _waves(angle: FloatArray) -> FloatArray:
