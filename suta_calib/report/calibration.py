@@ -31,7 +31,7 @@ from suta_calib.report.document import (
     Part,
     Place,
     ShownOnly,
-    Space,
+    SpatialFigure,
     Text,
     entry,
     section,
@@ -146,7 +146,7 @@ def versions() -> Mapping[str, str]:
 def _first_screen(result: Calibration) -> Iterator[Part]:
     """The arm with its errors, and what the figures are of."""
     if result.solution.converged:
-        yield Space(result.scene)
+        yield SpatialFigure(result.scene)
     yield ShownOnly(ABOUT.of(_about(result)), "page")
 
 
@@ -275,12 +275,12 @@ def _untold(result: Calibration) -> Iterator[Part]:
     if solution.converged:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
-        untold = any(e.told != "redundant" for e in of_arm)
+        untold = any(e.reason != "redundant" for e in of_arm)
         place: Place = "everywhere" if untold else "page"
         yield Text("What these data cannot tell", place=place, look="heading")
         yield from explained(of_arm, "console", MOST_SENTENCES)
         yield from explained(result.explanations, "page")
-        redundant = [e for e in result.explanations if e.told == "redundant"]
+        redundant = [e for e in result.explanations if e.reason == "redundant"]
         yield Folded(EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})"))
         if not result.explanations:
             yield Text("Nothing that was asked: every parameter could be estimated.", place="page")

@@ -279,7 +279,7 @@ def _facts(certification: Certification) -> list[str]:
         f"Ground: {ground.count} touches, {um(ground.rms):.1f} µm RMS, flat to "
         f"{um(ground.flatness):.1f} µm.",
     ]
-    if (holes := certification.probing.own.get("hole")) is not None:
+    if (holes := certification.probing.by_kind.get("hole")) is not None:
         facts[1] += (
             f" Touches of holes scatter by {um(holes.sigma):.2f} µm, from how far the middles of "
             f"their diagonals lie apart ({holes.freedom} degrees of freedom)."

@@ -19,17 +19,17 @@ from suta_calib.vision import drawn
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Camera
-    from suta_calib.vision import Detection, View
+    from suta_calib.vision import Detection, SearchedPicture
 
 NAME: Final = "detect"
 # Most corners that are drawn, as a drawing of more is many megabytes.
 _MOST_MARKS: Final = 5000
 _PIXELS: Final = frozenset({"fx", "fy", "cx", "cy"})
 
-VIEWS: Final = Listing["View"](
+VIEWS: Final = Listing["SearchedPicture"](
     "Pictures",
     Column("image", "picture", lambda view: view.picture.name),
-    Column("corners", "corners", lambda view: len(view.found.point) if view.found else 0, form="d"),
+    Column("corners", "corners", lambda view: len(view.board.point) if view.board else 0, form="d"),
     Column("rms", "RMS, px", unit="px"),
     Column("sigma", "σ, px", lambda view: _board_figure(view, "std"), unit="px"),
     Column("blur", "blur, px", lambda view: _board_figure(view, "blur"), unit="px", form=".2f"),
@@ -38,10 +38,10 @@ VIEWS: Final = Listing["View"](
 )
 
 
-def _board_figure(view: View, what: str) -> float | None:
-    if view.found is None:
+def _board_figure(view: SearchedPicture, what: str) -> float | None:
+    if view.board is None:
         return None
-    value = float(np.median(getattr(view.found, what)))
+    value = float(np.median(getattr(view.board, what)))
     return value if np.isfinite(value) else None
 
 
@@ -92,7 +92,7 @@ def camera_record(camera: Camera) -> Json:
 def detect_document(detection: Detection, *, pictures: bool = False) -> Document:
     """Pictures with the board and without, and the camera; ``NAME.found.jpg`` of each if asked."""
     table = VIEWS.of(detection.views)
-    lost = [view for view in detection.views if view.found is None]
+    lost = [view for view in detection.views if view.board is None]
     parts: list[Part] = []
     # Most pictures of a table on a console; JSON and the page have all.
     if len(detection.views) <= 40:

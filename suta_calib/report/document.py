@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.assessment import Assessment, attempt
 from suta_calib.report.listing import Json, Table, plain
-from suta_calib.showing import Shown as ShowsItself
+from suta_calib.showing import Displayable as ShowsItself
 
 if TYPE_CHECKING:
     from suta_calib.plotting.scene import Scene
@@ -74,7 +74,7 @@ def _in_words(text: str) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class Space:
+class SpatialFigure:
     """A scene on a page that its reader turns about; there is one at most.
 
     Attributes:
@@ -117,7 +117,7 @@ class File:
         return content if isinstance(content, bytes) else content.encode()
 
 
-Shown = Text | Figure | Space | Table | Folded
+Shown = Text | Figure | SpatialFigure | Table | Folded
 Part = Shown | ShownOnly | File
 
 

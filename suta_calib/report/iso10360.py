@@ -13,7 +13,7 @@ from suta_calib.analysis.iso10360 import (
     Articulation,
     Characteristic,
     LengthErrors,
-    Repeats,
+    RepeatedVisits,
     SphereProbing,
 )
 from suta_calib.arrays import FloatArray
@@ -97,7 +97,7 @@ SPHERES: Final = Listing[SphereProbing](
     key="spheres",
     named=True,
 )
-REPEATS: Final = Listing[Repeats](
+REPEATS: Final = Listing[RepeatedVisits](
     "Repeatability of one point, mm",
     Column("point", "point"),
     Column("visits", "visits", lambda row: row.scatter.count, form="d"),

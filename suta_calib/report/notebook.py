@@ -36,7 +36,7 @@ from suta_calib.report.pivot import places_table
 from suta_calib.report.plan import plan_document
 from suta_calib.report.registration import transform_table
 from suta_calib.report.tip_map import tip_map_document
-from suta_calib.showing import Shown as ShowsItself
+from suta_calib.showing import Displayable as ShowsItself
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import text, unit_name

@@ -94,7 +94,7 @@ def explained(
     together: dict[str, list[str]] = {}
     redundant, as_drawn = list[str](), list[str]()
     for explanation in explanations:
-        if explanation.told == "redundant":
+        if explanation.reason == "redundant":
             (as_drawn if explanation.as_drawn else redundant).append(explanation.fixed)
         else:
             together.setdefault(explanation.remedy, []).append(explanation.sentence)

@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from suta_calib.assessment import attempt
 from suta_calib.plotting.look import BLUE, GREY, LINE, ORANGE, TINT
-from suta_calib.report.document import Document, Figure, Folded, Space
+from suta_calib.report.document import Document, Figure, Folded, SpatialFigure
 from suta_calib.report.listing import Table
 from suta_calib.report.panels import separated
 from suta_calib.report.spatial import scene_html
@@ -89,7 +89,7 @@ def environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.tests["figure"] = lambda part: isinstance(part, Figure)
-    templates.tests["space"] = lambda part: isinstance(part, Space)
+    templates.tests["space"] = lambda part: isinstance(part, SpatialFigure)
     templates.tests["folded"] = lambda part: isinstance(part, Folded)
     templates.tests["table"] = lambda part: isinstance(part, Table)
     templates.filters["drawn"] = _drawn
@@ -99,7 +99,7 @@ def environment() -> Environment:
     return templates
 
 
-def _turnable(space: Space, templates: Environment) -> str:
+def _turnable(space: SpatialFigure, templates: Environment) -> str:
     """The scene as HTML, or why there is none."""
     notes = list[str]()
     drawn = attempt(

@@ -42,7 +42,7 @@ class Outcome:
     """
 
     estimate: Estimate
-    known: Parameter
+    parameter: Parameter
     converged: bool
     redundant: bool = False
     as_drawn: bool = False
@@ -98,7 +98,7 @@ class Outcome:
     @property
     def bounds(self) -> tuple[float, float] | None:
         """Lower and upper, SI; None without any."""
-        limits = self.known.lower, self.known.upper
+        limits = self.parameter.lower, self.parameter.upper
         return limits if any(map(math.isfinite, limits)) else None
 
 
@@ -132,7 +132,7 @@ PARAMETERS: Final = Listing[Outcome](
     ),
     Column("given", "given", cell=lambda row: listed(row.given, 3), optional=True),
     Column("scale", None, lambda _: 1.0),
-    Column("prior", None, lambda row: row.known.prior, optional=True),
+    Column("prior", None, lambda row: row.parameter.prior, optional=True),
     Column("bounds", optional=True),
     named=True,
 )

@@ -17,7 +17,7 @@ from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.pose_calibration.eye_poses import FRAMES
-from suta_calib.pose_calibration.picture_answer import ROBOTS, PictureCalibration, SeenCamera
+from suta_calib.pose_calibration.picture_answer import ROBOTS, CameraEstimate, PictureCalibration
 from suta_calib.pose_calibration.picture_models import MODELS, ErrorModel
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.report.document import Document, Figure, File, Part, Text
@@ -49,7 +49,7 @@ _OUTLIER: Final[dict[str, Any]] = {
 
 
 @dataclass(frozen=True)
-class Intrinsic:
+class CameraIntrinsic:
     """One intrinsic of one camera.
 
     Attributes:
@@ -73,7 +73,7 @@ class Intrinsic:
         return text(value, self.unit)
 
 
-INTRINSIC: Final = Listing[Intrinsic](
+INTRINSIC: Final = Listing[CameraIntrinsic](
     "Intrinsics",
     Column("name", ""),
     Column("given", "given", cell=lambda row: row.shown(row.given), numeric=True),
@@ -84,10 +84,10 @@ INTRINSIC: Final = Listing[Intrinsic](
 
 
 @dataclass(frozen=True)
-class SeenCorner:
+class CornerResidual:
     """One corner in one picture of one camera, for ``residuals.csv``."""
 
-    camera: SeenCamera
+    camera: CameraEstimate
     row: int
 
     def number(self, column: int) -> float:
@@ -95,7 +95,7 @@ class SeenCorner:
         return float(self.camera.corners[self.row, column])
 
 
-CORNERS: Final = Listing[SeenCorner](
+CORNERS: Final = Listing[CornerResidual](
     "Every corner",
     Column("camera", value=lambda row: row.camera.label),
     Column("image", value=lambda row: row.camera.images[int(row.number(0))]),
@@ -124,7 +124,7 @@ def picture_document(calibration: PictureCalibration, data: HandPoses) -> Docume
             name = f"camera-{camera.label}.yaml" if several else "camera.yaml"
             parts.append(File(name, partial(camera_text, camera.camera)))
         parts += _fit(camera)
-    corners = [SeenCorner(c, k) for c in calibration.cameras for k in range(len(c.corners))]
+    corners = [CornerResidual(c, k) for c in calibration.cameras for k in range(len(c.corners))]
     parts += [
         Text(sentence)
         for sentence in (_predicted(calibration), _hand(calibration.noise))
@@ -180,7 +180,7 @@ def picture_document(calibration: PictureCalibration, data: HandPoses) -> Docume
     return Document(NAME, title, calibration.assessment, parts, record, "result")
 
 
-def _poses(calibration: PictureCalibration, camera: SeenCamera) -> Iterator[Part]:
+def _poses(calibration: PictureCalibration, camera: CameraEstimate) -> Iterator[Part]:
     for name in calibration.unknowns:
         frame = FRAMES[calibration.setup][name]
         _, base, what = frame.split("_")
@@ -188,10 +188,10 @@ def _poses(calibration: PictureCalibration, camera: SeenCamera) -> Iterator[Part
         yield pose_table(title, getattr(camera, name), camera.std[name], f"the {what}'s axes")
 
 
-def _intrinsics(camera: SeenCamera) -> list[Intrinsic]:
+def _intrinsics(camera: CameraEstimate) -> list[CameraIntrinsic]:
     stds = camera.camera.stds
     return [
-        Intrinsic(
+        CameraIntrinsic(
             name,
             "px" if name in (*FOCAL, *CENTRE) else "1",
             None if camera.given is None else camera.given.values[name],
@@ -249,7 +249,7 @@ def _hand(noise: PictureNoise) -> str:
     )
 
 
-def _fit(camera: SeenCamera) -> Iterator[Part]:
+def _fit(camera: CameraEstimate) -> Iterator[Part]:
     """How well the pictures agree, and which do not."""
     count, strange = len(camera.images), camera.strange
     sentence = f"reprojection rms {camera.rms:.3f} px"
@@ -266,7 +266,7 @@ def _fit(camera: SeenCamera) -> Iterator[Part]:
     yield Text(fitted)
 
 
-def _record(calibration: PictureCalibration, camera: SeenCamera) -> Json:
+def _record(calibration: PictureCalibration, camera: CameraEstimate) -> Json:
     """A camera as JSON has it."""
     record: Json = {}
     for name in calibration.unknowns:
@@ -289,7 +289,7 @@ def _record(calibration: PictureCalibration, camera: SeenCamera) -> Json:
     }
 
 
-def _camera_record(camera: SeenCamera) -> Json:
+def _camera_record(camera: CameraEstimate) -> Json:
     """Intrinsics with their standard deviations, null where they were held."""
     values, stds = camera.camera.intrinsics, camera.camera.stds
     none: Sequence[float | None] = [None] * len(INTRINSICS)

@@ -16,10 +16,10 @@ from suta_calib.analysis.planning import (
     Place,
     Placement,
     Plan,
-    Point,
     Posture,
     Region,
     Stop,
+    TouchPoint,
 )
 from suta_calib.analysis.planning.candidates import Unreachable
 from suta_calib.arrays import FloatArray
@@ -67,7 +67,7 @@ def rounded(values: FloatArray, decimals: int = 3) -> list[float]:
 def _pose_text(choice: Choice, entry: str) -> str:
     """Position or rotation of a place; of a point the directions it is touched from."""
     place = choice.candidate.place
-    if isinstance(place, Point) and entry == "rotation_rpy_deg":
+    if isinstance(place, TouchPoint) and entry == "rotation_rpy_deg":
         return f"{place.directions} directions"
     numbers = place_dict(place).get(entry)
     return "{:.0f} {:.0f} {:.0f}".format(*numbers) if numbers else NOTHING

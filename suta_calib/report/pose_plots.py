@@ -19,7 +19,7 @@ from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import Unit, deg, from_deg, mm, shown, unit_name
 
 if TYPE_CHECKING:
-    from suta_calib.measurements.pose_files import Points as MeasuredPoints
+    from suta_calib.measurements.pose_files import PointSet as MeasuredPoints
     from suta_calib.measurements.pose_files import ToolPoses
     from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
     from suta_calib.pose_calibration.pivot import PivotCalibration

@@ -9,7 +9,7 @@ import numpy as np
 
 from suta_calib import report
 from suta_calib.arrays import FloatArray
-from suta_calib.measurements.pose_files import Points
+from suta_calib.measurements.pose_files import PointSet
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.document import Document, Figure, Part, Text
@@ -71,7 +71,7 @@ TARGETS: Final = Listing[Target](
 
 
 def register_document(
-    registration: Registration, a: Points, b: Points, targets: Points | None = None
+    registration: Registration, a: PointSet, b: PointSet, targets: PointSet | None = None
 ) -> Document:
     """``T_b_a``, fit, the error to expect at the targets; ``residuals.csv``.
 

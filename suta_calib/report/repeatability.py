@@ -193,7 +193,7 @@ REPEATABILITY: Final = Listing[Repeatability](
     Column("elsewhere", value=lambda row: [row.samples.origin[k] for k in row.elsewhere]),
     Column("places", value=lambda row: [len(rows) for rows in row.places]),
     Column("other_posture", value=lambda row: [row.samples.origin[k] for k in row.other_posture]),
-    Column("stuck", value=lambda row: [each.joint for each in row.stuck]),
+    Column("stuck", value=lambda row: [item.joint for item in row.stuck]),
     Column("correlation"),
 )
 

@@ -17,7 +17,7 @@ from jinja2 import Environment
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.look import round_down
-from suta_calib.plotting.scene import Arrows, Line, Part, Points, Scene
+from suta_calib.plotting.scene import Arrows, Line, Part, PlacedPoints, Scene
 from suta_calib.units import from_mm, mm
 
 # From where it is seen at first: about z from x, and above the horizon, degrees.
@@ -54,7 +54,9 @@ def scene_html(scene: Scene, name: str, templates: Environment) -> str:
     for part in parts:
         at = projected(mm(part.points) - middle, scale)
         ends = projected(mm(part.ends) - middle, scale) if isinstance(part, Arrows) else None
-        labels = zip(part.labels, at.tolist(), strict=False) if isinstance(part, Points) else ()
+        labels = (
+            zip(part.labels, at.tolist(), strict=False) if isinstance(part, PlacedPoints) else ()
+        )
         paths.append(
             {
                 "look": part.look,
@@ -111,7 +113,7 @@ def _ground(low: FloatArray, high: FloatArray, step: float) -> Iterator[Part]:
     length = _TRIAD * float(np.linalg.norm(high - low))
     triad = [np.array([np.zeros(3), length * axis, np.full(3, np.nan)]) for axis in np.eye(3)]
     yield Line("", "frame", from_mm(np.concatenate(triad)))
-    yield Points("", "frame", from_mm(1.25 * length * np.eye(3)), tuple("xyz"))
+    yield PlacedPoints("", "frame", from_mm(1.25 * length * np.eye(3)), tuple("xyz"))
 
 
 def _record(part: Part) -> dict[str, Any]:
