@@ -11,7 +11,7 @@ from .planar import draw_arm as draw_arm
 from .planar import outline as outline
 from .scene import Arrows as Arrows
 from .scene import Line as Line
-from .scene import Points as Points
+from .scene import PlacedPoints as PlacedPoints
 from .scene import Scene as Scene
 from .spatial import draw_scene as draw_scene
 from .style import axes_or_new as axes_or_new

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.plotting.look import MOST_DRAWN, round_down
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 # What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
 # seen, a frame or a point that stands outside, an error before and after a calibration; the floor,
@@ -23,7 +23,7 @@ Look = Literal["links", "axes", "tip", "touched", "place", "before", "after", "g
 
 
 @dataclass(frozen=True, eq=False)
-class Line(Shown):
+class Line(Displayable):
     """A line from point to point.
 
     Attributes:
@@ -38,7 +38,7 @@ class Line(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Points(Shown):
+class PlacedPoints(Displayable):
     """Points, each with a label or none.
 
     Attributes:
@@ -55,7 +55,7 @@ class Points(Shown):
 
 
 @dataclass(frozen=True, eq=False)
-class Arrows(Shown):
+class Arrows(Displayable):
     """Vectors, drawn from their points on, so many times as long as they are.
 
     Attributes:
@@ -78,11 +78,11 @@ class Arrows(Shown):
         return self.points + self.factor * self.vectors
 
 
-Part = Line | Points | Arrows
+Part = Line | PlacedPoints | Arrows
 
 
 @dataclass(frozen=True, eq=False)
-class Scene(Shown):
+class Scene(Displayable):
     """Parts in the order in which they are drawn."""
 
     parts: tuple[Part, ...] = ()

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from suta_calib.plotting.look import BLUE, GREY, ORANGE
-from suta_calib.plotting.scene import Arrows, Line, Look, Points, Scene
+from suta_calib.plotting.scene import Arrows, Line, Look, PlacedPoints, Scene
 from suta_calib.plotting.style import axes_or_new
 from suta_calib.units import mm
 
@@ -48,7 +48,7 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Any:
         else:
             line = {} if isinstance(part, Line) else {"linestyle": "none"}
             axes.plot(*mm(part.points).T, label=part.name, **look, **line)
-        if isinstance(part, Points):
+        if isinstance(part, PlacedPoints):
             for place, label in zip(mm(part.points), part.labels, strict=False):
                 axes.text(*place, f" {label}", fontsize=7)
     _frame(axes, scene)
