@@ -22,18 +22,18 @@ MOVES_ON: Final = 0.3
 WHOSE: Final = ("a pose of the hand (a_)", "a pose that the eye saw (b_)")
 
 
-def refuse_constant(hand: Poses, seen: Poses) -> None:
+def refuse_constant(hand: Poses, eye: Poses) -> None:
     """Refuse pairs of which one side stands still while the other moves, and name it.
 
     Args:
         hand: ``T_base_hand`` as it was given, rotations (n, 3, 3) and positions (n, 3), m.
-        seen: ``T_eye_target``.
+        eye: ``T_eye_target``.
 
     Raises:
         SamplesError: the same pose in nearly all rows of one side, and in few of the other.
     """
-    sides = hand, seen
-    for whose, side, other, others in zip(WHOSE, sides, sides[::-1], WHOSE[::-1], strict=True):
+    sides = hand, eye
+    for whose, side, other, other_name in zip(WHOSE, sides, sides[::-1], WHOSE[::-1], strict=True):
         same = _largest_group(side)
         count, rows = len(same), int(same.sum())
         if rows < max(NEARLY_ALL * count, 3) or not _moves_on(other, same):
@@ -41,7 +41,7 @@ def refuse_constant(hand: Poses, seen: Poses) -> None:
         slid, turned = (float(np.ptp(v, axis=0).max()) for v in _spread(other, same))
         which = f"all {count} rows" if rows == count else f"{rows} of {count} rows"
         raise SamplesError(
-            f"{whose} that is the same in {which}, while {others} changes by "
+            f"{whose} that is the same in {which}, while {other_name} changes by "
             f"{mm(slid):.0f} mm and {deg(turned):.0f}° in them",
             "both poses of every row, as they were at that moment",
             hint="did the program that wrote them read this pose only once? Record again",
@@ -66,4 +66,4 @@ def _moves_on(other: Poses, same: BoolArray) -> bool:
         return False
     every = np.ones_like(same)
     parts = zip(_spread(other, same), _spread(other, every), strict=True)
-    return any(rms_length(some) > MOVES_ON * rms_length(of_all) for some, of_all in parts)
+    return any(rms_length(part) > MOVES_ON * rms_length(of_all) for part, of_all in parts)

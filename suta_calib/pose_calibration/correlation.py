@@ -129,12 +129,12 @@ def _variances(
         order[first].astype(float) if correlation_length(mean[np.argsort(first)]) > 1.0 else None
     )
     sampled = np.unique(np.linspace(0, groups - 1, min(groups, ENOUGH)).astype(np.intp))
-    means, slopes, pulls = (np.array(each) for each in zip(*views, strict=True))
+    means, slopes, pulls = (np.array(item) for item in zip(*views, strict=True))
     pulls = pulls.reshape(len(views), groups, size * unknowns)
 
     def of_pulls(rows: FloatArray) -> FloatArray:
         """(views, p, p) of their products with what a covariance makes of them."""
-        left, right = (each.reshape(len(views), -1, unknowns) for each in (pulls, rows))
+        left, right = (parts.reshape(len(views), -1, unknowns) for parts in (pulls, rows))
         return np.asarray(left.transpose(0, 2, 1) @ right)
 
     alone, by_itself = of_pulls(single[:, None] * pulls), of_pulls(pulls)

@@ -89,7 +89,7 @@ class EyePoses:
         return f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only (one sigma)"
 
     @property
-    def known(self) -> str:
+    def accuracy_text(self) -> str:
         """How well X is known, as the beginning of a sentence."""
         displaced, turned = self.displaced_turned
         return (

@@ -32,7 +32,7 @@ from suta_calib.pose_calibration.robot_noise import EYE, TARGET, RobotNoise
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -64,7 +64,7 @@ FINEST_TURN: Final = from_deg(0.1)
 FEW_PAIRS: Final = 8
 FINEST_POSITION: Final = 5e-4
 # Part of the noise within which hand and eye are read alike only where they were not read again.
-ALIKE: Final = 0.05
+COPY_SHARE: Final = 0.05
 # What X and Z are another by, where it is moved.
 MAY_MOVE: Final[dict[EyeSetup, dict[str, str]]] = {
     EYE_IN_HAND: {
@@ -86,7 +86,7 @@ class DistanceTrend(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
+class HandEyeCalibration(Displayable, EyePoses, RobustAnswer):
     """Where the eye is, and where the target; `solution` is in units of `length`.
 
     Residuals are ``A_i X B_i - Z`` in Z's outer frame.
@@ -184,9 +184,9 @@ class HandEyeCalibration(Shown, EyePoses, RobustAnswer):
         (bad if len(self.notes) > 1 else caution).extend(self.notes)
         agreed = self.agreed("pairs", f"{deg(self.rms_angle):.3f}°")
         return Assessment.of(
-            "" if bad else f"{self.known}; {agreed}",
+            "" if bad else f"{self.accuracy_text}; {agreed}",
             bad=bad,
-            care=[*caution, *self.set_aside("pairs", self.inliers), *self.kept("pairs")],
+            care=[*caution, *self.set_aside("pairs", self.inliers), *self.notes_on_rows("pairs")],
         )
 
 
@@ -306,8 +306,10 @@ def _copies(A: Poses, B: Poses, fit: RobustFit) -> int:
     rows = np.flatnonzero(fit.inliers)
     if len(rows) > MOST_ROWS:
         return 0
-    near = ALIKE * np.maximum(fit.sigmas, ROUNDING)
-    numbers = [each for R, p in (A, B) for each in (p / near[0], R.reshape(-1, 9) / near[1])]
+    near = COPY_SHARE * np.maximum(fit.sigmas, ROUNDING)
+    numbers = [
+        row_numbers for R, p in (A, B) for row_numbers in (p / near[0], R.reshape(-1, 9) / near[1])
+    ]
     return len(rows) - len(np.unique(together(np.hstack(numbers)[rows], 1.0)))
 
 
@@ -322,7 +324,7 @@ def hand_eye_from_pairs(
     """`calibrate_hand_eye` of a file: its errors name it, its assessment knows what it found."""
     with error_context(pairs.path):
         answer = calibrate_hand_eye(
-            pairs.hand, pairs.seen, setup=setup, model=model, robust=robust, seed=seed
+            pairs.hand, pairs.target, setup=setup, model=model, robust=robust, seed=seed
         )
     return replace(answer, notes=pairs.unit_notes)
 

@@ -66,7 +66,7 @@ class HeldIntrinsics:
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
-class SeenCamera(EyePoses):
+class CameraEstimate(EyePoses):
     """One camera of the answer.
 
     Attributes:
@@ -78,7 +78,8 @@ class SeenCamera(EyePoses):
         same_corners: whether they were calibrated from these very corners, which count once.
         if_held: X with the intrinsics held at the file's; None where it says no ± of its own, or
             they were held.
-        told: as the pictures alone tell them, with covariance; where they were held, focal lengths
+        by_pictures: as the pictures alone tell them, with covariance; where they were held, focal
+            lengths
             and principal point beside the distortion of the file.
         images: (n,) names of its pictures.
         rows: (n,) their rows in the file of poses.
@@ -108,7 +109,7 @@ class SeenCamera(EyePoses):
     given: Camera | None
     same_corners: bool
     if_held: HeldIntrinsics | None
-    told: Camera
+    by_pictures: Camera
     images: tuple[str, ...]
     rows: IntArray
     inliers: BoolArray
@@ -169,7 +170,7 @@ class PictureCalibration:
 
     setup: EyeSetup
     model: Model
-    cameras: tuple[SeenCamera, ...]
+    cameras: tuple[CameraEstimate, ...]
     solution: Solution
     noise: PictureNoise
     error_model: ErrorModel
@@ -184,7 +185,7 @@ class PictureCalibration:
     @property
     def rms(self) -> float:
         """Root mean square reprojection error of all fitted corners, px."""
-        every = np.concatenate([seen.corners for seen in self.cameras])
+        every = np.concatenate([camera.corners for camera in self.cameras])
         return rms_length(every[every[:, 6] > 0, 4:6])
 
     @property
@@ -195,47 +196,48 @@ class PictureCalibration:
     @property
     def outliers(self) -> tuple[int, ...]:
         """Rows of the file of poses whose picture was judged an outlier, from 0."""
-        rows = [seen.rows[~seen.inliers] for seen in self.cameras]
+        rows = [camera.rows[~camera.inliers] for camera in self.cameras]
         return tuple(sorted({int(row) for row in np.concatenate(rows)}))
 
     @cached_property
     @judged
     def assessment(self) -> Assessment:
         """How far to trust every X."""
-        bad, care, known = list[str](), list[str](), list[str]()
+        bad, care, facts = list[str](), list[str](), list[str]()
         if not self.solution.converged:
             bad.append(f"The solver did not converge: {self.solution.sentence}.")
-        for seen in self.cameras:
-            which = f"Camera {seen.label}: " if len(self.cameras) > 1 else ""
-            more_bad, more_care = _judged(seen, self.noise)
+        for camera in self.cameras:
+            which = f"Camera {camera.label}: " if len(self.cameras) > 1 else ""
+            more_bad, more_care = _judged(camera, self.noise)
             bad += [which + sentence for sentence in more_bad]
             care += [which + sentence for sentence in more_care]
-            said, level = _against_the_file(seen)
-            if said:
-                (care if level == "care" else known).append(which + said)
-            if level == "good" and (better := _better_if_held(seen)):
-                known.append(which + better)
+            objection, level = _against_the_file(camera)
+            if objection:
+                (care if level == "care" else facts).append(which + objection)
+            if level == "good" and (better := _better_if_held(camera)):
+                facts.append(which + better)
         sentence = "; ".join(
-            f"{f'camera {seen.label}: ' if len(self.cameras) > 1 else ''}{seen.known}, by "
-            f"{int(seen.inliers.sum())} of {len(seen.inliers)} pictures"
-            for seen in self.cameras
+            f"{f'camera {camera.label}: ' if len(self.cameras) > 1 else ''}"
+            f"{camera.accuracy_text}, by {int(camera.inliers.sum())} of "
+            f"{len(camera.inliers)} pictures"
+            for camera in self.cameras
         )
         return Assessment.of(
             "" if bad else f"{sentence}; their corners agree to {self.rms:.2f} px RMS",
             bad=bad,
             care=[*care, *self.notes],
-            known=known,
+            facts=facts,
         )
 
 
-def _against_the_file(camera: SeenCamera) -> tuple[str, Level]:
+def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
     """What the pictures say against the camera's file, and whether it calls for care.
 
     Pictures that put the principal point elsewhere by more than chance are told; care is asked for
     where what is known of the file's own errors does not explain it either, and wherever X follows
     the file.
     """
-    by_pictures, given = camera.told, camera.given
+    by_pictures, given = camera.by_pictures, camera.given
     assert by_pictures.covariance is not None
     if given is None:
         return "", "good"
@@ -267,7 +269,7 @@ def _against_the_file(camera: SeenCamera) -> tuple[str, Level]:
     )
 
 
-def _better_if_held(camera: SeenCamera) -> str:
+def _better_if_held(camera: CameraEstimate) -> str:
     """How well X would be known with the intrinsics held, where that is worth a word."""
     if camera.if_held is None:
         return ""
@@ -291,11 +293,11 @@ def _stds(camera: Camera) -> FloatArray:
     return camera.stds
 
 
-def _held_against(camera: SeenCamera, given: Camera) -> str:
+def _held_against(camera: CameraEstimate, given: Camera) -> str:
     """Intrinsics that were to be believed, and that the pictures do not bear out."""
-    stds = dict(zip(INTRINSICS, _stds(camera.told), strict=True))
+    stds = dict(zip(INTRINSICS, _stds(camera.by_pictures), strict=True))
     changes = [
-        f"{key} {given.values[key]:.2f} → {camera.told.values[key]:.2f} ± {stds[key]:.2f}"
+        f"{key} {given.values[key]:.2f} → {camera.by_pictures.values[key]:.2f} ± {stds[key]:.2f}"
         for key in ("fx", "fy", "cx", "cy")
     ]
     return (
@@ -311,7 +313,7 @@ def _significant(change: FloatArray, covariance: FloatArray) -> bool:
     return squared > float(chdtri(len(change), FALSE_ALARM))
 
 
-def _contradiction(camera: SeenCamera, given: Camera) -> str:
+def _contradiction(camera: CameraEstimate, given: Camera) -> str:
     changes, other = [], False
     for key in ("fx", "fy", "cx", "cy"):
         before, after = given.values[key], camera.camera.values[key]
@@ -321,7 +323,7 @@ def _contradiction(camera: SeenCamera, given: Camera) -> str:
     return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
 
-def _judged(camera: SeenCamera, noise: PictureNoise) -> tuple[list[str], list[str]]:
+def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], list[str]]:
     """Why a camera's X must not be used, and what must be known to use it."""
     bad, care = list[str](), list[str]()
     fitted, count = int(camera.inliers.sum()), len(camera.inliers)

@@ -39,7 +39,7 @@ def cause_of_disagreement(
         given: the camera's file.
         seed: of the minimal samples.
     """
-    hand, board = _told(term)
+    hand, board = _usable_poses(term)
     scale = _scale(as_eye_in_hand(hand, term.setup), board)
     if scale > 0 and abs(np.log(scale)) > np.log(OTHER_SIZE):
         larger = (hand, (board[0], board[1] * scale))
@@ -50,7 +50,7 @@ def cause_of_disagreement(
                 "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
             )
     for sentence, read in term.misread:
-        if _agrees(*_told(read), term.setup, seed):
+        if _agrees(*_usable_poses(read), term.setup, seed):
             return (
                 f"pictures that agree with the poses if {sentence}",
                 "u counts from the left and v from the top of pictures that are not mirrored",
@@ -64,7 +64,7 @@ def cause_of_disagreement(
     before, after = given.values["fx"], estimated.values["fx"]
     if abs(np.log(after / before)) < np.log(OTHER_FOCAL):
         return "", ""
-    if _agrees(*_told(replace(term, camera=estimated)), term.setup, seed):
+    if _agrees(*_usable_poses(replace(term, camera=estimated)), term.setup, seed):
         return (
             f"pictures of a focal length of some {after:.0f} px, where the camera's file says "
             f"{before:.0f} px",
@@ -79,19 +79,19 @@ def loose(answer: HandEyeCalibration) -> bool:
     return bool(scatter > SUSPICIOUS and answer.rms_angle / np.sqrt(3.0) > TURNED)
 
 
-def _told(term: CameraView) -> tuple[Poses, Poses]:
+def _usable_poses(term: CameraView) -> tuple[Poses, Poses]:
     """Poses of the hand, and of the board in the eye, of the pictures that tell it."""
     posed = np.isfinite(term.seen_poses[1][:, 0])
     return some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
 
 
-def _scale(hand: Poses, seen: Poses) -> float:
+def _scale(hand: Poses, eye: Poses) -> float:
     """How much farther the hand moves than the eye sees, with X found beside it.
 
     ``(R_A - I) t_X + t_A = s R_X t_B`` for motions between any two pictures, by least squares.
     """
-    turn, _ = quaternion_hand_eye(hand, seen)
-    (R, p), (Rb, pb) = hand, seen
+    turn, _ = quaternion_hand_eye(hand, eye)
+    (R, p), (Rb, pb) = hand, eye
     # Motions of the hand A = A_j⁻¹ A_i and of the board in the eye B = B_j B_i⁻¹.
     i, j = np.triu_indices(len(p), k=1)
     A = np.swapaxes(R[j], 1, 2) @ R[i]
@@ -101,12 +101,12 @@ def _scale(hand: Poses, seen: Poses) -> float:
     return float(np.linalg.lstsq(rows, -a.ravel(), rcond=None)[0][3])
 
 
-def _agrees(hand: Poses, seen: Poses, setup: EyeSetup, seed: int) -> bool:
+def _agrees(hand: Poses, eye: Poses, setup: EyeSetup, seed: int) -> bool:
     """Whether poses determine an X that most of them agree with."""
-    if not (np.isfinite(hand[1]).all() and np.isfinite(seen[1]).all()):
+    if not (np.isfinite(hand[1]).all() and np.isfinite(eye[1]).all()):
         return False
     try:
-        answer = calibrate_hand_eye(hand, seen, setup=setup, seed=seed)
+        answer = calibrate_hand_eye(hand, eye, setup=setup, seed=seed)
     except SamplesError:
         return False
     return bool(answer.inliers.mean() > 1.0 - MANY_OUTLIERS) and not loose(answer)

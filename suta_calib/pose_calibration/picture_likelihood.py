@@ -125,9 +125,9 @@ class Likelihood:
 
     def at(self, eta: FloatArray) -> LikelihoodPoint:
         """At some levels."""
-        sums, known, c = self.sums, self.known, self.cameras
+        sums, prior, c = self.sums, self.known, self.cameras
         inverse, scale = np.exp(-2.0 * eta[:c]), self._scale(eta)
-        precision = known.at(np.exp(eta[c + 2 :]))
+        precision = prior.at(np.exp(eta[c + 2 :]))
         pp = scale[:, None] * np.tensordot(inverse, sums.pp, 1) * scale
         pj = scale[:, None] * np.tensordot(inverse, sums.pj, 1)
         pr = scale * np.tensordot(inverse, sums.pr, 1)
@@ -136,24 +136,24 @@ class Likelihood:
         # One product over poses and ways: every picture adds to it.
         answered = pj.reshape(-1, pj.shape[2]).T @ solved.reshape(-1, solved.shape[2])
         curvature = np.tensordot(inverse, sums.jj, 1) + np.diag(precision) - answered[:, :-1]
-        slope = inverse @ sums.jr + precision * known.away - answered[:, -1]
+        slope = inverse @ sums.jr + precision * prior.away - answered[:, -1]
         unit = 1.0 / np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         scaled = curvature * np.outer(unit, unit)
         covariance = np.linalg.pinv(scaled, 1e-13, True) * np.outer(unit, unit)
         step = -covariance @ slope
-        energy = float(inverse @ sums.rr) + float(precision @ known.away**2)
+        energy = float(inverse @ sums.rr) + float(precision @ prior.away**2)
         energy -= float(np.sum(pr * solved[:, :, -1])) - float(slope @ step)
         log_determinants = 2.0 * float(sums.count @ eta[:c]) + float(
             np.linalg.slogdet(inner)[1].sum()
         )
         log_determinants += float(np.linalg.slogdet(scaled)[1]) - 2.0 * float(np.log(unit).sum())
-        levelled = known.groups.any(axis=0) | known.shared.any(axis=0)
+        levelled = prior.groups.any(axis=0) | prior.shared.any(axis=0)
         log_determinants -= float(np.log(precision[levelled]).sum())
-        added, scatter = np.split(eta[c + 2 :], [len(known.groups)])
+        added, scatter = np.split(eta[c + 2 :], [len(prior.groups)])
         value = (
             0.5 * (energy + log_determinants) - float(eta[c : c + 2].sum()) - float(scatter.sum())
         )
-        value += 0.5 * float(np.sum((added / known.spread) ** 2))
+        value += 0.5 * float(np.sum((added / prior.spread) ** 2))
         answers = solved[:, :, :-1]
         poses = scale * (solved[:, :, -1] + answers @ step)
         return LikelihoodPoint(value, step, covariance, poses, (pp, pj, pr), answers)
@@ -165,9 +165,9 @@ class Likelihood:
         the corners, of the likelihood that had them known: so many corners less what their squares
         are expected to sum to, and the same of the hand's poses and of what is known.
         """
-        sums, known, c = self.sums, self.known, self.cameras
+        sums, prior, c = self.sums, self.known, self.cameras
         scale, tail = self._scale(eta), eta[c + 2 :]
-        widening = tail[: len(known.groups)]
+        widening = tail[: len(prior.groups)]
         added = np.exp(2.0 * widening)
         # Second moments of the step and of the hand's poses in their scatter.
         moved, together = here.poses / scale, here.answers @ here.covariance
@@ -180,15 +180,15 @@ class Likelihood:
         squares -= 2.0 * np.tensordot(sums.pj, scale[:, None] * both, 3)
         squares += np.tensordot(sums.pp, scale[:, None] * poses * scale, 3)
         ways = np.sum(1.0 - np.diagonal(poses, axis1=1, axis2=2), axis=0).reshape(2, DIRECTIONS)
-        away = np.diag(here.covariance) + (here.step + known.away) ** 2
-        excess = 1.0 - known.at(np.exp(tail)) * away
-        part = added[:, None] * known.groups / (1.0 + added @ known.groups)
+        away = np.diag(here.covariance) + (here.step + prior.away) ** 2
+        excess = 1.0 - prior.at(np.exp(tail)) * away
+        part = added[:, None] * prior.groups / (1.0 + added @ prior.groups)
         return np.concatenate(
             [
                 sums.count - np.exp(-2.0 * eta[:c]) * squares,
                 ways.sum(axis=1) - 1.0,
-                part @ excess + widening / known.spread**2,
-                known.shared @ excess - 1.0,
+                part @ excess + widening / prior.spread**2,
+                prior.shared @ excess - 1.0,
             ]
         )
 

@@ -80,12 +80,12 @@ class Hands:
     Attributes:
         of_sample: (samples,) which of them every sample of every term has, from 0: cameras that
             took pictures at the same one share what is wrong with it.
-        alike: spaces (poses, k) in which neighbours may err alike; 1 is far.
+        spaces: spaces (poses, k) in which neighbours may err alike; 1 is far.
         shared: (poses, 6, k) errors that they share, by `shared_errors`.
     """
 
     of_sample: IntArray
-    alike: Sequence[FloatArray]
+    spaces: Sequence[FloatArray]
     shared: FloatArray
 
 
@@ -117,7 +117,8 @@ class Weighed:
         covariance: (n, n) of them.
         noise: what scatters.
         free: indices that were estimated.
-        told: (n,) of them as the pictures alone tell them, whatever is known of the cameras.
+        free_estimate: (n,) of them as the pictures alone tell them, whatever is known of the
+            cameras.
         told_covariance: (n, n) of these.
         levels: logarithms of what scatters, as `Likelihood` has them.
         chosen: the model of the hand's errors.
@@ -129,7 +130,7 @@ class Weighed:
     covariance: FloatArray
     noise: PictureNoise
     free: IntArray
-    told: FloatArray
+    free_estimate: FloatArray
     told_covariance: FloatArray
     levels: FloatArray
     chosen: Chosen
@@ -255,7 +256,7 @@ def weigh_pictures(
     uncertainty = likelihood.uncertainty(eta)
     log_std = np.sqrt(np.diag(uncertainty))
     covariance = here.covariance + covariance_of_levels(likelihood.at, eta, uncertainty)
-    covariance = covariance + _in_common(here, hands.alike)
+    covariance = covariance + _in_common(here, hands.spaces)
     chosen = choose_model(
         problem, estimate.rows, likelihood, eta, covariance, np.isin(np.arange(len(x)), free)
     )
@@ -263,7 +264,7 @@ def weigh_pictures(
     shared = cameras + 2 + len(likelihood.known.groups)
     wide[cameras + 2 : shared] = np.log(WIDE)
     untold = likelihood.at(wide)
-    told_covariance = untold.covariance + _in_common(untold, hands.alike)
+    told_covariance = untold.covariance + _in_common(untold, hands.spaces)
     position, rotation = (
         Learned(float(np.exp(eta[k])), float(log_std[k]), None) for k in (cameras, cameras + 1)
     )
@@ -351,7 +352,7 @@ def sizes_of_boards(
         if np.all(np.abs(away) < NEAR):
             break
     levels = estimate.likelihood.uncertainty(estimate.eta)
-    covariance = estimate.here.covariance + _in_common(estimate.here, hands.alike)
+    covariance = estimate.here.covariance + _in_common(estimate.here, hands.spaces)
     covariance = covariance + covariance_of_levels(estimate.likelihood.at, estimate.eta, levels)
     stds = np.sqrt(np.diag(covariance))[sizes]
     return {

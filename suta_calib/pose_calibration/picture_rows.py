@@ -193,5 +193,5 @@ def _by_size(problem: Problem, term: CameraView, every: FloatArray, x: FloatArra
     owner = term.owners[1]
     at = [problem.names.index(f"{owner}.{key}") for key in PLACEMENT]
     turn = rotation_from_vector(x[at[3:]])
-    _, point = term.found
+    _, point = term.detected
     return np.asarray(np.einsum("nda,na->nd", every[:, :, at[:3]], term.points[point] @ turn.T))

@@ -32,9 +32,9 @@ from suta_calib.pose_calibration.eye_poses import Model
 from suta_calib.pose_calibration.hand_eye import ADVICE, FEW_PAIRS, calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.picture_answer import (
+    CameraEstimate,
     HeldIntrinsics,
     PictureCalibration,
-    SeenCamera,
 )
 from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose
 from suta_calib.pose_calibration.picture_errors import PictureErrors, picture_errors
@@ -134,7 +134,7 @@ def hand_eye_from_pictures(
         problem, freed = _freed(solution, weighed, hands)
     sizes = sizes_of_boards(problem, freed)
     cameras = tuple(
-        _seen(view, term, good, weighed, freed, sizes[view.target], hand)
+        _camera_estimate(view, term, good, weighed, freed, sizes[view.target], hand)
         for view, term, good in zip(views, terms, believed, strict=True)
     )
     return PictureCalibration(
@@ -214,10 +214,10 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
     """(n,) pictures whose boards agree with one X; refuses what no X explains, by its cause."""
     posed = np.isfinite(term.seen_poses[1][:, 0])
-    hand, seen = some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
+    hand, eye = some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
     answer, problem = None, None
     try:
-        answer = calibrate_hand_eye(hand, seen, setup=term.setup, robust=robust, seed=seed)
+        answer = calibrate_hand_eye(hand, eye, setup=term.setup, robust=robust, seed=seed)
     except SamplesError as refused:
         problem = refused
     if answer is None or loose(answer):
@@ -286,7 +286,7 @@ def _like_the_others(errors: PictureErrors, good: BoolArray) -> BoolArray:
     return agreeing if agreeing.sum() >= FEW_PAIRS else good
 
 
-def _seen(
+def _camera_estimate(
     view: View,
     term: CameraView,
     good: BoolArray,
@@ -294,7 +294,7 @@ def _seen(
     freed: Weighed,
     size: Learned,
     hand: HandPoses,
-) -> SeenCamera:
+) -> CameraEstimate:
     """A camera of the answer; ``freed`` is one with its intrinsics estimated."""
     same_corners = view.camera is not None and term.prior is not None
     values, parameters = weighed.values, list(weighed.values)
@@ -310,7 +310,7 @@ def _seen(
     of = [freed.names.index(f"{owner}.{key}") for key in INTRINSICS]
     by_pictures = replace(
         term.camera,
-        intrinsics=freed.told[of].copy(),
+        intrinsics=freed.free_estimate[of].copy(),
         covariance=freed.told_covariance[np.ix_(of, of)],
     )
     camera = replace(term.camera, covariance=None)
@@ -329,7 +329,7 @@ def _seen(
     turns[posed] = vector_from_rotation(Z[0].T @ R[posed])
     errors = picture_errors(term, values)
     points = np.array(list(view.board.points))
-    sample, point = term.found
+    sample, point = term.detected
     corners = np.column_stack(
         [
             sample,
@@ -341,7 +341,7 @@ def _seen(
     )
     images = term.poses.samples.labels["image"]
     upside_down = refined.pictures.upside_down(A)
-    return SeenCamera(
+    return CameraEstimate(
         label=view.label,
         setup=term.setup,
         X=homogeneous(*X),
@@ -351,7 +351,7 @@ def _seen(
         given=view.camera,
         same_corners=same_corners,
         if_held=None if same_corners else _if_held(view, weighed, at[:6], of),
-        told=by_pictures,
+        by_pictures=by_pictures,
         images=tuple(images.tolist()),
         rows=rows,
         inliers=good,

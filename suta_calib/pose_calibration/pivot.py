@@ -26,7 +26,7 @@ from suta_calib.pose_calibration.robust_answer import (
 )
 from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, rows_of_each, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
@@ -57,7 +57,7 @@ DOUBTFUL: Final = 2.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class PivotCalibration(Shown, RobustAnswer):
+class PivotCalibration(Displayable, RobustAnswer):
     """The tip of a tool, and the points it rested on; `solution` is in units of `length`.
 
     The covariance (3 + 3k, 3 + 3k), m², is of the tip and then of the posts in order; residuals are
@@ -147,8 +147,8 @@ class PivotCalibration(Shown, RobustAnswer):
         return Assessment.of(
             "" if bad else f"{statement}; {self.agreed('poses')}",
             bad=bad,
-            care=[*caution, *self.set_aside("poses", self.inliers), *self.kept("poses")],
-            known=[self.relied_on],
+            care=[*caution, *self.set_aside("poses", self.inliers), *self.notes_on_rows("poses")],
+            facts=[self.relied_on],
         )
 
     @property

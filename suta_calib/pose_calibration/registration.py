@@ -15,7 +15,7 @@ from suta_calib.geometry.numbers import (
     rms_length,
     skew,
 )
-from suta_calib.measurements.pose_files import Points
+from suta_calib.measurements.pose_files import PointSet
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
 from suta_calib.pose_calibration.repeated_points import RepeatedPoints, repeats
@@ -29,7 +29,7 @@ from suta_calib.pose_calibration.rigid_fit import (
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import ROUNDING
 from suta_calib.pose_calibration.stated import Agreement, StatedSpread
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms.poses import together
 from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
@@ -52,7 +52,7 @@ DEFORMED: Final = (ScaledPoints.name, StrainedPoints.name)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
-class Registration(Shown, RobustAnswer):
+class Registration(Displayable, RobustAnswer):
     """``T_b_a``, which takes points in frame a (the source) to frame b (the target).
 
     The covariance (6, 6) is of a small displacement (m) and turn (rad) of the moved points about
@@ -159,8 +159,13 @@ class Registration(Shown, RobustAnswer):
         return Assessment.of(
             "" if bad else f"{statement}; {self.agreed('points')}{counted}",
             bad=bad,
-            care=[*caution, *self.set_aside("points", inliers), *self.kept("points"), *self.notes],
-            known=[self.relied_on],
+            care=[
+                *caution,
+                *self.set_aside("points", inliers),
+                *self.notes_on_rows("points"),
+                *self.notes,
+            ],
+            facts=[self.relied_on],
         )
 
     def deformed(self, level: Level) -> list[str]:
@@ -320,9 +325,9 @@ def _repeats(a: FloatArray, b: FloatArray, rigid: RigidFit) -> RepeatedPoints | 
 
 
 def registration_from_points(
-    a: Points,
-    b: Points,
-    targets: Points | None = None,
+    a: PointSet,
+    b: PointSet,
+    targets: PointSet | None = None,
     *,
     robust: bool = True,
     seed: int = 0,

@@ -93,8 +93,8 @@ def repeats(
         inliers: (n,) rows that agree.
     """
     judged = [_judged(point, residuals, inliers) for point in points]
-    found = [one for one in judged if one is not None]
-    chance, likeliest = min(found, key=lambda each: each[0], default=(1.0, None))
+    candidates = [one for one in judged if one is not None]
+    chance, likeliest = min(candidates, key=lambda pair: pair[0], default=(1.0, None))
     return likeliest if chance < FALSE_ALARM / 2 else None
 
 

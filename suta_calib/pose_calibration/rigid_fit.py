@@ -82,7 +82,7 @@ def rigid_fit(
         SamplesError: they are the mirror image of each other, unrelated, or hardly off a line.
     """
     judged = seed if len(a) >= ENOUGH_TO_JUDGE else None
-    relative = np.ones(len(a)) if spread is None else spread.each / spread.typical
+    relative = np.ones(len(a)) if spread is None else spread.per_point / spread.typical
     start, mirrored = _start(a, b, judged, relative), _start(-a, b, judged, relative)
     # Mirror images are Arun's third case, unless noise may be what turned the sign.
     scatter = float(start.sigmas[0])
@@ -112,7 +112,7 @@ def rigid_fit(
     def revise(values: Mapping[str, float], inliers: BoolArray) -> None:
         del inliers
         nonlocal turned
-        turned = pose_named(values, TrackedPoint.frames[0].own)[0]
+        turned = pose_named(values, TrackedPoint.frames[0].owner)[0]
 
     fit = robust_fit(
         make,

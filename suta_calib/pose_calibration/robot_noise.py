@@ -39,7 +39,7 @@ SURE: Final = 2.0
 # gets a large standard deviation. Only what is singular is held, and then refused.
 ANYTHING: Final = 100.0
 # What the poses of the eye in the hand and of the target are called among the unknowns.
-EYE, TARGET = (frame.own for frame in HandEye.frames)
+EYE, TARGET = (frame.owner for frame in HandEye.frames)
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,7 +70,7 @@ def estimate_lever(
     position: FloatArray,
     turn: FloatArray,
     lever: FloatArray,
-    seen: FloatArray,
+    target: FloatArray,
     sight: FloatArray | None = None,
 ) -> LeverModel:
     """The lever by which the turns in the residuals of pairs move the target.
@@ -86,12 +86,12 @@ def estimate_lever(
         turn: (n, 3) turn in each residual, rad, in the eye's axes.
         lever: (n, 3) from the hand's origin to the target, in the eye's axes, and in the unit of
             ``position``.
-        seen: (n, 3, 3) orientation of the target in the eye.
+        target: (n, 3, 3) orientation of the target in the eye.
         sight: (n, 3) from the eye to the target. A camera knows the distance worse than the
             direction, and turns move the target sideways: both are weighed by their scatter.
     """
     cross = skew(turn)
-    columns = np.concatenate([(cross @ lever[..., None]), cross, cross @ seen], axis=2)
+    columns = np.concatenate([(cross @ lever[..., None]), cross, cross @ target], axis=2)
     if not columns[..., 0].any():
         return LeverModel()
     if sight is not None:
@@ -168,7 +168,7 @@ class PairedHandEye(HandEye):
     """`HandEye` of which nothing is held because it is known badly: only what is singular."""
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
         return tuple(
             replace(p, plausible=ANYTHING * p.plausible)
@@ -189,10 +189,10 @@ class RobotNoise:
         at_most: largest part of the rotational noise that the residuals allow the hand.
     """
 
-    def __init__(self, hand: Poses, seen: Poses, finest_turn: float) -> None:
-        self._seen, self._finest = seen, finest_turn
+    def __init__(self, hand: Poses, eye: Poses, finest_turn: float) -> None:
+        self._seen, self._finest = eye, finest_turn
         nothing = np.zeros((len(hand[1]), 0))
-        samples = Samples.from_arrays([], nothing, position=seen[1], rotation=seen[0])
+        samples = Samples.from_arrays([], nothing, position=eye[1], rotation=eye[0])
         # What noise makes up is judged here: `undetermined.noise_made_directions`.
         self._poses = parts_of(MeasuredPoses(*hand, samples, judged=False))
         self.lever = LeverModel()

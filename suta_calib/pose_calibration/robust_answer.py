@@ -148,7 +148,7 @@ class RobustAnswer:
             "than mishaps are. Look what they have in common."
         ]
 
-    def kept(self, what: str) -> list[str]:
+    def notes_on_rows(self, what: str) -> list[str]:
         """Which rows, ``what`` in the plural, stand out and were believed all the same."""
         rows = listed([str(row) for row in np.flatnonzero(self.suspects)])
         if not rows:

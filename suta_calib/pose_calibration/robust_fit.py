@@ -365,7 +365,7 @@ def _covariance(
         white,
         weight,
         bread,
-        _alike(poses, solution),
+        _neighbour_spaces(poses, solution),
         order,
         postures,
         [DIMENSION] * len(rows),
@@ -386,7 +386,7 @@ def _to_base(rows: Rows) -> FloatArray:
     return np.asarray(np.swapaxes(by_pose, 1, 2) / np.maximum(length, 1e-300))
 
 
-def _alike(poses: PoseSource, solution: Solution) -> list[FloatArray]:
+def _neighbour_spaces(poses: PoseSource, solution: Solution) -> list[FloatArray]:
     """Spaces (n, 12) in which neighbours may err alike: of the hand's poses, and of the seen."""
     spaces, samples = [embedded(*poses.at(solution.values))], poses.samples
     if samples.position is not None and samples.rotation is not None:

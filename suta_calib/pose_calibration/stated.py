@@ -42,14 +42,14 @@ class StatedSpread:
         return cls(exact if source is None else source, exact if target is None else target)
 
     @cached_property
-    def each(self) -> FloatArray:
+    def per_point(self) -> FloatArray:
         """(n,) root mean square standard deviation of one component of each row's residual, m."""
         return np.asarray(np.sqrt(np.mean(self.of_source**2 + self.of_target**2, axis=1)))
 
     @cached_property
     def typical(self) -> float:
         """The geometric mean of them, m: in units of it rows weigh."""
-        return float(np.exp(np.mean(np.log(self.each))))
+        return float(np.exp(np.mean(np.log(self.per_point))))
 
     def take(self, rows: ArrayLike) -> StatedSpread:
         """Of some of the points."""

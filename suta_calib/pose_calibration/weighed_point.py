@@ -17,8 +17,8 @@ from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.tracked_point import TrackedPoint
 
 
-def _whitened(poses: Sequence[Pose], own: Symbol, data: Symbol) -> Symbol:
-    base = pose_of(own)
+def _whitened(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    base = pose_of(unknowns)
     return ca.reshape(data[3:], 3, 3) @ (base.R @ poses[0].p + base.p - data[:3])
 
 
