@@ -45,7 +45,7 @@ from suta_calib.measurements.fields import (
     fields_of,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS, ArmPoses, Term
 from suta_calib.terms.poses import joint_ranges, resolutions, together
 
@@ -127,7 +127,7 @@ _FITTED: Final = (
 
 
 @dataclass(frozen=True, eq=False)
-class ProbedSpheres(Shown):
+class ProbedSpheres(Displayable):
     """Touches of calibrated spheres.
 
     Attributes:
@@ -149,7 +149,7 @@ _LENGTHS, _ARTICULATIONS = (
 
 
 @dataclass(frozen=True, eq=False)
-class AcceptanceJob(Shown):
+class AcceptanceJob(Displayable):
     """An acceptance test, everything it names read; empty or None where a test was not made.
 
     Attributes:

@@ -34,7 +34,7 @@ from suta_calib.model.parameters import (
     GEOMETRIC,
     ParameterSet,
 )
-from suta_calib.showing import Shown, named
+from suta_calib.showing import Displayable, named
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -59,7 +59,7 @@ _PAGES: Final = "suta_calib.report.notebook"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class CalibrationJob(Shown):
+class CalibrationJob(Displayable):
     """What a ``calibration.yaml`` asks for, read and checked.
 
     Attributes:
@@ -231,7 +231,7 @@ class CalibrationJob(Shown):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Shown):
+class Calibration(Displayable):
     """What came out of a calibration, judged: the one answer of a job and of `calibrate`.
 
     Attributes:

@@ -59,7 +59,7 @@ def read_term(
     )
     try:
         if row.exclude is not None:
-            samples = row.exclude.kept(samples)
+            samples = row.exclude.remaining(samples)
         term = KINDS[row.kind].over(ArmPoses(arm, samples), setup)
         term = replace(term, given=row.given) if row.given else term
         term = replace(term, scale=row.scale) if row.scale else term
@@ -96,14 +96,20 @@ def held_together(
 
 def _given_unknowns(terms: Sequence[Term]) -> dict[str, Parameter]:
     """Own unknowns of which a given pose says something."""
-    return {p.name: p for term in terms if term.given for p in term.unknowns if p not in term.own}
+    return {
+        p.name: p
+        for term in terms
+        if term.given
+        for p in term.unknowns
+        if p not in term.own_parameters
+    }
 
 
 def _check_given_alike(
     spec: JobSpec, observations: Sequence[Term], validation: Sequence[Term]
 ) -> None:
     """Refuse a pose of a held-out row that would go unheard: what is fitted keeps its place."""
-    fitted = {p.name for term in observations for p in term.own}
+    fitted = {p.name for term in observations for p in term.own_parameters}
     given = _given_unknowns(observations)
     for row, term in zip(spec.validation, validation, strict=True):
         for name, parameter in _given_unknowns([term]).items():

@@ -25,7 +25,7 @@ from suta_calib.measurements.fields import (
     read_as,
 )
 from suta_calib.measurements.yaml_file import Sign, YamlSection
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.units import from_um
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]
@@ -105,7 +105,7 @@ class LengthLimit:
 
 
 @dataclass(frozen=True)
-class Limits(Shown):
+class Limits(Displayable):
     """Maximum permissible errors, m; None where no limit is given.
 
     They are E_Uni,MPE or E_Bi,MPE of a length, L_Dia,MPE of a location, P_Size,MPE and P_Form,MPE
@@ -149,7 +149,7 @@ class StatedUncertainty:
 
 
 @dataclass(frozen=True)
-class DecisionRule(Shown):
+class DecisionRule(Displayable):
     """How a value, its uncertainty and its limit become a decision; ISO 14253-1.
 
     Attributes:

@@ -8,13 +8,13 @@ from typing import Final
 
 from suta_calib.errors import JobError
 from suta_calib.measurements import YamlSection, read_yaml
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 
 _GROUPS: Final = ("observations", "validation")
 
 
 @dataclass(frozen=True)
-class PlannedObservation(Shown):
+class PlannedObservation(Displayable):
     """One row of ``observations`` or ``validation``.
 
     Attributes:
@@ -44,7 +44,7 @@ class PlannedObservation(Shown):
 
 
 @dataclass(frozen=True)
-class JobOutline(Shown):
+class JobOutline(Displayable):
     """What a ``calibration.yaml`` says beside its samples.
 
     Attributes:

@@ -11,7 +11,7 @@ from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLACEMENT, POSITION
 from suta_calib.plotting.look import MOST_LABELLED
-from suta_calib.plotting.scene import Arrows, Part, Points, Scene, drawn_rows, magnification
+from suta_calib.plotting.scene import Arrows, Part, PlacedPoints, Scene, drawn_rows, magnification
 from suta_calib.terms.term import Term
 
 
@@ -37,12 +37,12 @@ def calibration_scene(
     factor = magnification(errors[0][1], size)
     touched = all(term.medium == "touch" for term in terms)
     word = "where the tip touched" if touched else "where the tip was seen"
-    parts: list[Part] = [Points(word, "touched", errors[1][0])]
+    parts: list[Part] = [PlacedPoints(word, "touched", errors[1][0])]
     parts.append(Arrows("error before", "before", *errors[0], factor))
     parts.append(Arrows("error after", "after", *errors[1], factor))
     for what, places in _places(terms, after).items():
         labels = tuple(places) if len(places) <= MOST_LABELLED else ()
-        parts.append(Points(what, "place", np.array(list(places.values())), labels))
+        parts.append(PlacedPoints(what, "place", np.array(list(places.values())), labels))
     return scene + Scene(tuple(parts))
 
 

@@ -32,13 +32,13 @@ from suta_calib.measurements.fields import (
     mapping,
     read_as,
     rows,
-    whole,
+    whole_number,
 )
 from suta_calib.measurements.scale import GRADES, SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
-from suta_calib.showing import Shown
+from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
 from suta_calib.terms.given import POSE_KEYS
 from suta_calib.trust.evidence import Rule
@@ -50,7 +50,7 @@ Hessian = Literal["gauss-newton", "exact"]
 
 
 @dataclass(frozen=True)
-class ArmSpec(Shown):
+class ArmSpec(Displayable):
     """The key ``arm`` of a job; ``section`` is where it stands, None for no job."""
 
     urdf: Path = keyed(URDF)
@@ -112,7 +112,7 @@ class ArmSpec(Shown):
 
 
 @dataclass(frozen=True)
-class ObservationSpec(Shown):
+class ObservationSpec(Displayable):
     """One term: a row of a job's ``observations`` or ``validation`` (`keys.COMMON_KEYS`), in SI.
 
     Attributes:
@@ -145,18 +145,20 @@ class ObservationSpec(Shown):
 
 
 @dataclass(frozen=True)
-class SolverSpec(Shown):
+class SolverSpec(Displayable):
     """How to solve: the key ``solver`` of a job."""
 
     # What has no minimum by the most has none: 8 starts and 200 iterations are usual.
-    starts: int = keyed(whole(1, 1000), "How many starts; the first is nominal. 1 without it.", 1)
-    seed: int = keyed(whole(0), "Of the random numbers the other starts are drawn with.", 0)
+    starts: int = keyed(
+        whole_number(1, 1000), "How many starts; the first is nominal. 1 without it.", 1
+    )
+    seed: int = keyed(whole_number(0), "Of the random numbers the other starts are drawn with.", 0)
     hessian: Hessian = keyed(
         choice(get_args(Hessian)),
         "gauss-newton (the default), or exact: second derivatives by automatic differentiation.",
         "gauss-newton",
     )
-    max_iterations: int = keyed(whole(1, 100_000), "Per start.", 200)
+    max_iterations: int = keyed(whole_number(1, 100_000), "Per start.", 200)
 
 
 @dataclass(frozen=True)
@@ -267,7 +269,7 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
 
 
 @dataclass(frozen=True)
-class JobSpec(Shown):
+class JobSpec(Displayable):
     """A whole ``calibration.yaml``, which is the file ``path``."""
 
     path: Path
