@@ -40,8 +40,8 @@ from suta_calib.analysis.planning import (
     Reach,
     Region,
     SharedInformation,
+    SharedUnknowns,
     Situation,
-    Space,
     best_set,
     candidate_information,
     candidate_pool,
@@ -78,7 +78,7 @@ class Scene:
     job: CalibrationJob
     situation: Situation
     region: Region
-    space: Space
+    space: SharedUnknowns
     tip: Sensitivity
     truth: dict[str, float]
     candidates: tuple[Candidate, ...]
@@ -167,7 +167,7 @@ def scene(trials: int, pool: Pool, seed: int = 0) -> Scene:
     repeats = situation.repeats
     places = [*grid, *candidate_pool(situation, region, pool, repeats, seed)]
     reached = Reach(situation, repeats, seed).candidates(places)
-    space = Space.of(situation)
+    space = SharedUnknowns.of(situation)
     information = tuple(candidate_information(situation, space, c) for c in reached.candidates)
     tip = region.sensitivity(situation, space.names, seed)
     names = [place.name for place in grid]

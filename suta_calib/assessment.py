@@ -48,10 +48,10 @@ def attempt(what: str, compute: Callable[[], T], otherwise: T, notes: list[str] 
         # CasADi's calls may put a SystemError around an interrupt.
         if isinstance(error, SystemError) and isinstance(error.__cause__, KeyboardInterrupt):
             raise
-        known = isinstance(error, SutaCalibError)
-        reason = " ".join((str(error) if known else f"{type(error).__name__}: {error}").split())
+        own_error = isinstance(error, SutaCalibError)
+        reason = " ".join((str(error) if own_error else f"{type(error).__name__}: {error}").split())
         note = f"Not {what} ({reason}). The answer stands without it."
-        if not known:
+        if not own_error:
             note += " This is a fault of suta_calib: please report it."
         warnings.warn(note, NotExplainedWarning, stacklevel=2)
         if notes is not None:
@@ -73,13 +73,13 @@ def judged(assess: Callable[[A], Assessment]) -> Callable[[A], Assessment]:
     @wraps(assess)
     def assessed(answer: A) -> Assessment:
         notes = list[str]()
-        found = attempt(
+        assessment = attempt(
             "judged: whether this answer may be used",
             lambda: assess(answer),
             Assessment("care"),
             notes,
         )
-        return found.with_care([*notes, *getattr(answer, "unjudged", ())])
+        return assessment.with_care([*notes, *getattr(answer, "unjudged", ())])
 
     return assessed
 
@@ -109,7 +109,7 @@ class Assessment:
         *,
         bad: Sequence[str] = (),
         care: Sequence[str] = (),
-        known: Sequence[str] = (),
+        facts: Sequence[str] = (),
     ) -> Assessment:
         """The worst of what was found.
 
@@ -117,10 +117,10 @@ class Assessment:
             sentence: what was found.
             bad: reasons not to use the answer.
             care: what must be known to use it.
-            known: what it rests on; no reason for care.
+            facts: what it rests on; no reason for care.
         """
         level: Level = "bad" if bad else "care" if care else "good"
-        return cls(level, sentence, (*bad, *care, *known))
+        return cls(level, sentence, (*bad, *care, *facts))
 
     def with_care(self, notes: Sequence[str]) -> Assessment:
         """The same, with more that must be known."""
@@ -154,11 +154,11 @@ class Assessment:
 
 def read_assessment(answer: Mapping[str, Any]) -> Assessment:
     """What an answer that was read back from JSON says of itself; care where it says nothing."""
-    said = _verdict(answer)
-    level, notes = said.get("level"), said.get("notes")
+    verdict = _verdict(answer)
+    level, notes = verdict.get("level"), verdict.get("notes")
     return Assessment(
         level if level in WORD else "care",
-        str(said.get("sentence", "it does not say whether it may be used")),
+        str(verdict.get("sentence", "it does not say whether it may be used")),
         tuple(map(str, notes)) if isinstance(notes, list) else (),
     )
 

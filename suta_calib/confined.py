@@ -69,12 +69,12 @@ def run_confined(module: str, *arguments: str, seconds: float = _CLOCK_SECONDS) 
     if run.returncode in {-signal.SIGXCPU, -signal.SIGKILL}:
         raise ConfinedError(f"more than {PROCESSOR_SECONDS} s of processor time")
     try:
-        found = json.loads(run.stdout)
+        reply = json.loads(run.stdout)
     except ValueError:
         raise ConfinedError(f"a crash (exit code {run.returncode})") from None
-    if "too_much" in found:
-        raise ConfinedError(found["too_much"])
-    return dict(found)
+    if "too_much" in reply:
+        raise ConfinedError(reply["too_much"])
+    return dict(reply)
 
 
 def answer(work: Callable[[], Mapping[str, Any]]) -> None:
@@ -85,10 +85,10 @@ def answer(work: Callable[[], Mapping[str, Any]]) -> None:
     _limit()
     os.environ.clear()
     try:
-        found = work()
-        data = json.dumps(found).encode()
+        result = work()
+        data = json.dumps(result).encode()
         if len(data) > _MOST_OUTPUT:
-            found, data = {}, b""
+            result, data = {}, b""
             raise MemoryError
     except MemoryError:
         data = json.dumps({"too_much": "more memory than a description needs"}).encode()

@@ -92,9 +92,9 @@ class Formula:
     """
 
     once: tuple[tuple[Operation, tuple[Place, ...]], ...]
-    each: tuple[tuple[Operation, tuple[Place, ...]], ...]
+    per_row: tuple[tuple[Operation, tuple[Place, ...]], ...]
     constants: Mapping[int, float]
-    alike: int
+    shared_places: int
     columns: int
 
 
@@ -115,22 +115,22 @@ def formula(function: Any, shared: tuple[int, ...]) -> Formula | None:
     read = [function.instruction_input(k) for k in steps]
     written = [function.instruction_output(k) for k in steps]
     register = dict[int, Place]()
-    once, each = list[Any](), list[Any]()
-    constants, alike, columns = dict[int, float](), 0, 0
+    once, per_row = list[Any](), list[Any]()
+    constants, shared_places, columns = dict[int, float](), 0, 0
     for k, code in enumerate(codes):
         if code == ca.OP_INPUT:
             register[written[k][0]] = ("shared" if read[k][0] in shared else "input", *read[k])
             continue
         operands = tuple(register[r] for r in read[k])
         same = all(kind in ("alike", "shared") for kind, _, _ in operands)
-        to = once if same else each
+        to = once if same else per_row
         if code == ca.OP_OUTPUT:
             to.append((np.positive, (*operands, ("output", *written[k]))))
             continue
         # CasADi uses a register again when its number is not needed any more.
         place: Place = ("column", 0, written[k][0])
         if same:
-            place, alike = ("alike", 0, alike), alike + 1
+            place, shared_places = ("alike", 0, shared_places), shared_places + 1
         else:
             columns = max(columns, written[k][0] + 1)
         register[written[k][0]] = place
@@ -138,7 +138,7 @@ def formula(function: Any, shared: tuple[int, ...]) -> Formula | None:
             constants[place[2]] = function.instruction_constant(k)
         else:
             to.append((_BY_CODE[code], (*operands, place)))
-    return Formula(tuple(once), tuple(each), constants, alike, columns)
+    return Formula(tuple(once), tuple(per_row), constants, shared_places, columns)
 
 
 class Elementwise:
@@ -158,13 +158,13 @@ class Elementwise:
         self._height = -(-count // -(-count // HEIGHT))
         of_row = [np.zeros((a.shape[1] if a.ndim == 2 else 0, self._height)) for a in inputs]
         answers = [np.zeros((a.shape[1], self._height)) for a in outputs]
-        alike = np.zeros((rule.alike, 1))
+        shared = np.zeros((rule.shared_places, 1))
         for place, value in rule.constants.items():
-            alike[place] = value
+            shared[place] = value
         self._inputs = [(a, b) for a, b in zip(inputs, of_row, strict=True) if a.ndim == 2]
         self._outputs = list(zip(outputs, answers, strict=True))
         stands = {
-            "alike": [list(alike)],
+            "alike": [list(shared)],
             "shared": [list(a[:, None]) if a.ndim == 1 else [] for a in inputs],
             "input": [list(block) for block in of_row],
             "output": [list(block) for block in answers],
@@ -172,7 +172,7 @@ class Elementwise:
         }
         self._once, self._each = (
             [(do, [stands[kind][which][at] for kind, which, at in places]) for do, places in steps]
-            for steps in (rule.once, rule.each)
+            for steps in (rule.once, rule.per_row)
         )
 
     def __call__(self) -> None:
@@ -183,10 +183,10 @@ class Elementwise:
             for first in range(0, len(self._outputs[0][0]), self._height):
                 rows = slice(first, first + self._height)
                 for array, block in self._inputs:
-                    some = array[rows].T
-                    block[:, : some.shape[1]] = some
+                    chunk = array[rows].T
+                    block[:, : chunk.shape[1]] = chunk
                 for operation, operands in self._each:
                     operation(*operands)
                 for array, block in self._outputs:
-                    some = array[rows]
-                    some[:] = block[:, : len(some)].T
+                    chunk = array[rows]
+                    chunk[:] = block[:, : len(chunk)].T

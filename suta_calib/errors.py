@@ -76,8 +76,8 @@ class InputError(SutaCalibError):
         if self.line is not None:
             place += f":{self.line}" if place else f"line {self.line}"
         expected = f"expected {self.expected}" if self.expected else ""
-        said = "; ".join(filter(None, (f"found {self.found}", expected, self.hint)))
-        return ": ".join(filter(None, (place, self.where, said)))
+        sentence = "; ".join(filter(None, (f"found {self.found}", expected, self.hint)))
+        return ": ".join(filter(None, (place, self.where, sentence)))
 
 
 class UrdfError(InputError):
@@ -169,13 +169,13 @@ def shortened(text: str) -> str:
     return text if len(text) <= _LONGEST_PART else f"{text[:_LONGEST_PART]}…"
 
 
-def did_you_mean(word: str, known: Iterable[str]) -> str:
+def did_you_mean(word: str, candidates: Iterable[str]) -> str:
     """``did you mean 'x'?`` for the known word closest to ``word``, upper or lower case alike.
 
     The word itself is no hint: where it is known, and wrong for another reason, there is none.
     Returns an empty string where nothing is close, so that the answer can go straight into
     `InputError`'s ``hint``.
     """
-    by_lower_case = {name.lower(): name for name in known if name != word}
+    by_lower_case = {name.lower(): name for name in candidates if name != word}
     close = difflib.get_close_matches(word.lower(), by_lower_case, n=1)
     return f"did you mean {by_lower_case[close[0]]!r}?" if close else ""

@@ -83,7 +83,7 @@ def all_classes(group: Group, base: type[Base], package: str) -> dict[str, type[
 
 def shipped(known: Mapping[str, Value]) -> dict[str, Value]:
     """Those of some classes, or of their objects, by name, that this package defines itself."""
-    return {name: each for name, each in known.items() if _is_shipped(each)}
+    return {name: value for name, value in known.items() if _is_shipped(value)}
 
 
 def _is_shipped(value: object) -> bool:

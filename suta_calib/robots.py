@@ -73,15 +73,15 @@ def _files() -> Mapping[str, Path]:
         folder = Path(str(distribution(_PACKAGE).locate_file(_ROBOTS)))
     except PackageNotFoundError:
         raise missing(_PACKAGE, "robots") from None
-    alike = defaultdict[str, list[Path]](list)
+    same_stem = defaultdict[str, list[Path]](list)
     for urdf in folder.rglob("*.urdf"):
-        alike[urdf.stem.removesuffix("_robot")].append(urdf)
-    found = dict[str, Path]()
-    for name, files in alike.items():
+        same_stem[urdf.stem.removesuffix("_robot")].append(urdf)
+    urdfs = dict[str, Path]()
+    for name, files in same_stem.items():
         homes = {urdf.relative_to(folder).parts[0]: urdf for urdf in sorted(files)}
         for home, urdf in homes.items():
-            found[name if len(homes) == 1 else home.removesuffix("_description")] = urdf
-    return dict(sorted(found.items()))
+            urdfs[name if len(homes) == 1 else home.removesuffix("_description")] = urdf
+    return dict(sorted(urdfs.items()))
 
 
 def end_of(tree: UrdfTree) -> str:
@@ -111,8 +111,8 @@ def end_of(tree: UrdfTree) -> str:
         if passed and (end := _named_end(branches)):
             return end
         longest = max(map(length, branches))
-        alike = [joint for joint in branches if length(joint)[0] == longest[0]]
-        if longest[0] and len(alike) > 1:
+        longest_branches = [joint for joint in branches if length(joint)[0] == longest[0]]
+        if longest[0] and len(longest_branches) > 1:
             if longest[0] >= passed:
                 raise UrdfError(
                     f"{tree.robot}, which is no single arm",

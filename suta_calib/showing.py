@@ -29,7 +29,7 @@ def named(module: str, name: str) -> Any:
     return getattr(import_module(module), name)
 
 
-class Shown:
+class Displayable:
     """Has a short `repr`, and tables where a notebook shows it.
 
     A subclass may say in `in_a_line` what it is; of others a few of their attributes are shown, in
@@ -66,7 +66,7 @@ class Shown:
         return html
 
 
-def _shown(self: Shown) -> str:
+def _shown(self: Displayable) -> str:
     return f"<{type(self).__name__}: {self.in_a_line}>"
 
 
@@ -91,7 +91,7 @@ def _brief(value: Any) -> str:
         return _listed(value)
     if isinstance(value, float):
         return f"{value:.6g}"
-    text = "" if isinstance(value, Shown) or is_dataclass(value) else repr(value)
+    text = "" if isinstance(value, Displayable) or is_dataclass(value) else repr(value)
     if not 0 < len(text) <= _LONGEST_VALUE or "\n" in text:
         return f"{text[:_LONGEST_VALUE]}…'" if isinstance(value, str) else type(value).__name__
     return text

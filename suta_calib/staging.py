@@ -124,8 +124,8 @@ def _recover(folder: Path, *, alone: bool) -> None:
             if not alone and time.time() - stage.stat().st_mtime < _SURELY_OVER_S:
                 continue
             if (journal := stage / JOURNAL).is_file():
-                told = json.loads(journal.read_bytes())
-                names, stale = list(told["files"]), list(told["stale"])
+                record = json.loads(journal.read_bytes())
+                names, stale = list(record["files"]), list(record["stale"])
                 if all(_is_inside(folder, name) for name in (*names, *stale)):
                     _carry_out(folder, stage, names, stale)
             shutil.rmtree(stage, ignore_errors=True)

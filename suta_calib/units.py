@@ -24,7 +24,7 @@ REFERENCE_TEMPERATURE: Final = 20.0
 
 
 @dataclass(frozen=True)
-class Shown:
+class DisplayUnit:
     """How a quantity looks outside.
 
     Attributes:
@@ -40,17 +40,17 @@ class Shown:
     decimals: int
 
 
-SHOWN: Final[dict[Unit, Shown]] = {
-    "m": Shown("mm", "_mm", 1e3, 3),
-    "rad": Shown("deg", "_deg", 180.0 / math.pi, 4),
-    "rad/Nm": Shown("deg/Nm", "_deg_per_nm", 180.0 / math.pi, 5),
-    "1/K": Shown("ppm/K", "_ppm_per_k", 1e6, 2),
-    "m/s": Shown("mm/h", "_mm_per_h", 3.6e6, 3),
-    "rad/s": Shown("deg/h", "_deg_per_h", 3600.0 * 180.0 / math.pi, 4),
-    "s": Shown("s", "_s", 1.0, 3),
-    "px": Shown("px", "_px", 1.0, 3),
-    "1": Shown("", "", 1.0, 6),
-    "%": Shown("%", "_pct", 100.0, 1),
+SHOWN: Final[dict[Unit, DisplayUnit]] = {
+    "m": DisplayUnit("mm", "_mm", 1e3, 3),
+    "rad": DisplayUnit("deg", "_deg", 180.0 / math.pi, 4),
+    "rad/Nm": DisplayUnit("deg/Nm", "_deg_per_nm", 180.0 / math.pi, 5),
+    "1/K": DisplayUnit("ppm/K", "_ppm_per_k", 1e6, 2),
+    "m/s": DisplayUnit("mm/h", "_mm_per_h", 3.6e6, 3),
+    "rad/s": DisplayUnit("deg/h", "_deg_per_h", 3600.0 * 180.0 / math.pi, 4),
+    "s": DisplayUnit("s", "_s", 1.0, 3),
+    "px": DisplayUnit("px", "_px", 1.0, 3),
+    "1": DisplayUnit("", "", 1.0, 6),
+    "%": DisplayUnit("%", "_pct", 100.0, 1),
 }
 
 

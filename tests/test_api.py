@@ -117,7 +117,7 @@ def test_every_kind_is_made_from_arrays(name: str) -> None:
     (term,) = problem_of(name).terms
     assert isinstance(term.poses, ArmPoses)
     again = type(term).from_arrays(term.poses.arm, term.poses.samples.q, **arrays_of(term))
-    assert [p.name for p in again.own] == [p.name for p in term.own]
+    assert [p.name for p in again.own_parameters] == [p.name for p in term.own_parameters]
     for block, same in zip(term.blocks, again.blocks, strict=True):
         np.testing.assert_array_equal(block.samples, same.samples)
         np.testing.assert_allclose(block.data, same.data, rtol=1e-12, atol=1e-15)

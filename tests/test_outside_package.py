@@ -66,7 +66,7 @@ def test_its_kind_is_zero_at_the_truth_and_starts_there() -> None:
     (line,) = problem.linearise(x, [1.0])
     np.testing.assert_allclose(line.residual, 0.0, atol=1e-12)
     start = term.start(*term.poses.at(TRUTH))
-    np.testing.assert_allclose(start, [OWN[p.name] for p in term.own], atol=1e-9)
+    np.testing.assert_allclose(start, [OWN[p.name] for p in term.own_parameters], atol=1e-9)
 
 
 def test_its_kind_calibrates_from_python() -> None:

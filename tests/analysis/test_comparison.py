@@ -55,8 +55,11 @@ def test_held_out_rows_at_fitted_postures_are_told_of() -> None:
     for jitter in (0.0, 1e-6):
         shaken = replace(samples, q=samples.q + jitter)
         own = compare_arms([s.term(samples.take(fitted))], [s.term(shaken.take(fitted))], arm)
-        assert own.seen == fitted.sum()
-        assert f"{own.seen} of {own.seen} validation rows were read" in own.assessment.notes[-1]
+        assert own.rows_in_fit == fitted.sum()
+        assert (
+            f"{own.rows_in_fit} of {own.rows_in_fit} validation rows were read"
+            in own.assessment.notes[-1]
+        )
         apart = compare_arms([s.term(samples.take(fitted))], [s.term(shaken.take(other))], arm)
-        assert apart.seen == 0
+        assert apart.rows_in_fit == 0
         assert not any("were read where" in note for note in apart.assessment.notes)

@@ -27,7 +27,7 @@ from simulated import (
 from suta_calib.analysis.outliers import METRICS, Level, Outliers, Thresholds, find_outliers
 from suta_calib.analysis.outliers.chance import Simulator
 from suta_calib.analysis.outliers.groups import Registered, groupings
-from suta_calib.analysis.outliers.metrics import Scene as Metrics
+from suta_calib.analysis.outliers.metrics import JudgedFit as Metrics
 from suta_calib.analysis.outliers.metrics import measures, shares
 from suta_calib.analysis.outliers.moves import find_moves
 from suta_calib.analysis.outliers.reference import ReferenceFit
@@ -83,7 +83,7 @@ def test_contributions_share_every_squared_error_by_its_two_landmarks(
     study: Study, calibrated: Metrics
 ) -> None:
     landmarks = groupings(study.calibration)[0]
-    error = calibrated.whole.residual[:, 0]
+    error = calibrated.full_refit.residual[:, 0]
     expected = dict.fromkeys(landmarks.labels, 0.0)
     for label, e in zip(study.calibration.blocks[0].labels, error, strict=True):
         for name in label.split("-"):
@@ -118,7 +118,7 @@ def test_leaving_out_is_the_solve_without_the_samples(study: Study, calibrated: 
 def test_leave_one_out_is_the_relative_fall_of_the_rms(study: Study, calibrated: Metrics) -> None:
     landmarks = groupings(study.calibration)[0]
     k = landmarks.labels.index("S2")
-    whole, without = calibrated.whole, calibrated.reference.over(~landmarks.rows(k))
+    whole, without = calibrated.full_refit, calibrated.reference.over(~landmarks.rows(k))
     assert without is not None
     rms = [np.sqrt(np.mean(fit.residual**2)) for fit in (whole, without)]
     got = measures(calibrated, landmarks, [k])[METRICS.index("leave_one_out"), k]

@@ -16,11 +16,11 @@ from suta_calib.analysis.planning import (
     Placement,
     Plan,
     PlanOptions,
-    Point,
     Pool,
     Posture,
     Region,
     Situation,
+    TouchPoint,
     plan,
 )
 from suta_calib.errors import JobError
@@ -105,7 +105,7 @@ def test_candidates_are_reached_as_the_place_says(found: Plan, thesis: Situation
             marks = thesis.artefact.position_of(candidate.marks)
             wanted = marks @ place.rotation.T + place.position
         else:
-            assert isinstance(place, Point)
+            assert isinstance(place, TouchPoint)
             wanted = np.tile(place.position, (len(position), 1))
             assert np.all(rotation[:, :, 2] @ place.axis > np.cos(place.cone) - 1e-6)
         np.testing.assert_allclose(position, wanted, atol=1e-8)

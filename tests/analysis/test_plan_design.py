@@ -20,11 +20,11 @@ from simulated import (
     random_readings,
 )
 
-from suta_calib.analysis.planning import Candidate, Placement, Point, Situation
+from suta_calib.analysis.planning import Candidate, Placement, Situation, TouchPoint
 from suta_calib.analysis.planning.design import (
     Design,
     SharedInformation,
-    Space,
+    SharedUnknowns,
     best_set,
     candidate_information,
     greedy,
@@ -67,7 +67,7 @@ def as_candidates(found: Situation) -> list[Candidate]:
             place = Placement(name, np.zeros(3), np.eye(3))
             marks = tuple(map(str, labels["landmark"][rows])) if "landmark" in labels else ()
             if not marks:
-                place = Point(name, np.zeros(3), len(q), np.array([0, 0, -1.0]), 1.0)
+                place = TouchPoint(name, np.zeros(3), len(q), np.array([0, 0, -1.0]), 1.0)
             made.append(Candidate(place, q, marks, 1))
     return made
 
@@ -75,7 +75,7 @@ def as_candidates(found: Situation) -> list[Candidate]:
 @pytest.mark.parametrize("kind", ["pairwise_distance", "landmark"])
 def test_information_of_different_places_adds_up(kind: str) -> None:
     found = situation(kind, points=True)
-    space = Space.of(found)
+    space = SharedUnknowns.of(found)
     whole = present_information(found, space)
     parts = sum(
         (candidate_information(found, space, c) for c in as_candidates(found)),
@@ -88,7 +88,7 @@ def test_information_of_different_places_adds_up(kind: str) -> None:
 
 def test_covariance_is_the_solvers_with_the_terms_own_unknowns_followed() -> None:
     found = situation(points=True)
-    space = Space.of(found)
+    space = SharedUnknowns.of(found)
     information = present_information(found, space)
     fixed = {int(k) for k in space.identify(information).fixed}
     arm = np.array([k for k in range(space.arm_count) if k not in fixed], dtype=np.intp)
@@ -104,7 +104,7 @@ def test_covariance_is_the_solvers_with_the_terms_own_unknowns_followed() -> Non
 
 def test_repeats_are_independent() -> None:
     found = situation()
-    space = Space.of(found)
+    space = SharedUnknowns.of(found)
     (once, *_) = as_candidates(found)
     thrice = Candidate(once.place, once.q, once.marks, 3)
     a, b = (candidate_information(found, space, c) for c in (once, thrice))
@@ -112,9 +112,11 @@ def test_repeats_are_independent() -> None:
     np.testing.assert_allclose(b.variance, 3 * a.variance)
 
 
-def random_design(criterion: str, count: int = 9) -> tuple[Design, Space, SharedInformation]:
+def random_design(
+    criterion: str, count: int = 9
+) -> tuple[Design, SharedUnknowns, SharedInformation]:
     """Candidates with random information on the thirteen parameters."""
-    space = Space.of(situation())
+    space = SharedUnknowns.of(situation())
     rng = np.random.default_rng(5)
     information = []
     for _ in range(count):
@@ -157,7 +159,7 @@ def test_values_are_those_of_the_covariance_written_out() -> None:
 
 
 def test_directions_nothing_tells_are_kept_in_the_tips_uncertainty() -> None:
-    space = Space.of(situation())
+    space = SharedUnknowns.of(situation())
     information = [
         SharedInformation(
             np.diag([1e4] * 12 + [0.0]), np.diag([1e4] * 12 + [0.0]), np.zeros((13, 13))

@@ -8,7 +8,7 @@ from offset_arm import ONCE, truth_of
 from simulated import arm_named, artefact, artefact_scene, perturbed, placements
 
 from suta_calib import Problem, Selection, solve
-from suta_calib.analysis.planning.design import Space, present_information
+from suta_calib.analysis.planning.design import SharedUnknowns, present_information
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Samples
@@ -32,7 +32,7 @@ def promised(crooked: float) -> tuple[Situation, FloatArray, FloatArray]:
     problem = Problem([scene.term(samples)], unknown)
     solution = solve(problem, ONCE)
     situation = Situation.of(problem, solution)
-    space = Space.of(situation)
+    space = SharedUnknowns.of(situation)
     at = [space.names.index(name) for name in LENGTHS]
     information = present_information(situation, space)
     held_back = set(space.identify(information).fixed.tolist())

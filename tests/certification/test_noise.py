@@ -76,7 +76,7 @@ def test_sound_sets_say_nothing_of_it(tmp_path: Path) -> None:
         assert not any(each.damaged for each in found)
         assert all(each.assessment.level == "good" for each in found if not each.wrong_touches)
         assert sum(bool(each.wrong_touches) for each in found) <= 4
-        assert sum(bool(each.probing.own) for each in found) <= 12
+        assert sum(bool(each.probing.by_kind) for each in found) <= 12
 
 
 def test_one_damaged_pillar_makes_no_noise(tmp_path: Path) -> None:

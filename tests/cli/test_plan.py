@@ -16,7 +16,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simulated import arm_named
 
-from suta_calib.analysis.planning import Placement, Point, Posture, read_candidates, tilted
+from suta_calib.analysis.planning import Placement, Posture, TouchPoint, read_candidates, tilted
 from suta_calib.errors import InputError, JobError
 from suta_calib.geometry.numbers import rotation_from_rpy
 
@@ -56,7 +56,7 @@ def test_places_are_read_in_si(tmp_path: Path) -> None:
     assert isinstance(by_name["G_4"], Placement)
     assert np.degrees(by_name["G_4"].tilt) == pytest.approx(30)
     np.testing.assert_allclose(by_name["G_4"].rotation[:2, 2], [0, 0.5], atol=1e-12)
-    assert isinstance(point, Point)
+    assert isinstance(point, TouchPoint)
     assert (point.directions, point.cone) == (12, pytest.approx(np.pi / 4))
     np.testing.assert_allclose(point.axis, [0, 0, -1])
     assert isinstance(pose, Posture)

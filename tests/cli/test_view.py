@@ -69,7 +69,7 @@ def test_a_result_is_what_the_job_gave(
     assert read.assessment == made.assessment
     for name, terms in made.terms.items():
         for (term, values), (_, again) in zip(terms, read.terms[name], strict=True):
-            for own in term.own:
+            for own in term.own_parameters:
                 assert again[own.name] == pytest.approx(values[own.name], abs=1e-7)
     # The folder of a result is the result.
     assert cli("view", result.parent, "--html", tmp_path / "a.html", "--json") == 0

@@ -62,7 +62,7 @@ each_with_frames = pytest.mark.parametrize("name", [n for n in AVAILABLE if n !=
 
 
 def test_only_distances_stand_nowhere() -> None:
-    assert [name for name in AVAILABLE if not scene(name).exact().own] == [NOWHERE]
+    assert [name for name in AVAILABLE if not scene(name).exact().own_parameters] == [NOWHERE]
 
 
 @each_with_frames

@@ -188,7 +188,7 @@ def test_a_scale_that_nothing_tells_is_no_convention(arm: ArmModel, pivot: ArmPo
     """Touching fixed points leaves the size of the arm open, and its tip wrong by that."""
     scene = fixed_point_scene(arm, {}, 25)
     found = seen(arm, [scene.exact()], *whole_geometry(arm))
-    (scale,) = [e for e in found.explanations if e.told != "redundant"]
+    (scale,) = [e for e in found.explanations if e.reason != "redundant"]
     assert "tracked_point" in scale.remedy
     assert found.assessment.level == "care"
 
@@ -231,7 +231,7 @@ def test_advice_that_is_followed_tells_the_parameter(
     before = seen(arm, [term], *rows)
     rich = RichData(before.problem, before.problem.start())
     for each in before.explanations:
-        if each.told == "redundant":
+        if each.reason == "redundant":
             continue
         for kind in shipped(KINDS).values():
             if f"({kind.kind})" not in each.remedy:

@@ -304,7 +304,7 @@ def test_numpy_and_json_hold_everything(result: Result, tmp_path: Path) -> None:
     for data in (arrays, told):
         values = dict(zip(map(str, data["parameters"]), map(float, data["values"]), strict=True))
         assert values == dict(result.arm.values)
-        np.testing.assert_array_equal(data["covariance"], result.arm.known.covariance)
+        np.testing.assert_array_equal(data["covariance"], result.arm.calibration.covariance)
         at = list(map(str, data["origins"])).index("joint_4")
         origin = np.asarray(data["T_parent_joint"])[at]
         xyz, rpy = result.arm.model.origins(result.arm.values)["joint_4"]

@@ -221,7 +221,7 @@ def test_coordinates_of_a_grid_are_taken_from_an_origin(tmp_path: Path) -> None:
     origin = ",".join(map(repr, GRID.tolist()))
     found = imported(path, origin=origin)
     np.testing.assert_allclose(found.columns["y"], P[:, 1], atol=6e-6)
-    assert f"The origin {origin.replace(',', ', ')} m was subtracted" in found.seen[0]
+    assert f"The origin {origin.replace(',', ', ')} m was subtracted" in found.remarks[0]
     first = imported(path, origin="first")
     np.testing.assert_allclose(first.columns["x"], P[:, 0] - P[0, 0], atol=1.1e-5)
     for wrong in ("last", "1,2", "1,2,inf"):

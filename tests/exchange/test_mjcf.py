@@ -225,7 +225,7 @@ def test_what_the_urdf_does_not_say_is_said(tmp_path: Path) -> None:
     path.write_text(FILES["names"])
     found = read_foreign(path, "mjcf")
     assert found.assessment.level == "good"
-    assert found.seen == (
+    assert found.remarks == (
         "cube floats freely (cube_joint): a chain may start there.",
         "arm is moved from outside (mocap); in the URDF it is fixed.",
         "A body and a site are both called cube; the URDF calls the site cube_site.",

@@ -59,7 +59,7 @@ def test_a_drive_mode_turns_no_reading_round(bus: str, tmp_path: Path) -> None:
     found = read_foreign(path, bus=bus)
     found.write(tmp_path / "device.yaml")
     assert [joint.sign for joint in read_device(tmp_path / "device.yaml").joints] == [1, 1, 1]
-    assert any("drive_mode of shoulder_lift is not applied" in each for each in found.seen)
+    assert any("drive_mode of shoulder_lift is not applied" in each for each in found.remarks)
 
 
 def test_motors_may_be_asked_by_another_program(tmp_path: Path) -> None:

@@ -19,7 +19,7 @@ from suta_calib.measurements.fields import (
     quantity,
     read_as,
     rows,
-    whole,
+    whole_number,
 )
 
 
@@ -38,7 +38,7 @@ class Table:
     name: str = keyed(TEXT, "What it is called.")
     main: Stage = keyed(mapping(Stage), "The stage below.")
     lean: float | None = keyed(quantity("rad"), "How it leans.", None)
-    steps: int = keyed(whole(1, 10), "How many.", 2)
+    steps: int = keyed(whole_number(1, 10), "How many.", 2)
     others: tuple[Stage, ...] = keyed(
         rows(lambda row: read_as(Stage, row), fields_of(Stage)), "Above it.", ()
     )

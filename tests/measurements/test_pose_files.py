@@ -42,9 +42,9 @@ def test_columns_may_stand_in_any_order_and_others_are_ignored(tmp_path: Path) -
     )
     found = read_pose_pairs(path)
     np.testing.assert_array_equal(found.hand[1], numbers[:, :3])
-    np.testing.assert_array_equal(found.seen[1], numbers[:, 7:10])
+    np.testing.assert_array_equal(found.target[1], numbers[:, 7:10])
     expected = Rotation.from_quat(numbers[:, 10:]).as_matrix()
-    np.testing.assert_allclose(found.seen[0], expected, atol=1e-12)
+    np.testing.assert_allclose(found.target[0], expected, atol=1e-12)
 
 
 def test_each_pose_of_a_pair_may_have_its_own_unit(tmp_path: Path) -> None:
@@ -54,7 +54,7 @@ def test_each_pose_of_a_pair_may_have_its_own_unit(tmp_path: Path) -> None:
     in_mm[:, 7:10] *= 1e3
     names = [f"{name}_mm" if name in ("b_x", "b_y", "b_z") else name for name in PAIR]
     mixed = read_pose_pairs(write_csv(tmp_path / "mm.csv", names, in_mm))
-    np.testing.assert_allclose(mixed.seen[1], read_pose_pairs(path).seen[1], rtol=1e-14)
+    np.testing.assert_allclose(mixed.target[1], read_pose_pairs(path).target[1], rtol=1e-14)
     np.testing.assert_array_equal(mixed.hand[1], numbers[:, :3])
 
 

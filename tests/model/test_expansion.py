@@ -176,7 +176,9 @@ def test_it_is_simulated_and_found_again(tmp_path: Path, suta_urdf: Path) -> Non
     np.testing.assert_array_equal(cool.samples.q, warm.q)
     assert cool.samples.position is not None
     assert warm.position is not None
-    grown = ARM.forward(warm.q, made.values, warm.told)[1] - ARM.forward(warm.q, made.values)[1]
+    grown = (
+        ARM.forward(warm.q, made.values, warm.conditions)[1] - ARM.forward(warm.q, made.values)[1]
+    )
     apart = np.linalg.norm(cool.samples.position - warm.position, axis=1)
     np.testing.assert_allclose(apart, np.linalg.norm(grown, axis=1), atol=1e-12)
 
@@ -215,7 +217,7 @@ def test_temperatures_are_read_back(tmp_path: Path) -> None:
     assert samples.temperature is not None
     np.testing.assert_array_equal(again.temperature, samples.temperature)
     some = Samples.concatenate([again.take([0, 1]), again.take([5])])
-    np.testing.assert_allclose(some.told["warmth"][:, 0], samples.temperature[[0, 1, 5]] - 20)
+    np.testing.assert_allclose(some.conditions["warmth"][:, 0], samples.temperature[[0, 1, 5]] - 20)
     rows = file.read_text().splitlines()
     kelvin = rows[3].rpartition(",")[0] + ",293.15"
     file.write_text("\n".join([*rows[:3], kelvin, *rows[4:]]))

@@ -16,7 +16,7 @@ from suta_calib import Accuracy, ArmModel, Samples, observe
 from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import Calibration
-from suta_calib.plotting.scene import Arrows, Points, drawn_rows, magnification
+from suta_calib.plotting.scene import Arrows, PlacedPoints, drawn_rows, magnification
 from suta_calib.units import mm, shown
 
 Q = np.array([0.3, -0.2, 0.4, 0.1, -0.5, 0.2])
@@ -111,7 +111,9 @@ def test_errors_are_magnified_and_the_legend_says_how_much(result: Calibration, 
 
 def test_places_outside_are_drawn_with_their_labels(result: Calibration) -> None:
     scene = result.scene("calibration")
-    places = [part for part in scene.parts if isinstance(part, Points) and part.look == "place"]
+    places = [
+        part for part in scene.parts if isinstance(part, PlacedPoints) and part.look == "place"
+    ]
     values = result.solution.values
     for part in places:
         assert len(part.labels) == len(part.points)

@@ -222,7 +222,7 @@ def test_what_only_noise_tells_is_refused_in_all_frames(turns: str, eye: PoseNoi
 def test_a_hand_that_hardly_turned_is_refused_also_with_noise(noise: tuple[float, float]) -> None:
     """The first five rows are displacements."""
     pairs, random = read_pose_pairs(KUKA), np.random.default_rng(0)
-    (RA, pA), (RB, pB) = ((R[:5], p[:5]) for R, p in (pairs.hand, pairs.seen))
+    (RA, pA), (RB, pB) = ((R[:5], p[:5]) for R, p in (pairs.hand, pairs.target))
     shake = [Rotation.from_rotvec(noise[1] * random.standard_normal((5, 3))) for _ in range(2)]
     slid = noise[0] * random.standard_normal((2, 5, 3))
     with pytest.raises(SamplesError, match=r"do not determine X.*slide along"):

@@ -11,7 +11,7 @@ from camera_scenes import BOARD, CAMERA, LENS, Pictures, X, Z, errors, pictures,
 
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.measurements import Camera, Chessboard
-from suta_calib.pose_calibration.picture_answer import SeenCamera
+from suta_calib.pose_calibration.picture_answer import CameraEstimate
 
 EXCHANGED = Chessboard(BOARD.rows, BOARD.columns, BOARD.square)
 
@@ -149,7 +149,7 @@ def test_a_board_that_was_printed_larger_or_smaller_is_named(
     )
 
 
-def sized(seed: int, size: float, **more: Any) -> SeenCamera:
+def sized(seed: int, size: float, **more: Any) -> CameraEstimate:
     """From a rough hand, by a board that its file has so many times as large as it is."""
     scene = pictures(20, pixel=0.05, robot=(2e-3, 3e-3), seed=seed)
     (found,) = solved(

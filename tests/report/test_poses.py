@@ -25,7 +25,7 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib import units
 from suta_calib.measurements.pose_files import (
-    Points,
+    PointSet,
     PosePairs,
     ToolPoses,
     read_corresponding_points,
@@ -58,10 +58,10 @@ def pivoted(
 
 def eye_in(folder: Path, setup: Any, model: Any = "AX=ZB") -> tuple[HandEyeCalibration, PosePairs]:
     data = read_pose_pairs(write_csv(folder / "h.csv", PAIR, pair_numbers(15, setup)))
-    return calibrate_hand_eye(data.hand, data.seen, setup=setup, model=model), data
+    return calibrate_hand_eye(data.hand, data.target, setup=setup, model=model), data
 
 
-def registered(folder: Path, noise: float = 1e-4) -> tuple[Registration, Points, Points]:
+def registered(folder: Path, noise: float = 1e-4) -> tuple[Registration, PointSet, PointSet]:
     files = [
         write_csv(folder / f"{name}.csv", ("x", "y", "z"), points)
         for name, points in zip("ab", point_numbers(8, noise=noise), strict=True)

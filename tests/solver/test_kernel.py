@@ -30,7 +30,7 @@ def pattern() -> RowPattern:
         size=SIZE,
         residual=lambda tools, *_: (tools[0].p - tools[1].p)[:SIZE],
         samples=samples,
-        own=none,
+        own_columns=none,
         data=np.zeros((ROWS, 0)),
         noise=Noise(1e-3),
         known_sigma=np.zeros(ROWS),
@@ -82,16 +82,16 @@ def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) ->
     rule = formula(function, (function.n_in() - 2,))
     assert rule is not None
     assert np.sqrt in {operation for operation, _ in rule.once}
-    assert np.sqrt not in {operation for operation, _ in rule.each}
+    assert np.sqrt not in {operation for operation, _ in rule.per_row}
     # By hand it is some 350: three products with matrices for each derivative of a pixel.
-    assert len(rule.each) < 700
+    assert len(rule.per_row) < 700
 
 
 @pytest.mark.parametrize("term", [HandEye.simulate(9).term, FixedPoint.simulate(9).term])
 def test_what_is_made_of_own_parameters_may_be_computed_apart(
     monkeypatch: pytest.MonkeyPatch, term: Term
 ) -> None:
-    x, found = 0.3 * np.random.default_rng(0).normal(size=len(term.own)), []
+    x, found = 0.3 * np.random.default_rng(0).normal(size=len(term.own_parameters)), []
     for many in (10, 9):
         monkeypatch.setattr(kernel, "MANY", many)
         lines = Problem([term]).linearise(x, [1.0] * len(term.blocks))

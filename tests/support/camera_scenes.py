@@ -26,7 +26,7 @@ from suta_calib.measurements import (
     write_corners,
 )
 from suta_calib.measurements.pose_files import HandPoses
-from suta_calib.pose_calibration.picture_answer import PictureCalibration, SeenCamera
+from suta_calib.pose_calibration.picture_answer import CameraEstimate, PictureCalibration
 from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
 from suta_calib.terms.hand_eye_start import Poses, inverse_poses
 
@@ -146,7 +146,7 @@ def solved(scene: Pictures, **more: Any) -> PictureCalibration:
     return hand_eye_from_pictures(scene.hand, scene.views, **options | more)
 
 
-def errors(seen: SeenCamera, eye: Any = X, board: Any = Z) -> np.ndarray:
+def errors(seen: CameraEstimate, eye: Any = X, board: Any = Z) -> np.ndarray:
     """Displacement, m, and turn, rad, of X and of Z against the truth, (12,)."""
     found = []
     for T, (R, p) in ((seen.X, eye), (seen.Z, board)):

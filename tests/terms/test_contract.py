@@ -33,11 +33,11 @@ def test_every_kind_has_a_case() -> None:
 @each_case
 def test_names_are_unique_and_nominal_is_inside_the_bounds(name: str) -> None:
     term = scene(name).exact()
-    names = [p.name for p in term.own]
+    names = [p.name for p in term.own_parameters]
     assert len(set(names)) == len(names)
     assert not set(names) & set(scene(name).arm.parameters)
-    assert all(p.lower <= p.nominal <= p.upper for p in term.own)
-    assert all(np.isfinite(p.plausible) and p.plausible > 0 for p in term.own)
+    assert all(p.lower <= p.nominal <= p.upper for p in term.own_parameters)
+    assert all(np.isfinite(p.plausible) and p.plausible > 0 for p in term.own_parameters)
     assert term.kind == CASES[name].kind
 
 
@@ -55,10 +55,18 @@ def test_blocks_fit_together(name: str) -> None:
     for block in term.blocks:
         n = len(block)
         assert n > 0
-        assert len(block.own) == len(block.data) == len(block.known_sigma) == len(block.labels) == n
+        assert (
+            len(block.own_columns)
+            == len(block.data)
+            == len(block.known_sigma)
+            == len(block.labels)
+            == n
+        )
         assert block.samples.min() >= 0
         assert block.samples.max() < len(term.poses)
-        assert block.own.shape[1] == 0 or 0 <= block.own.min() <= block.own.max() < len(term.own)
+        assert block.own_columns.shape[
+            1
+        ] == 0 or 0 <= block.own_columns.min() <= block.own_columns.max() < len(term.own_parameters)
 
 
 @each_case
@@ -80,7 +88,7 @@ def test_the_start_is_finite_for_any_poses(name: str) -> None:
     for rotation in (np.tile(np.eye(3), (n, 1, 1)), turned):
         for position in (np.zeros((n, 3)), rng.standard_normal((n, 3))):
             start = term.start(rotation, position)
-            assert start.shape == (len(term.own),)
+            assert start.shape == (len(term.own_parameters),)
             assert np.isfinite(start).all()
 
 

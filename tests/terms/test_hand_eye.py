@@ -139,7 +139,7 @@ def test_a_camera_of_another_label_is_registered_anew(exact: Path) -> None:
     exact.write_text(text.replace("{kind: hand_eye, samples: 'validation/*.csv'}", label))
     result = CalibrationJob.load(exact).run()
     assert result.accuracy.validation[0].after.rms < 1e-7
-    assert result.job.validation[0].own[0].name == "hand_eye[second].x"
+    assert result.job.validation[0].own_parameters[0].name == "hand_eye[second].x"
 
 
 def test_the_camera_needs_orientations(exact: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -226,7 +226,7 @@ def test_a_ball_that_nothing_checks_is_said_and_spares_the_arm() -> None:
     assert {pose.given for pose in external_poses(off)} == {("probe_radius_mm",)}
     for name in unknown:
         assert off.values[name] == pytest.approx(right.values[name], abs=1e-8)
-    for name in (p.name for p in term.own if p.key == "z"):
+    for name in (p.name for p in term.own_parameters if p.key == "z"):
         assert abs(off.values[name] - right.values[name]) == pytest.approx(wrong, abs=1e-8)
     # Where planes stand is known, the arm would take it up.
     given = {name: GivenPose(np.zeros(3), np.eye(3)) for name in term.places[0]}

@@ -179,7 +179,7 @@ def test_it_is_kept_by_parts_and_needs_orientations() -> None:
     scene = seated_scene(artefact(oriented=True))
     for kind in (PairwiseDistance, TouchedLandmark):
         part = term_of(scene, kind, SEATING).take(np.arange(16))
-        assert "seating.x" in {p.name for p in part.own}
+        assert "seating.x" in {p.name for p in part.own_parameters}
     bare = {n: replace(m, rotation=None) for n, m in artefact().landmarks.items()}
     with pytest.raises(ArtefactError, match="no rotation_rpy_deg of landmark 'L1'"):
         term_of(replace(scene, artefact=Artefact("bare", bare)), PairwiseDistance, SEATING)

@@ -127,7 +127,7 @@ def test_what_is_simulated_again_scatters_as_the_rows_state() -> None:
 def own_truth(term: TrackedPoint) -> dict[str, float]:
     """Where the instrument stands, from exact rows."""
     x = term.start(*term.poses.at(scene(CASE).truth))
-    return {p.name: float(v) for p, v in zip(term.own, x, strict=True)}
+    return {p.name: float(v) for p, v in zip(term.own_parameters, x, strict=True)}
 
 
 def with_stated(samples: Samples, sigma: np.ndarray, seed: int) -> Samples:

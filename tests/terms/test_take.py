@@ -60,7 +60,11 @@ def test_some_samples_are_the_term_that_is_made_of_them(name: str) -> None:
     taken, made = term.take(rows).take(np.arange(1, len(rows))), term.take(rows[1:])
     for part in (taken, made):
         anew = term.over_poses(term.poses.take(rows[1:]))
-        assert (part.own, part.unknowns, part.notes) == (anew.own, anew.unknowns, anew.notes)
+        assert (part.own_parameters, part.unknowns, part.notes) == (
+            anew.own_parameters,
+            anew.unknowns,
+            anew.notes,
+        )
         assert part.equations() == anew.equations()
         np.testing.assert_array_equal(part.witnesses, anew.witnesses)
         for ours, theirs in zip(part.blocks, anew.blocks, strict=True):
@@ -140,7 +144,7 @@ def test_all_samples_are_the_term_itself(name: str) -> None:
     problem = problem_of(name, robust=True)
     (term,) = problem.terms
     same = term.take(np.arange(len(term.poses)))
-    assert same.own == term.own
+    assert same.own_parameters == term.own_parameters
     for ours, theirs in zip(same.blocks, term.blocks, strict=True):
         for field in ("samples", "own", "data", "known_sigma"):
             np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))

@@ -20,7 +20,7 @@ from suta_calib.trust import (
     examine,
     known_hypotheses,
 )
-from suta_calib.trust.hypothesis import Spoilt
+from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.rereading import explaining_reading
 
 HYPOTHESES = shipped(known_hypotheses())
@@ -58,7 +58,7 @@ def test_its_own_fault_is_named_and_sized(hypothesis: Hypothesis, sort: str, see
 def test_data_that_are_misread_are_read_right(hypothesis: Reinterpretation) -> None:
     sound = scene_of(hypothesis.name)
 
-    def spoilt_data() -> Spoilt:
+    def spoilt_data() -> SpoiltData:
         return hypothesis.spoil(sound.make(1), sound.values, np.random.default_rng(1))
 
     if hypothesis.name in REFUSED:

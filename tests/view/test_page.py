@@ -21,7 +21,7 @@ from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.job.calibration import Calibration, CalibrationJob
 from suta_calib.view.calibration import calibration_scene, show
 from suta_calib.view.page import page
-from suta_calib.view.scene import Arrows, Ellipsoids, Scene
+from suta_calib.view.scene import ArmScene, Ellipsoids, ErrorVectors
 from suta_calib.view.server import EACH_S, Viewer
 
 pytest.importorskip("viser")
@@ -36,12 +36,12 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Calibration:
 
 
 @pytest.fixture(scope="module")
-def scene(result: Calibration) -> Scene:
+def scene(result: Calibration) -> ArmScene:
     return calibration_scene(result.calibrated)
 
 
 @pytest.fixture(scope="module")
-def html(scene: Scene) -> bytes:
+def html(scene: ArmScene) -> bytes:
     return page(scene)
 
 
@@ -50,7 +50,7 @@ def held(html: bytes) -> Held:
     return held_by(html)
 
 
-def test_it_needs_no_network_and_says_whether_to_use_it(html: bytes, scene: Scene) -> None:
+def test_it_needs_no_network_and_says_whether_to_use_it(html: bytes, scene: ArmScene) -> None:
     text = html.decode()
     assert not re.findall(r"""(?:src|href)\s*=\s*["']?(?:https?:)?//[^"'\s>]+""", text)
     assert scene.assessment is not None
@@ -63,7 +63,7 @@ def test_it_needs_no_network_and_says_whether_to_use_it(html: bytes, scene: Scen
 
 
 def test_the_page_plays_every_sample_and_names_it(
-    held: Held, scene: Scene, result: Calibration
+    held: Held, scene: ArmScene, result: Calibration
 ) -> None:
     node = "/calibrated/links/tip"
     turns, places = (
@@ -82,9 +82,9 @@ def test_the_page_plays_every_sample_and_names_it(
     assert [name for name in names if name][1 - len(scene.rows) :] == list(scene.rows.names[1:])
 
 
-def test_arrows_are_as_long_as_errors_times_the_factor(held: Held, scene: Scene) -> None:
+def test_arrows_are_as_long_as_errors_times_the_factor(held: Held, scene: ArmScene) -> None:
     drawn = held.made("ArrowMessage")
-    told = {t.name: t for t in scene.things if isinstance(t, Arrows)}
+    told = {t.name: t for t in scene.things if isinstance(t, ErrorVectors)}
     assert {name.lstrip("/") for name in drawn} == set(told)
     for name, props in drawn.items():
         begin, end = np.moveaxis(props["points"].reshape(-1, 2, 3), 1, 0)
@@ -94,7 +94,7 @@ def test_arrows_are_as_long_as_errors_times_the_factor(held: Held, scene: Scene)
 
 
 def test_ellipsoids_are_as_wide_as_the_uncertainty_times_the_factor(
-    held: Held, scene: Scene
+    held: Held, scene: ArmScene
 ) -> None:
     (told,) = (t for t in scene.things if isinstance(t, Ellipsoids))
     props = held.made("BatchedMeshesMessage")["/uncertainty"]
@@ -103,7 +103,7 @@ def test_ellipsoids_are_as_wide_as_the_uncertainty_times_the_factor(
     assert np.abs(np.linalg.norm(props["vertices"].reshape(-1, 3), axis=1) - 1).max() < 1e-6
 
 
-def test_factors_joints_and_samples_are_chosen_in_the_panel(scene: Scene) -> None:
+def test_factors_joints_and_samples_are_chosen_in_the_panel(scene: ArmScene) -> None:
     with Viewer(scene, port=0) as viewer:
         viewer.add_panel()
         (arrows,) = (t for t in scene.things if t.name == "errors/validation tracked point")

@@ -21,7 +21,7 @@ from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import TipErrors, calibration_scene
 from suta_calib.view.drawn_arm import DrawnArm
 from suta_calib.view.meshes import found_file, link_meshes
-from suta_calib.view.scene import Arrows, Ellipsoids, Frustum, Patch, Points, Stroke
+from suta_calib.view.scene import Ellipsoids, ErrorVectors, Frustum, Patch, PointCloud, Stroke
 
 
 def shown(term: Term, values: dict[str, float]) -> Calibrated:
@@ -63,7 +63,7 @@ def test_every_kind_can_be_seen(name: str) -> None:
     scene = calibration_scene(shown(term, values))
     names = [thing.name for thing in scene.things]
     assert len(names) == len(set(names))
-    (arrows,) = (t for t in scene.things if isinstance(t, Arrows))
+    (arrows,) = (t for t in scene.things if isinstance(t, ErrorVectors))
     errors = TipErrors("calibration", term, values, arrows.at, arrows.vector)
     for factor in (1.0, 40.0):
         begin, end = np.moveaxis(arrows.ends(factor), 1, 0)
@@ -74,7 +74,7 @@ def test_every_kind_can_be_seen(name: str) -> None:
     np.testing.assert_allclose(arrows.ends(1.0)[:, 1], tips, atol=1e-9)
     assert len(scene.rows) == len(term.poses)
     assert np.isfinite(scene.extent).all()
-    stands = [t for t in scene.things if not isinstance(t, (Arrows, Ellipsoids))]
+    stands = [t for t in scene.things if not isinstance(t, (ErrorVectors, Ellipsoids))]
     assert stands or term.kind.startswith("pairwise")
 
 
@@ -124,7 +124,7 @@ def test_an_artefact_stands_where_its_landmarks_were_touched() -> None:
     problem = problem_of("landmark")
     (term,), values = problem.terms, problem.values(truth_of(problem, "landmark"))
     scene = calibration_scene(shown(term, values))
-    marks = {t.name: t for t in scene.things if isinstance(t, Points)}
+    marks = {t.name: t for t in scene.things if isinstance(t, PointCloud)}
     labels = term.poses.samples.labels
     names, artefact = list(term.touched.landmarks), term.touched
     ideal = term.observed(values, term.poses).position

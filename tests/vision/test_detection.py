@@ -114,7 +114,7 @@ def test_what_cannot_be_used_is_named_and_left_out(folder: Path):
     found = detect(
         find_pictures([folder]), CHESSBOARD, CAMERA, progress=lambda k, n: done.append((k, n))
     )
-    lost = {view.picture.name: view.reason for view in found.views if view.found is None}
+    lost = {view.picture.name: view.reason for view in found.views if view.board is None}
     assert {name: lost[name].split(":")[0] for name in sorted(lost)} == {
         "cut.png": "not a picture, or one that is cut off",
         "dark.png": "an empty picture",

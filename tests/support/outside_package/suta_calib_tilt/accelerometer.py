@@ -57,7 +57,7 @@ class Accelerometer(Inclinometer):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The readings of an ideal sensor."""
-        own = np.array([values[p.name] for p in self.own])
+        own = np.array([values[p.name] for p in self.own_parameters])
         up = rotation_from_vector(np.array([own[3], own[4], 0.0]))[:, 2]
         read = (poses.at(values)[0] @ rotation_from_vector(own[:3])).transpose(2, 0, 1) @ up
         return Observed(numbers=dict(zip(AXES, read, strict=True)))

@@ -48,7 +48,7 @@ class Inclinometer(Term):
         return cls(poses, setup.angular_noise)
 
     @cached_property
-    def own(self) -> tuple[Parameter, ...]:
+    def own_parameters(self) -> tuple[Parameter, ...]:
         """The sensor's mount in the tip, and "up" in the base, as rotation vectors."""
         names = [("sensor", "rx"), ("sensor", "ry"), ("sensor", "rz"), ("up", "rx"), ("up", "ry")]
         return tuple(Parameter(owner, key, "rad", plausible=1.0) for owner, key in names)
@@ -70,7 +70,7 @@ class Inclinometer(Term):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The readings of an ideal sensor."""
-        own = np.array([values[p.name] for p in self.own])
+        own = np.array([values[p.name] for p in self.own_parameters])
         up = rotation_from_vector(np.array([own[3], own[4], 0.0]))[:, 2]
         x, y, z = (poses.at(values)[0] @ rotation_from_vector(own[:3])).transpose(2, 0, 1) @ up
         return Observed(numbers={"roll": np.arctan2(y, z), "pitch": np.arcsin(-x)})
