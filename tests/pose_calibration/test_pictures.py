@@ -139,8 +139,8 @@ def test_wrong_intrinsics_that_are_held_do_not_pass_in_silence(
     assert np.array_equal(seen.camera.intrinsics, file.intrinsics)
     assert [("were held (fx" in note) for note in found.assessment.notes] == [True] * contradicted
     assert (found.assessment.level == "care") == contradicted
-    assert seen.told.stds is not None
-    off = (seen.told.intrinsics - LENS)[:4] / seen.told.stds[:4]
+    assert seen.by_pictures.stds is not None
+    off = (seen.by_pictures.intrinsics - LENS)[:4] / seen.by_pictures.stds[:4]
     assert np.abs(off).max() < 4.0
 
 

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from suta_calib import Term
-from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, Spoilt
+from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData
 from suta_calib_tilt.inclinometer import Inclinometer
 
 STEP = 1e-6
@@ -33,9 +33,9 @@ class InclinometerGain(AddedVariable):
             "sensitivity against a sine bar."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> Spoilt:
+    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """Readings that are 1 % too small."""
-        return Spoilt(_scaled(data, 1.0 / 1.01), np.array([0.01]))
+        return SpoiltData(_scaled(data, 1.0 / 1.01), np.array([0.01]))
 
 
 def _scaled(term: Term, factor: float) -> Term:
