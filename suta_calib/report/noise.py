@@ -22,7 +22,7 @@ class BlockNoise:
         kind, label: of its term.
         block: of residuals.
         assumed: standard deviation of one component, m or rad.
-        estimated: the same; None where the solution did not converge.
+        found: the same; None where the solution did not converge.
         interval: where it is with a chance of 95 %; None where it was weighed against nothing.
     """
 
@@ -30,7 +30,7 @@ class BlockNoise:
     label: str
     block: Block
     assumed: float
-    estimated: float | None
+    found: float | None
     interval: tuple[float, float] | None
 
 

@@ -23,7 +23,7 @@ EXPLANATIONS: Final = Listing[Explanation](
     Column("held", "held", lambda row: row.fixed),
     Column("sentence", "why"),
     Column("remedy", "what to do"),
-    Column("told"),
+    Column("told", value=lambda row: row.reason),
 )
 
 

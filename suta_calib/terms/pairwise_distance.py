@@ -168,7 +168,7 @@ class PairwiseDistance(Term):
         object.__setattr__(taken, "poses", self.poses.take(index))
         values = {
             "blocks": (block,),
-            "own": self.own_parameters,
+            "own_parameters": self.own_parameters,
             "_certified": self._certified[index],
             "_numbered": numbered(self._numbered[index])[1],
             "_every_pair": True,

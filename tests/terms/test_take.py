@@ -69,7 +69,7 @@ def test_some_samples_are_the_term_that_is_made_of_them(name: str) -> None:
         np.testing.assert_array_equal(part.witnesses, anew.witnesses)
         for ours, theirs in zip(part.blocks, anew.blocks, strict=True):
             mine, its = (np.lexsort(block.samples.T) for block in (ours, theirs))
-            for field in ("samples", "own", "data", "known_sigma"):
+            for field in ("samples", "own_columns", "data", "known_sigma"):
                 np.testing.assert_array_equal(
                     getattr(ours, field)[mine], getattr(theirs, field)[its]
                 )
@@ -146,7 +146,7 @@ def test_all_samples_are_the_term_itself(name: str) -> None:
     same = term.take(np.arange(len(term.poses)))
     assert same.own_parameters == term.own_parameters
     for ours, theirs in zip(same.blocks, term.blocks, strict=True):
-        for field in ("samples", "own", "data", "known_sigma"):
+        for field in ("samples", "own_columns", "data", "known_sigma"):
             np.testing.assert_array_equal(getattr(ours, field), getattr(theirs, field))
         assert (ours.labels, ours.noise, ours.residual) == (
             *(theirs.labels, theirs.noise, theirs.residual),
