@@ -133,10 +133,10 @@ def truth_of(problem: Problem, name: str) -> np.ndarray:
 def given_as_it_is(term: Term, truth: dict[str, float], std: float | None = None) -> Term:
     """The term with every place or frame of its own given where it truly is."""
     values, given = term.start_values(truth), {}
-    for owner in dict.fromkeys(p.owner for p in term.own if p.key):
+    for owner in dict.fromkeys(p.owner for p in term.own_parameters if p.key):
         six = np.array([values.get(f"{owner}.{key}", np.nan) for key in PLACEMENT])
         label = owner.partition("[")[2].rstrip("]")
-        frames = [f.key for f in term.frames if f.own == owner]
+        frames = [f.key for f in term.frames if f.owner == owner]
         if frames or (label in term.places[0] if term.place else label):
             turn = rotation_from_vector(six[3:]) if np.isfinite(six).all() else None
             unsure = None if std is None else np.full(3, std)
