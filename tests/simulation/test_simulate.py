@@ -327,7 +327,7 @@ def test_an_arm_with_backlash_says_which_way_its_joints_came(folder: Folder) -> 
     for path in ("calibration/P1.csv", "calibration/P2.csv"):
         file = next(file for file in made.files if file.path == path)
         plan = next(plan for plan in made.spec.sets if plan.name == "calibration")
-        pose, told = plan.places[Path(path).stem], file.samples.told
+        pose, told = plan.places[Path(path).stem], file.samples.conditions
         truth = made.artefacts["calibration"].position_of(file.samples.labels["landmark"])
         _, tip = made.arm.forward(file.samples.q, made.values, told)
         seat = truth @ pose.rotation.T + pose.position
