@@ -19,6 +19,7 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise, Term
 from suta_calib.trust.calibration_examination import CalibrationExamination
 
+
 def linear(solution: Solution) -> LinearModels:
     models = CalibrationExamination.of(solution).linearised
     assert models is not None
@@ -66,14 +67,19 @@ def test_an_eccentric_encoder_is_worth_a_note() -> None:
 
 def test_an_error_that_is_not_there_is_worth_none() -> None:
     solution, held_out = calibrated(0.0)
-    assert best_extension(linear(solution), assess(solution, [held_out]).validation, [ECCENTRIC]) is None
+    assert (
+        best_extension(linear(solution), assess(solution, [held_out]).validation, [ECCENTRIC])
+        is None
+    )
 
 
 def test_validation_rows_that_do_not_gain_forbid_the_note() -> None:
     """The encoder of the arm that is validated was mended: what the fitted rows show is gone."""
     solution, _ = calibrated(5e-3)
     _, mended = calibrated(0.0)
-    assert best_extension(linear(solution), assess(solution, [mended]).validation, [ECCENTRIC]) is None
+    assert (
+        best_extension(linear(solution), assess(solution, [mended]).validation, [ECCENTRIC]) is None
+    )
 
 
 def test_linear_prediction_equals_a_refit() -> None:
