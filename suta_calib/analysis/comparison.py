@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from types import MappingProxyType
-from typing import Final
 
 import numpy as np
 
@@ -30,9 +29,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.units import text
-
-# Origins that differ by less, m or rad, were rounded when they were written.
-SAME_ORIGIN: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,7 +181,8 @@ def _differing(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) 
         difference = max(
             float(np.abs(xyz - joint.xyz).max()), float(np.abs(turn - np.eye(3)).max())
         )
-        if difference > SAME_ORIGIN:
+        # Origins that differ by less, m or rad, were rounded when they were written.
+        if difference > 1e-7:
             return joint.name
     return ""
 

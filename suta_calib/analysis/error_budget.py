@@ -52,10 +52,6 @@ WORDS: Final[dict[Source, str]] = {
     "model": "model (what is left)",
     "gross": "gross errors",
 }
-# Of a mean square: more than that are errors to look for, not to split.
-MOSTLY_GROSS: Final = 0.5
-# Stated encoder noise over the scatter of repeats, as variances, from which it cannot be so large.
-TOO_LARGE: Final = 1.5
 
 
 @dataclass(frozen=True)
@@ -252,7 +248,9 @@ class ErrorBudget(Displayable):
             sentence = f"Of the {errors}, gross ones aside, {part} is {largest.words}"
         care = [*self.missing]
         shares = [(b.variance_of("gross") or 0.0) / b.variance for b in self.blocks if b.variance]
-        if (worst := max(shares, default=0.0)) >= MOSTLY_GROSS:
+        # Of a mean square: more than that are errors to look for, not to split.
+        mostly_gross = 0.5
+        if (worst := max(shares, default=0.0)) >= mostly_gross:
             part = text(worst, "%", decimals=0, with_unit=True)
             care.append(
                 f"Gross errors make {part} of a mean square: suta-calib outliers says which "
@@ -325,6 +323,9 @@ def _blocks(
     covariance: FloatArray | None,
 ) -> list[BlockBudget]:
     budgets, by_block = [], iter(zip(at.residuals, at.by_reading, at.by_parameters, strict=True))
+    # Stated encoder noise over the scatter of repeats, as variances, from which it cannot be so
+    # large.
+    too_large = 1.5
     for term in terms:
         for block in term.blocks:
             # What was read again at one rest says nothing new of where errors come from.
@@ -345,7 +346,7 @@ def _blocks(
             total = float(np.mean(np.sum(residual**2, axis=1)))
             head = (data, term.kind, block.name, block.unit)
             budget = next((s.variance for s in shares if s.sources == ("encoders",)), 0.0)
-            overstated = 0.0 < TOO_LARGE * budget < (stated["encoders"] or 0.0)
+            overstated = 0.0 < too_large * budget < (stated["encoders"] or 0.0)
             # A position has three coordinates; a distance sees one of each of its two ends.
             per_position = 3.0 / (block.size * term.noise_factor**2)
             sums = (shares, total, len(once), overstated)

@@ -31,12 +31,6 @@ from suta_calib.words import listed
 THRESHOLDS: Final = (0.3e-3, 0.5e-3)
 _GRID: Final = 61
 FEWEST_FIDUCIALS: Final = 3
-# Places where an arm often was that are tried, where it does not reach the middle of them all.
-_PLACES: Final = 8
-# Points to register where there is no artefact: the corners of a box as large as one, m.
-_HALF: Final = 0.08
-# A direction that moves the registered tip by less than this part of what is estimated is nothing.
-_NOTHING: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,12 +146,15 @@ class TipMap(Displayable):
         bad = []
         if self.tolerance is not None and self.registered.rms > self.tolerance:
             bad.append(f"That is more than the {mm(self.tolerance):.3g} mm asked for.")
+        # A direction that moves the registered tip by less than this part of what is estimated is
+        # nothing.
+        nothing = 0.05
         care = [
             f"{open_one.fixed} is held, not measured, and not in these figures: if it is off by "
             f"{shown(open_one.plausible, open_one.unit):.3g} {unit_name(open_one.unit)}, "
             f"the tip is off by {mm(open_one.effect):.3g} mm ('plan' says what measures it)."
             for open_one in self.open_directions
-            if open_one.effect > _NOTHING * self.registered.rms
+            if open_one.effect > nothing * self.registered.rms
         ]
         if (held := self.knowledge.fixed) and not self.knowledge.open_directions:
             care.append(
@@ -219,7 +216,8 @@ def _registrable(walker: Walker, tips: FloatArray, fiducials: FloatArray) -> Flo
     middle = tips.mean(axis=0)
     near = float(np.linalg.norm(fiducials, axis=1).max())
     company = KDTree(tips).query_ball_point(tips, near, return_length=True)
-    for place in (middle, *tips[np.argsort(-company, kind="stable")[:_PLACES]]):
+    # Places where an arm often was that are tried, where it does not reach the middle of them all.
+    for place in (middle, *tips[np.argsort(-company, kind="stable")[:8]]):
         if np.isfinite(walker.reach(place + fiducials, near)).all(axis=1).sum() >= FEWEST_FIDUCIALS:
             return np.asarray(place)
     return np.asarray(middle)
@@ -227,7 +225,8 @@ def _registrable(walker: Walker, tips: FloatArray, fiducials: FloatArray) -> Flo
 
 def _corners() -> FloatArray:
     signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-    return np.asarray(_HALF * signs)
+    # Points to register where there is no artefact: the corners of a box as large as one, m.
+    return np.asarray(0.08 * signs)
 
 
 def _mapped(

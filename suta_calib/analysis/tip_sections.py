@@ -6,7 +6,6 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -18,14 +17,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solution import Solution
-
-_STARTS: Final = 3
-_WAVES: Final = 8
-_REACH_SAMPLES: Final = 4000
-# Postures to start searches from where nothing is known of any.
-_ANYWHERE: Final = 400
-# Beyond the farthest the tip gets, nothing needs to be tried.
-_MARGIN: Final = 1.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +71,8 @@ class Knowledge(Displayable):
         open_directions: Sequence[tuple[str, Mapping[str, float], float]] = (),
     ) -> Knowledge:
         """What a result says of an arm whose samples are not known: anywhere within its limits."""
-        q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), _ANYWHERE)
+        # Postures to start searches from where nothing is known of any.
+        q = InverseKinematics(arm, {}).random_readings(np.random.default_rng(0), 400)
         return cls(arm, values, tuple(names), covariance, tuple(fixed), q, tuple(open_directions))
 
     @cached_property
@@ -91,9 +83,11 @@ class Knowledge(Displayable):
     @cached_property
     def farthest(self) -> float:
         """Beyond this distance from the base the tip does not get, m."""
-        q = self.kinematics.random_readings(np.random.default_rng(0), _REACH_SAMPLES)
+        reach_samples = 4000
+        q = self.kinematics.random_readings(np.random.default_rng(0), reach_samples)
         _, position = self.arm.forward(q, self.values)
-        return _MARGIN * float(np.linalg.norm(position, axis=1).max())
+        # Beyond the farthest the tip gets, nothing needs to be tried.
+        return 1.02 * float(np.linalg.norm(position, axis=1).max())
 
     def at(self, q: FloatArray) -> Sensitivity:
         """The tip and its derivative by the estimated parameters."""
@@ -153,7 +147,9 @@ class Walker(Displayable):
         rotation = np.tile(turning_z_to(self.axis), (len(places), 1, 1))
         found_readings = np.full((len(places), readings.shape[1]), np.nan)
         order = np.argsort(KDTree(reached_places).query(places)[0], kind="stable")
-        for rows in np.array_split(order, min(_WAVES, len(order))):
+        starts = 3
+        waves = 8
+        for rows in np.array_split(order, min(waves, len(order))):
             rows = rows[np.linalg.norm(places[rows], axis=1) <= knowledge.farthest]
             if not len(rows):
                 continue
@@ -161,7 +157,7 @@ class Walker(Displayable):
             matching = knowledge.kinematics.most("axis")
             targets = Targets(places[rows], rotation[rows], matching)
             answer = knowledge.kinematics.solve(
-                targets, start, np.random.default_rng(self.seed), _STARTS
+                targets, start, np.random.default_rng(self.seed), starts
             )
             reached = answer.reached | ((answer.distance <= near) & (not attainable))
             good = rows[reached]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Final
 
 from suta_calib.assessment import Assessment, Level, attempt, judge
 from suta_calib.diagnostics.accuracy import Accuracy
@@ -20,11 +19,6 @@ from suta_calib.trust.extended import LOOKS_LIKE
 from suta_calib.trust.patterns import matches
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed
-
-# Suspects that are tried one by one, beside all of them together.
-MOST_SUSPECTS: Final = 3
-# Equations beyond the unknowns from which on residuals tell the noise to a third or so.
-REDUNDANT: Final = 6
 
 
 def assess_calibration(examined: CalibrationExamination) -> Assessment:
@@ -213,7 +207,8 @@ def _on_redundancy(examined: CalibrationExamination) -> list[str]:
     """Noise that is learnt from few residuals may be off by half, and every ± with it."""
     solution = examined.solution
     equations = sum(term.equations() for term in solution.problem.terms)
-    if equations - examined.effective_unknowns >= REDUNDANT:
+    # Equations beyond the unknowns from which on residuals tell the noise to a third or so.
+    if equations - examined.effective_unknowns >= 6:
         return []
     return [
         f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
@@ -309,7 +304,8 @@ def _like_an_error(fewer: CalibrationExamination, accuracy: Accuracy) -> list[st
     suspects = [test for test in fewer.score_tests if test.suspicious]
     suspects.sort(key=lambda test: -test.explains)
     together = [name for test in suspects for name in test.names]
-    choices = [*(test.names for test in suspects[:MOST_SUSPECTS]), together]
+    # Suspects that are tried one by one, beside all of them together.
+    choices = [*(test.names for test in suspects[:3]), together]
     gain = _best_extension(fewer, accuracy, choices) if suspects else None
     if gain is None:
         return []

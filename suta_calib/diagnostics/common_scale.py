@@ -28,21 +28,13 @@ from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carri
 
 # Step of the numerical derivative, relative.
 STEP: Final = 1e-6
-# Standard deviation from which on the data do not tell a factor: were every length 0, there would
-# be no residuals, and that much information they pretend.
-UNTOLD: Final = 0.01
 # Lengths of an arm shorter than that are no measure of its size, m.
 SHORTEST: Final = 0.02
 # Part of a factor by which lengths follow what they have their scale from: of less, drawings or
 # priors have the larger part.
 FOLLOWS: Final = 0.25
-# Standard deviations of a stated scale by which it may be off.
-STATED: Final = 3.0
 # One length alone has no evenness.
 FEWEST: Final = 2
-# By how much lengths are off by nature: no less, m, and so many values are tried.
-FINEST: Final = 1e-6
-SCATTERS: Final = 60
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,9 @@ def common_scales(solution: Solution) -> Iterator[CommonScale]:
     Args:
         solution: a converged one, of terms over an arm.
     """
-    if determined := [step for step in _steps(solution) if step.std < UNTOLD]:
+    # Standard deviation from which on the data do not tell a factor: were every length 0, there
+    # would be no residuals, and that much information they pretend.
+    if determined := [step for step in _steps(solution) if step.std < 0.01]:
         yield from determined
     else:
         yield from _grown(solution)
@@ -246,7 +240,8 @@ def _grown(solution: Solution) -> Iterator[CommonScale]:
         within = solution.covariance_within_scale[np.ix_(at, at)]
         grown = grown_together(length, change, within)
         # As far as what carries the scale may be off, that is no news.
-        if abs(grown.value) > STATED * _carried(solution):
+        # Standard deviations of a stated scale by which it may be off.
+        if abs(grown.value) > 3.0 * _carried(solution):
             yield grown
 
 
@@ -270,10 +265,13 @@ def grown_together(length: FloatArray, change: FloatArray, covariance: FloatArra
     Returns:
         The factor, its standard deviation such that their ratio has the chance of Student's t.
     """
+    # By how much lengths are off by nature: no less, m, and so many values are tried.
+    finest = 1e-6
+    scatters = 60
     spread, axes = np.linalg.eigh(covariance)
     along, changed = length @ axes, change @ axes
     # (scatters, n): what each may be off by beside its own covariance.
-    scatter = np.geomspace(FINEST, float(np.linalg.norm(change)) + FINEST, SCATTERS)
+    scatter = np.geomspace(finest, float(np.linalg.norm(change)) + finest, scatters)
     variances = np.maximum(spread, 0.0) + scatter[:, None] ** 2
     sizes = np.sum(along**2 / variances, axis=1)
     values = np.sum(along * changed / variances, axis=1) / sizes

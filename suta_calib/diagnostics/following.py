@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
@@ -25,12 +24,6 @@ from suta_calib.trust.evidence import LinearFit
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.extended import known_beforehand, offered_names
 from suta_calib.trust.in_time import columns_of
-
-# Of the cost, below which a round of re-weighing changes nothing, and rounds at most.
-SETTLED: Final = 1e-6
-ROUNDS: Final = 20
-# Touches of distances that are looked at one by one: each set of them has a pose of its own.
-MOST_TOUCHES: Final = 1_500
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,11 +153,13 @@ def _touch_by_touch(answer: Examination) -> tuple[Problem, FloatArray, Sequence[
 
 def _single_touches(term: Term) -> Term:
     """Those of a term; of very many, those at some of the places, evenly chosen."""
+    # Touches of distances that are looked at one by one: each set of them has a pose of its own.
+    most_touches = 1_500
     single = term.single_touches()
-    if single is term or len(single.poses) <= MOST_TOUCHES:
+    if single is term or len(single.poses) <= most_touches:
         return single
     _, place = single.places
-    return single.take(place % -(-len(place) // MOST_TOUCHES) == 0)
+    return single.take(place % -(-len(place) // most_touches) == 0)
 
 
 def widened(rows: Sequence[Rows], velocity: FloatArray) -> list[Rows]:
@@ -223,6 +218,9 @@ def followed(fit: ReducedFit, velocity: FloatArray | None = None) -> Followed:
         fit: where it begins.
         velocity: (6·samples, k) of the tips; None for the geometry alone.
     """
+    # Of the cost, below which a round of re-weighing changes nothing, and rounds at most.
+    settled = 1e-6
+    rounds = 20
     count, more = len(fit.problem.names), 0 if velocity is None else velocity.shape[1]
     wide = fit.rows if velocity is None else widened(fit.rows, velocity)
     free = np.concatenate([fit.free, np.arange(count, count + more)])
@@ -232,7 +230,7 @@ def followed(fit: ReducedFit, velocity: FloatArray | None = None) -> Followed:
     all_believed = np.diag(prior) + sum(jacobian.T @ jacobian for jacobian, *_ in rows)
     step, left, spent, inverse = np.zeros(len(free)), np.inf, 0.0, np.zeros((len(free),) * 2)
     scatter = np.inf
-    for _ in range(ROUNDS):
+    for _ in range(rounds):
         matrix, gradient, cost = all_believed.copy(), prior * away, 0.0
         for jacobian, residual, threshold in rows:
             squared = np.sum((residual + (jacobian @ step).reshape(residual.shape)) ** 2, axis=1)
@@ -244,7 +242,7 @@ def followed(fit: ReducedFit, velocity: FloatArray | None = None) -> Followed:
             outer = jacobian[beyond] * np.sqrt(lost[beyond])[:, None]
             matrix -= outer.T @ outer
         pulled = float(prior @ (away + step) ** 2)
-        if cost + pulled > (1.0 - SETTLED) * left:
+        if cost + pulled > (1.0 - settled) * left:
             break
         inverse, left, scatter = scaled_inverse(matrix), cost + pulled, cost
         # Of what is told, without the priors.

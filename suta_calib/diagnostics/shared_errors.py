@@ -29,15 +29,8 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.following import ReducedFit, whitened, widened
 from suta_calib.solver.information import scaled_inverse
 
-# Variance that neighbours have in common over what each has for itself, and chords of turns (or
-# travels) and rows by which that falls to a third: coarse, for a likelihood that is flat.
-COMMON: Final = 0.5, 2.0, 8.0
-NEAR: Final = 0.5, 2.0
-SOON: Final = 5.0, 30.0, np.inf
 # Shares of what is plausible by which a model may be off in all that it lacks.
 LACKING: Final = 0.01, 0.03, 0.1, 0.3, 1.0
-# Rows of a block that are looked at: what so many do not tell is smaller than what is lacking.
-ENOUGH_ROWS: Final = 400
 
 
 def chance_beside_shared_errors(
@@ -51,6 +44,11 @@ def chance_beside_shared_errors(
         lacking: indices of parameters by which the model may be off.
         waves: (6·samples, m) velocity of the tips by what else it may be, as far as is plausible.
     """
+    # Variance that neighbours have in common over what each has for itself, and chords of turns (or
+    # travels) and rows by which that falls to a third: coarse, for a likelihood that is flat.
+    common = 0.5, 2.0, 8.0
+    near = 0.5, 2.0
+    soon = 5.0, 30.0, np.inf
     white = _Correlation(0.0, 1.0, np.inf)
     random = np.concatenate([*lacking, np.zeros(0, dtype=np.intp)])
     alone = _Rows.of(fit, velocity)
@@ -60,7 +58,7 @@ def chance_beside_shared_errors(
     beside = [_Rows.of(fit.beside(random, share), velocity, share * waves) for share in LACKING]
     sources = [choice.scaled(level) for choice in (alone, *beside)]
     rows = min(sources, key=lambda choice: choice.fitted(white).of_this_noise)
-    tried = [white, *(_Correlation(*choice) for choice in product(COMMON, NEAR, SOON))]
+    tried = [white, *(_Correlation(*choice) for choice in product(common, near, soon))]
     fits = [rows.fitted(choice) for choice in tried]
     best = min(range(len(fits)), key=lambda k: fits[k].of_any_noise)
     change, without = fits[best], rows.fitted(tried[best], without=velocity.shape[1])
@@ -151,7 +149,9 @@ class _Rows:
         blocks, random = [], np.random.default_rng(0)
         for r in widened(fit.rows, np.hstack([waves, velocity])):
             n, size = r.line.residual.shape
-            chosen = np.sort(random.permutation(n)[:ENOUGH_ROWS])
+            # Rows of a block that are looked at: what so many do not tell is smaller than what is
+            # lacking.
+            chosen = np.sort(random.permutation(n)[:400])
             sample = r.line.view.block.samples[chosen, 0] + r.line.view.first_sample
             jacobian = r.jacobian[:, free].reshape(n, size, -1)[chosen]
             blocks.append(

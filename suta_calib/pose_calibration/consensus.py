@@ -19,8 +19,6 @@ from scipy.special import chdtri
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 
 TRIES: Final = 300
-REFINED: Final = 8
-CONCENTRATIONS: Final = 20
 # Rows on which all models are tried, and how many of the best are then tried on all; the same
 # authors begin with parts of as many.
 SCREENING: Final = 300
@@ -73,10 +71,12 @@ def find_consensus(
         part = min(len(screened), (len(screened) + needed + 1) // 2)
         samples = samples[_best(_score(residuals(propose(samples), screened), part), SCREENED)]
     every = residuals(propose(samples), rows)
-    best = _best(_score(every, half), REFINED)
+    refined = 8
+    best = _best(_score(every, half), refined)
     basis, norms = [*samples[best]], every[best]
     kinds, going = norms.shape[-1], np.arange(len(norms))
-    for _ in range(CONCENTRATIONS):
+    concentrations = 20
+    for _ in range(concentrations):
         scale = _scale(norms, half)[going]
         distance = np.sum((norms[going] / scale[:, None, :]) ** 2, axis=-1)
         order = np.argsort(distance, axis=-1, kind="stable")[:, :half]

@@ -13,9 +13,6 @@ from suta_calib.terms.hand_eye_start import Poses, chordal_mean
 from suta_calib.terms.poses import WANDER, together
 from suta_calib.units import deg, mm
 
-# Part of the rows that have one pose, from which on it is no point that was visited often; and rows
-# that are left then, of which no X can be found.
-NEARLY_ALL: Final = 0.8
 # Part of its spread over all rows that the other side has in rows where this one stands still. A
 # target that is only seen again there has its noise: 5 mm of 200 mm.
 MOVES_ON: Final = 0.3
@@ -36,7 +33,9 @@ def refuse_constant(hand: Poses, eye: Poses) -> None:
     for whose, side, other, other_name in zip(WHOSE, sides, sides[::-1], WHOSE[::-1], strict=True):
         same = _largest_group(side)
         count, rows = len(same), int(same.sum())
-        if rows < max(NEARLY_ALL * count, 3) or not _moves_on(other, same):
+        # Part of the rows that have one pose, from which on it is no point that was visited often;
+        # and rows that are left then, of which no X can be found.
+        if rows < max(0.8 * count, 3) or not _moves_on(other, same):
             continue
         slid, turned = (float(np.ptp(v, axis=0).max()) for v in _spread(other, same))
         which = f"all {count} rows" if rows == count else f"{rows} of {count} rows"

@@ -21,24 +21,10 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.terms.block import summed
 from suta_calib.trust.serial_correlation import correlation_length
 
-# Part of the variance that neighbours may share. An arm repeats some fifteen times better than it
-# is accurate: what its neighbouring poses do not share may be that little.
-PARTS: Final = (0.3, 0.6, 0.9, 0.98, 0.996)
-# How far apart rows are that share about half of it, in the space in which 1 is far. What reaches
-# farther than the rows is mostly in X, and shows only by the part that is not.
-REACHES: Final = (0.1, 0.3, 0.9, 2.7)
-# The same in rows, one after the other.
-LAGS: Final = (1.5, 5.0, 15.0, 50.0)
-# How likely it is beforehand that every row errs for itself.
-INDEPENDENT: Final = 0.8
 # Rows of which the likelihood is asked: what is intensive, so many tell it.
 ENOUGH: Final = 200
-# Least variance of a group's mean, as part of all, that is no rounding.
-ROUNDING: Final = 1e-6
 # Singular value, of columns of unit length, that is none.
 DEPENDENT: Final = 1e-5
-# Unit of an unknown of which nothing is told.
-UNTOLD: Final = 1e149
 
 
 def common_covariance(
@@ -113,7 +99,8 @@ def _variances(
         return None
     # Of a group's mean: what its readings have for themselves, and what they share.
     single = inside / count
-    shared = between if groups == n else max(between - float(single.mean()), ROUNDING * between)
+    # Least variance of a group's mean, as part of all, that is no rounding.
+    shared = between if groups == n else max(between - float(single.mean()), 1e-6 * between)
     if groups == n:
         single = np.zeros(groups)
     pulled = slope * (count[:, None, None] * weight[:, None])
@@ -184,19 +171,29 @@ def _kernels(
     spaces: Sequence[FloatArray], series: FloatArray | None, count: int
 ) -> Iterator[tuple[float, FloatArray, Sequence[float]]]:
     """What neighbours may share (count, count), by which parts, and how probable each part is."""
-    yield INDEPENDENT, np.eye(count), (0.0,)
+    # Part of the variance that neighbours may share. An arm repeats some fifteen times better than
+    # it is accurate: what its neighbouring poses do not share may be that little.
+    parts = (0.3, 0.6, 0.9, 0.98, 0.996)
+    # How likely it is beforehand that every row errs for itself.
+    independent = 0.8
+    yield independent, np.eye(count), (0.0,)
     shapes = list[FloatArray]()
     if series is not None:
         steps = np.abs(series[:, None] - series[None])
-        shapes += [np.exp(-steps / lag) for lag in LAGS]
+        # The same in rows, one after the other.
+        lags = (1.5, 5.0, 15.0, 50.0)
+        shapes += [np.exp(-steps / lag) for lag in lags]
+    # How far apart rows are that share about half of it, in the space in which 1 is far. What
+    # reaches farther than the rows is mostly in X, and shows only by the part that is not.
+    reaches = (0.1, 0.3, 0.9, 2.7)
     for space in spaces:
         distances = np.linalg.norm(space[:, None] - space[None], axis=2)
-        for reach in REACHES:
+        for reach in reaches:
             # Matérn 3/2: smooth errors, of no particular wave length.
             far = np.sqrt(3.0) * distances / reach
             shapes.append((1.0 + far) * np.exp(-far))
     for shape in shapes:
-        yield (1.0 - INDEPENDENT) / (len(shapes) * len(PARTS)), shape, PARTS
+        yield (1.0 - independent) / (len(shapes) * len(parts)), shape, parts
 
 
 def _restricted(
@@ -237,7 +234,9 @@ def _restricted(
     log_determinant = (
         2.0 * size * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
     )
-    lengths = np.log(np.where(unit < UNTOLD, unit, 1.0)).sum(axis=2)
+    # Unit of an unknown of which nothing is told.
+    untold = 1e149
+    lengths = np.log(np.where(unit < untold, unit, 1.0)).sum(axis=2)
     fitted = np.log(values).sum(axis=2) - 2.0 * lengths
     likelihood = -0.5 * (log_determinant + fitted + freedom * np.log(scale))
     return np.where(freedom < 1, -np.inf, likelihood), scale

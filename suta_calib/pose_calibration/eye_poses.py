@@ -22,9 +22,6 @@ FRAMES: Final[dict[EyeSetup, dict[Unknown, str]]] = {
 }
 # Pairs or pictures below which a standard deviation is hardly more than a guess.
 ENOUGH: Final = 12
-# Standard deviations of X, m and rad, beyond which more poses are asked for.
-UNSURE: Final = 2e-3
-UNSURE_TURN: Final = from_deg(0.5)
 
 
 def unknowns_of(model: Model) -> tuple[Unknown, ...]:
@@ -83,8 +80,11 @@ class EyePoses:
     @property
     def unsure(self) -> str:
         """How badly X is known, as the beginning of a sentence; empty where it is well known."""
+        # Standard deviations of X, m and rad, beyond which more poses are asked for.
+        unsure = 2e-3
+        unsure_turn = from_deg(0.5)
         displaced, turned = self.displaced_turned
-        if displaced <= UNSURE and turned <= UNSURE_TURN:
+        if displaced <= unsure and turned <= unsure_turn:
             return ""
         return f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only (one sigma)"
 

@@ -56,15 +56,10 @@ SAMPLE: Final = 4
 LEAST_POSES: Final = 3
 # What makes X known.
 ADVICE: Final = "turn the hand about at least two axes that are not parallel"
-# No hand and no eye is believed to turn more exactly than this when turns are weighed against
-# displacements: what is smaller repeats well, but is an error of the instruments all the same.
-FINEST_TURN: Final = from_deg(0.1)
 # Pairs below which positions can be fitted so well that they would seem exact; then this, in units
 # of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
 FEW_PAIRS: Final = 8
 FINEST_POSITION: Final = 5e-4
-# Part of the noise within which hand and eye are read alike only where they were not read again.
-COPY_SHARE: Final = 0.05
 # What X and Z are another by, where it is moved.
 MAY_MOVE: Final[dict[EyeSetup, dict[str, str]]] = {
     EYE_IN_HAND: {
@@ -222,6 +217,9 @@ def calibrate_hand_eye(
             agree; or motions that do not determine X: pure translation, or turns about parallel
             axes; names the undetermined directions.
     """
+    # No hand and no eye is believed to turn more exactly than this when turns are weighed against
+    # displacements: what is smaller repeats well, but is an error of the instruments all the same.
+    finest_turn = from_deg(0.1)
     A, B = checked_poses(*hand, "hand"), checked_poses(*seen, "seen")
     if setup not in get_args(EyeSetup) or model not in get_args(Model):
         raise ParameterError(
@@ -247,8 +245,8 @@ def calibrate_hand_eye(
     start = start_from(scaled, target)
     other = next(name for name in get_args(EyeSetup) if name != setup)
     refuse_misread(start, scaled, target, length, other, start_from, rule)
-    noise = RobotNoise(scaled, target, FINEST_TURN)
-    floors = (FINEST_POSITION if few else 0.0, FINEST_TURN)
+    noise = RobotNoise(scaled, target, finest_turn)
+    floors = (FINEST_POSITION if few else 0.0, finest_turn)
     fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
     if noise.moves_targets and not noise.explains(fit):
         noise.forget()
@@ -306,7 +304,9 @@ def _copies(A: Poses, B: Poses, fit: RobustFit) -> int:
     rows = np.flatnonzero(fit.inliers)
     if len(rows) > MOST_ROWS:
         return 0
-    near = COPY_SHARE * np.maximum(fit.sigmas, ROUNDING)
+    # Part of the noise within which hand and eye are read alike only where they were not read
+    # again.
+    near = 0.05 * np.maximum(fit.sigmas, ROUNDING)
     numbers = [
         row_numbers for R, p in (A, B) for row_numbers in (p / near[0], R.reshape(-1, 9) / near[1])
     ]

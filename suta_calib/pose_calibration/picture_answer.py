@@ -31,14 +31,8 @@ from suta_calib.words import listed
 
 # Times what the camera alone leaves from where on it is the robot that leaves the rest.
 ROBOTS: Final = 2.0
-# Relative departure of a focal length that no calibration of the same pictures has.
-OTHER_PICTURES: Final = 0.1
 # Share by which a board's size may be off before it is asked for: arms' lengths err by less.
 MISPRINTED: Final = 0.01
-# Poses of X and Z, and the size of the board.
-UNKNOWNS: Final = 13
-# Share by which a board is of another size than its file says, from which on X is of no use.
-RESCALED: Final = 0.05
 # Focal lengths and principal point among the intrinsics.
 PAIRS: Final = (slice(0, 2), slice(2, 4))
 # Times by which X is better known with the intrinsics held, from which on it is told.
@@ -141,7 +135,8 @@ class CameraEstimate(EyePoses):
         few pictures.
         """
         size = self.board_size
-        freedom = WAYS * int(self.inliers.sum()) - UNKNOWNS
+        # Poses of X and Z, and the size of the board.
+        freedom = WAYS * int(self.inliers.sum()) - 13
         if freedom < 1 or abs(size.value - 1.0) < MISPRINTED:
             return 1.0
         limit = float(-stdtrit(freedom, FALSE_ALARM / 2.0))
@@ -315,10 +310,12 @@ def _significant(change: FloatArray, covariance: FloatArray) -> bool:
 
 def _contradiction(camera: CameraEstimate, given: Camera) -> str:
     changes, other = [], False
+    # Relative departure of a focal length that no calibration of the same pictures has.
+    other_pictures = 0.1
     for key in ("fx", "fy", "cx", "cy"):
         before, after = given.values[key], camera.camera.values[key]
         changes.append(f"{key} {before:.1f} → {after:.1f}")
-        other |= key[0] == "f" and abs(after / before - 1.0) > OTHER_PICTURES
+        other |= key[0] == "f" and abs(after / before - 1.0) > other_pictures
     what = "is the file of pictures of another size?" if other else "X follows the pictures."
     return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
@@ -337,7 +334,10 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
             "measure the squares or markers as they were printed (if they are so many times as "
             "large, correct board.yaml), and check the unit and scale of the hand's positions."
         )
-        (bad if abs(camera.board_scale - 1.0) > RESCALED else care).append(sentence)
+        # Share by which a board is of another size than its file says, from which on X is of no
+        # use.
+        rescaled = 0.05
+        (bad if abs(camera.board_scale - 1.0) > rescaled else care).append(sentence)
     if fitted < ENOUGH:
         care.append(
             f"Only {fitted} pictures: the standard deviations are guesses themselves, and a wrong "

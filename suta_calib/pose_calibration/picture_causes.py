@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 
@@ -22,11 +21,6 @@ from suta_calib.terms.hand_eye_start import (
     some_poses,
 )
 
-# Ratio of two sizes that no measuring error explains.
-OTHER_SIZE: Final = 1.3
-# Of two focal lengths of one camera, another focus.
-OTHER_FOCAL: Final = 1.1
-
 
 def cause_of_disagreement(
     term: CameraView, corners: Corners, given: Camera | None, seed: int
@@ -41,7 +35,8 @@ def cause_of_disagreement(
     """
     hand, board = _usable_poses(term)
     scale = _scale(as_eye_in_hand(hand, term.setup), board)
-    if scale > 0 and abs(np.log(scale)) > np.log(OTHER_SIZE):
+    # Ratio of two sizes that no measuring error explains.
+    if scale > 0 and abs(np.log(scale)) > np.log(1.3):
         larger = (hand, (board[0], board[1] * scale))
         if _agrees(*larger, term.setup, seed):
             return (
@@ -62,7 +57,8 @@ def cause_of_disagreement(
     except InputError:
         return "", ""
     before, after = given.values["fx"], estimated.values["fx"]
-    if abs(np.log(after / before)) < np.log(OTHER_FOCAL):
+    # Of two focal lengths of one camera, another focus.
+    if abs(np.log(after / before)) < np.log(1.1):
         return "", ""
     if _agrees(*_usable_poses(replace(term, camera=estimated)), term.setup, seed):
         return (

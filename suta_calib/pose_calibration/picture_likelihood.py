@@ -20,8 +20,6 @@ WAYS: Final = 2 * DIRECTIONS
 # Logarithms: step of the differences, and how far a level may move in one round.
 STEP: Final = 0.1
 FARTHEST: Final = 3.0
-# Largest standard deviation of a logarithm that a parabola about the best tells.
-VAGUE: Final = 1.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,7 +209,8 @@ class Likelihood:
         ]
         hessian = np.array([ahead - behind for ahead, behind in slopes]) / (2.0 * STEP)
         values, vectors = np.linalg.eigh((hessian + hessian.T) / 2.0)
-        return np.asarray((vectors / np.maximum(values, VAGUE**-2)) @ vectors.T)
+        # Largest standard deviation of a logarithm that a parabola about the best tells.
+        return np.asarray((vectors / np.maximum(values, 1.5**-2)) @ vectors.T)
 
     def _scale(self, eta: FloatArray) -> FloatArray:
         """(6,) scatter of the hand's pose in every way, m and rad."""

@@ -54,23 +54,6 @@ ROUNDS: Final = 10
 SETTLED: Final = 1e-3
 # Corners' σ, px, and the hand's τ, m and rad, from where the search begins.
 BEGIN: Final = (0.1, 1e-4, 1e-4)
-# Part of their errors that poses have for themselves, from where the search begins.
-UNSHARED: Final = 0.3
-# Logarithm of the likelihood by which errors that poses share are better than none: of poses that
-# err each for itself one set in fifty has as much by chance, and of arms with wrong geometry 28
-# pictures have 10 to 80.
-EVIDENCE: Final = 3.0
-# Relative eigenvalue that is none.
-ROUNDING: Final = 1e-10
-# What of a level's logarithm is no move any more.
-STILL: Final = 0.03
-# What comes to what is known of a camera, in units of it, that makes it nothing.
-WIDE: Final = 30.0
-# Part of its size by which a board may be of another one than its file says: hardly anything is
-# known of it beforehand, but that motions which do not tell it leave it as it is.
-ANY_SIZE: Final = 0.3
-# Such a part that one linearisation tells as well as several.
-NEAR: Final = 5e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +200,8 @@ def _settled(
         if boards:
             sizes = sizes + here.step[count : len(unknown)]
             now = _resized(problem, dict(zip(boards, np.exp(sizes).tolist(), strict=True)))
-        if settled and np.all(np.abs(eta - before) <= STILL):
+        # What of a level's logarithm is no move any more.
+        if settled and np.all(np.abs(eta - before) <= 0.03):
             break
     return _Settled(now, x, eta, rows, likelihood, here)
 
@@ -262,7 +246,8 @@ def weigh_pictures(
     )
     wide = eta.copy()
     shared = cameras + 2 + len(likelihood.known.groups)
-    wide[cameras + 2 : shared] = np.log(WIDE)
+    # What comes to what is known of a camera, in units of it, that makes it nothing.
+    wide[cameras + 2 : shared] = np.log(30.0)
     untold = likelihood.at(wide)
     told_covariance = untold.covariance + _in_common(untold, hands.spaces)
     position, rotation = (
@@ -308,11 +293,15 @@ def _with_shared(estimate: _Settled, hands: Hands) -> FloatArray | None:
     likelihood = Likelihood(replace(estimate.rows, shared=hands.shared).sums, beliefs)
     # What each pose had for itself is shared for the most part.
     begin = np.concatenate([estimate.eta, estimate.eta[cameras : cameras + 2]])
-    begin[cameras : cameras + 2] += np.log(UNSHARED)
+    # Part of their errors that poses have for themselves, from where the search begins.
+    begin[cameras : cameras + 2] += np.log(0.3)
     eta = likelihood.best(begin)
     # Of the scatter of either, all sizes are equally likely beforehand: that is no evidence.
     with_shared = likelihood.at(eta).value + float(eta[-2:].sum())
-    return eta if with_shared < estimate.here.value - EVIDENCE else None
+    # Logarithm of the likelihood by which errors that poses share are better than none: of poses
+    # that err each for itself one set in fifty has as much by chance, and of arms with wrong
+    # geometry 28 pictures have 10 to 80.
+    return eta if with_shared < estimate.here.value - 3.0 else None
 
 
 def _shared_scatter(shared: FloatArray, levels: FloatArray) -> tuple[float, float]:
@@ -343,13 +332,16 @@ def sizes_of_boards(
     """
     problem, first = problem.as_given(), len(weighed.free)
     targets = dict.fromkeys(t.target for t in problem.terms if isinstance(t, CameraView))
-    boards = dict.fromkeys(targets, ANY_SIZE)
+    # Part of its size by which a board may be of another one than its file says: hardly anything is
+    # known of it beforehand, but that motions which do not tell it leave it as it is.
+    boards = dict.fromkeys(targets, 0.3)
     hands, sizes = weighed.hands, slice(first, first + len(boards))
     for rounds in (1, ROUNDS):
         estimate = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
         away = (estimate.likelihood.known.away + estimate.here.step)[sizes]
         # So near, one step is enough.
-        if np.all(np.abs(away) < NEAR):
+        # Such a part that one linearisation tells as well as several.
+        if np.all(np.abs(away) < 5e-3):
             break
     levels = estimate.likelihood.uncertainty(estimate.eta)
     covariance = estimate.here.covariance + _in_common(estimate.here, hands.spaces)
@@ -398,7 +390,8 @@ def _in_common(here: LikelihoodPoint, neighbourhoods: Sequence[FloatArray]) -> F
     """
     inner, by_unknowns, errors = here.by_pose
     values, vectors = np.linalg.eigh(inner)
-    determined = values > ROUNDING * values.max(axis=1, keepdims=True)
+    # Relative eigenvalue that is none.
+    determined = values > 1e-10 * values.max(axis=1, keepdims=True)
     root = np.where(determined, values * (1.0 + values), np.inf) ** -0.5
     white = (vectors * root[:, None, :]) @ np.swapaxes(vectors, 1, 2)
     jacobian = white @ by_unknowns

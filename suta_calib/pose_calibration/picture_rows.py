@@ -23,9 +23,6 @@ from suta_calib.terms import CameraView
 
 # No corner is found more finely, px: what is smaller is rounding.
 FINEST: Final = 1e-3
-# Distance of a corner from where it belongs, in its scatter, that one in a hundred good ones has:
-# what is farther off pulls no harder.
-FAR: Final = 3.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +160,9 @@ class PictureRows:
             off = self.shared @ here.step[unknowns:] - here.poses
             error = part.residual + part.jacobian @ here.step[:unknowns]
             error = error + np.einsum("ndc,nc->nd", part.by_pose, off[part.hand])
-            weights.append(huber_weight(np.sum(error**2, axis=1) / sigma**2, np.array(FAR)))
+            # Distance of a corner from where it belongs, in its scatter, that one in a hundred good
+            # ones has: what is farther off pulls no harder.
+            weights.append(huber_weight(np.sum(error**2, axis=1) / sigma**2, np.array(3.03)))
         return weights
 
     def squares(self, step: FloatArray) -> tuple[float, float]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 from scipy.special import chdtri
@@ -65,12 +65,6 @@ from suta_calib.terms.misread_pictures import other_size
 from suta_calib.terms.outside import pose_named
 
 Intrinsics = Literal["fixed", "free"]
-ROUNDS: Final = 8
-# Relative change of the scatter that is none.
-SETTLED: Final = 0.02
-# Numbers that the error of a picture is worth where it is judged by the others: its worst turns
-# decide, so that it scatters more than the mean of all ways would.
-WORST: Final = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -245,7 +239,8 @@ def _settled(
         picture_errors(term, values).scatter(good)
         for term, good in zip(terms, believed, strict=True)
     ]
-    for _ in range(ROUNDS):
+    rounds = 8
+    for _ in range(rounds):
         fitted = [
             term.take(good).with_noise(
                 Noise(level, huber_threshold(2) * level) if robust else Noise(level)
@@ -260,7 +255,8 @@ def _settled(
             for e, good in zip(errors, believed, strict=True)
         ]
         same = all(map(np.array_equal, agreeing, believed))
-        if (same and np.allclose(levels, scatter, SETTLED, 0)) or not solution.converged:
+        # Relative change of the scatter that is none.
+        if (same and np.allclose(levels, scatter, 0.02, 0)) or not solution.converged:
             break
         believed, scatter = agreeing, levels
     return solution, believed
@@ -282,7 +278,9 @@ def _like_the_others(errors: PictureErrors, good: BoolArray) -> BoolArray:
         return np.asarray(sizes**2 > max(expected * limit, finest**2))
 
     off = [far(size, DIRECTIONS, 0.0) for size in errors.by_hand.T]
-    agreeing = ~(far(rms, WORST, FINEST) & (off[0] | off[1]))
+    # Numbers that the error of a picture is worth where it is judged by the others: its worst turns
+    # decide, so that it scatters more than the mean of all ways would.
+    agreeing = ~(far(rms, 2, FINEST) & (off[0] | off[1]))
     return agreeing if agreeing.sum() >= FEW_PAIRS else good
 
 

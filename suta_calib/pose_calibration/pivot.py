@@ -35,25 +35,10 @@ from suta_calib.trust.hypotheses.bent_tip import EVENLY, BentTip, displacement
 from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.units import deg, from_deg, mm, text
 
-LEAST_POSES: Final = 3
-# Rows of a minimal sample: one more than needed, so that small turns do not decide by chance.
-SAMPLE: Final = 4
 # Turns below which a tip is badly determined whatever the residuals are: what is left of a cone of
 # 24°. And the standard deviation of a tip that no navigation can afford (optical systems: 0.3 mm).
 SMALL_TURN: Final = from_deg(12.0)
 UNSURE: Final = 0.5e-3
-# Scatter, in units of the extent, of poses that have no point in common, and turns (rad) that are
-# hardly any.
-NO_POINT: Final = 0.1
-HARDLY_TURNED: Final = from_deg(2.0)
-
-
-# Standard deviations at which an effect of one number is found in half of all sets.
-HARDLY_FOUND: Final = 3.3
-# Standard deviations from which on a tip that bends evenly widens ± though nothing is said: of 30
-# poses with 0.1 mm of noise, tilted by 40°, 1 mm per rad has two and a half, and moves the tip by
-# 17 times what its scatter tells. Of rigid tools one of 20 is wider for it.
-DOUBTFUL: Final = 2.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -218,13 +203,18 @@ def calibrate_pivot(
         SamplesError: too few poses, or turns so small or about so few axes that the tip is not
             determined; names the undetermined directions.
     """
+    least_poses = 3
+    # Scatter, in units of the extent, of poses that have no point in common, and turns (rad) that
+    # are hardly any.
+    no_point = 0.1
+    hardly_turned = from_deg(2.0)
     R, p = checked_poses(rotation, position, "poses")
     labels = np.full(len(p), "post") if point is None else np.asarray(point, dtype=np.str_)
     if len(labels) != len(p):
         raise SamplesError(f"{len(labels)} labels", f"{len(p)}, one per pose", where="point")
-    if len(labels) < LEAST_POSES:
+    if len(labels) < least_poses:
         raise SamplesError(
-            f"{len(labels)} poses", f"at least {LEAST_POSES}, turned about different axes"
+            f"{len(labels)} poses", f"at least {least_poses}, turned about different axes"
         )
     names, index = grouped(labels)
     for name, count in zip(names, np.bincount(index), strict=True):
@@ -255,7 +245,7 @@ def calibrate_pivot(
 
     fit = robust_fit(make, start, robust=robust)
     # Where nothing fits though the tool turned, what the data leave open is not the trouble.
-    if fit.sigmas[0] > NO_POINT and _turns(R[fit.inliers])[-1] > HARDLY_TURNED:
+    if fit.sigmas[0] > no_point and _turns(R[fit.inliers])[-1] > hardly_turned:
         raise SamplesError(
             f"poses whose tips scatter by {mm(length * fit.sigmas[0]):.0f} mm per axis",
             "a tool whose tip rests on a point",
@@ -321,8 +311,13 @@ def _bending(
     evenly = next((f.evidence for f in bends if f.evidence.effect.name == EVENLY), None)
     unseen = None
     if evenly is not None:
-        unseen = HARDLY_FOUND * displacement(evenly)[1], evenly.effect.about
-        if followed is None and evenly.significance > DOUBTFUL:
+        # Standard deviations at which an effect of one number is found in half of all sets.
+        unseen = 3.3 * displacement(evenly)[1], evenly.effect.about
+        # Standard deviations from which on a tip that bends evenly widens ± though nothing is said:
+        # of 30 poses with 0.1 mm of noise, tilted by 40°, 1 mm per rad has two and a half, and
+        # moves the tip by 17 times what its scatter tells. Of rigid tools one of 20 is wider for
+        # it.
+        if followed is None and evenly.significance > 2.0:
             followed = evenly
     nothing = np.zeros_like(fit.covariance)
     return unseen, nothing if followed is None else fit.followed(followed)
@@ -372,7 +367,9 @@ def _norms(R: FloatArray, p: FloatArray, index: IntArray, tips: FloatArray) -> F
 
 def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int | None) -> Consensus:
     """What most poses agree on; all of them without a seed, or where they are too few to tell."""
-    if seed is None or np.bincount(index).max() < SAMPLE + 1:
+    # Rows of a minimal sample: one more than needed, so that small turns do not decide by chance.
+    sample = 4
+    if seed is None or np.bincount(index).max() < sample + 1:
         norms = _norms(R, p, index, stacked_pivot(R, p, index)[None])
         return Consensus.of_all(len(p), float(np.sqrt(np.mean(norms**2) / 3.0)))
 
@@ -385,6 +382,6 @@ def _start(R: FloatArray, p: FloatArray, index: IntArray, seed: int | None) -> C
     def residuals(tips: FloatArray, rows: IntArray) -> FloatArray:
         return _norms(R[rows], p[rows], index[rows], tips)
 
-    samples = minimal_samples(index, SAMPLE, seed)
+    samples = minimal_samples(index, sample, seed)
     posts = int(index.max()) + 1
     return find_consensus(len(p), samples, propose, residuals, 2 + posts)

@@ -40,12 +40,6 @@ from suta_calib.units import deg, from_deg, mm, text
 # Standard deviations, m and rad, that deserve a word.
 UNSURE: Final = 1e-3
 UNSURE_TURN: Final = from_deg(1.0)
-# Chance of a scale below which it widens the ± of targets though it is no finding: of sound sets
-# one of 20.
-DOUBTFUL: Final = 0.05
-# Distance within which rows may be one point, in units of the scatter: were it less, those that err
-# alike would be found for it.
-NEAR: Final = 6.0
 # What stands elsewhere in its frame, from a row on.
 MAY_MOVE: Final = "one of the two sets"
 DEFORMED: Final = (ScaledPoints.name, StrainedPoints.name)
@@ -203,7 +197,9 @@ class Registration(Displayable, RobustAnswer):
     @property
     def _scale_doubtful(self) -> bool:
         evidence = self.evidence(ScaledPoints.name)
-        return evidence is not None and evidence.p_single < DOUBTFUL
+        # Chance of a scale below which it widens the ± of targets though it is no finding: of sound
+        # sets one of 20.
+        return evidence is not None and evidence.p_single < 0.05
 
     @property
     def relied_on(self) -> str:
@@ -315,7 +311,9 @@ def register(
 
 def _repeats(a: FloatArray, b: FloatArray, rigid: RigidFit) -> RepeatedPoints | None:
     """Rows of points (n, 3) that are the same ones, and have most of their error in common."""
-    near = max(NEAR * rigid.sigma, ROUNDING * float(np.ptp(b)))
+    # Distance within which rows may be one point, in units of the scatter: were it less, those that
+    # err alike would be found for it.
+    near = max(6.0 * rigid.sigma, ROUNDING * float(np.ptp(b)))
     numbered = [together(points, near) for points in (a, b)]
     if numbered := [point for point in numbered if point.max() < len(a) - 1]:
         # Most points are touched once.

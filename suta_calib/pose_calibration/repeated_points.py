@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from scipy.special import fdtrc
@@ -18,15 +17,6 @@ from scipy.special import fdtrc
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.pose_calibration.consensus import DIMENSION
 from suta_calib.units import mm
-
-# Unknowns of a rigid transform.
-UNKNOWNS: Final = 6
-# Chance of touches that seem to have something in common and have not. They then count as fewer
-# than they are, which does little harm.
-FALSE_ALARM: Final = 0.05
-# Scatter of the touches of one point, in units of that between points, below which none was made
-# for itself.
-NO_TOUCH: Final = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +48,9 @@ class RepeatedPoints:
     @property
     def note(self) -> str:
         """What a reader is told where they are no touches; nothing where they are."""
-        if self.within > NO_TOUCH * self.between:
+        # Scatter of the touches of one point, in units of that between points, below which none was
+        # made for itself.
+        if self.within > 0.05 * self.between:
             return ""
         rows = "1 row repeats" if self.count == 1 else f"{self.count} rows repeat"
         return (
@@ -95,7 +87,9 @@ def repeats(
     judged = [_judged(point, residuals, inliers) for point in points]
     candidates = [one for one in judged if one is not None]
     chance, likeliest = min(candidates, key=lambda pair: pair[0], default=(1.0, None))
-    return likeliest if chance < FALSE_ALARM / 2 else None
+    # Chance of touches that seem to have something in common and have not. They then count as fewer
+    # than they are, which does little harm.
+    return likeliest if chance < 0.05 / 2 else None
 
 
 def _judged(
@@ -104,7 +98,8 @@ def _judged(
     """How likely the rows of a point would err so much alike if each erred for itself."""
     mine, index = np.unique(point[inliers], return_inverse=True)
     inlying, count = residuals[inliers], len(mine)
-    inside, freedom = DIMENSION * (len(inlying) - count), DIMENSION * count - UNKNOWNS
+    # Unknowns of a rigid transform.
+    inside, freedom = DIMENSION * (len(inlying) - count), DIMENSION * count - 6
     if not inside or freedom < 1:
         return None
     counts = np.bincount(index)

@@ -32,8 +32,6 @@ LEAST_POINTS: Final = 3
 ON_A_LINE: Final = 1e-6
 # A reflection that fits so many times better than any rotation is what the data are.
 MIRRORED: Final = 3.0
-# Scatter of the residuals, in units of the points' extent, that unrelated points have.
-UNRELATED: Final = 0.25
 # Extent across a line, in units of the scatter, from which on it is more than noise.
 OFF_LINE: Final = 2.5
 _NOT_ON_A_LINE: Final = "at least three points that are not on one line"
@@ -185,7 +183,8 @@ def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
     Points off a line by no more than noise do not tell the turn about it.
     """
     sigma = fit.sigmas[0]
-    if sigma > UNRELATED:
+    # Scatter of the residuals, in units of the points' extent, that unrelated points have.
+    if sigma > 0.25:
         raise SamplesError(
             f"points that stay {mm(length * sigma):.1f} mm per axis apart when they are "
             f"laid over each other, which themselves lie {mm(length):.1f} mm about their middle",

@@ -26,18 +26,6 @@ from suta_calib.terms.poses import MeasuredPoses
 EXPECTED: Final = 0.5
 SPREAD: Final = 0.29
 UNKNOWNS: Final = 12
-# How far the noise's centres may be from the frames' origins, in units of the extent: a standard
-# deviation before the data are asked. Zero unless they speak for another by this much (log-
-# likelihood): six numbers more follow noise, too.
-CENTRES: Final = (0.0, 0.05, 0.2, 1.0)
-CLEARLY: Final = 2.0
-# Times the middle residual, from which on a pair counts less: noise exceeds it in one of 50.
-STRANGE: Final = 2.0
-# Standard deviations of the fraction up to which the hand's part may be larger than it seems.
-SURE: Final = 2.0
-# Times of a known unknown's plausible range that hand-eye's may take: what the pairs tell badly
-# gets a large standard deviation. Only what is singular is held, and then refused.
-ANYTHING: Final = 100.0
 # What the poses of the eye in the hand and of the target are called among the unknowns.
 EYE, TARGET = (frame.owner for frame in HandEye.frames)
 
@@ -63,7 +51,10 @@ class LeverModel:
     @property
     def at_most(self) -> float:
         """The largest fraction that the residuals allow."""
-        return min(1.0, self.fraction + SURE * self.std)
+        # Standard deviations of the fraction up to which the hand's part may be larger than it
+        # seems.
+        sure = 2.0
+        return min(1.0, self.fraction + sure * self.std)
 
 
 def estimate_lever(
@@ -90,6 +81,11 @@ def estimate_lever(
         sight: (n, 3) from the eye to the target. A camera knows the distance worse than the
             direction, and turns move the target sideways: both are weighed by their scatter.
     """
+    # How far the noise's centres may be from the frames' origins, in units of the extent: a
+    # standard deviation before the data are asked. Zero unless they speak for another by this much
+    # (log- likelihood): six numbers more follow noise, too.
+    centres = (0.0, 0.05, 0.2, 1.0)
+    clearly = 2.0
     cross = skew(turn)
     columns = np.concatenate([(cross @ lever[..., None]), cross, cross @ target], axis=2)
     if not columns[..., 0].any():
@@ -100,15 +96,15 @@ def estimate_lever(
     weight = _believed(position)[:, None, None]
     position, columns = (weight * position[..., None]).ravel(), (weight * columns).reshape(-1, 7)
     y = position - EXPECTED * columns[:, 0]
-    ridges = [_ridge(columns, y, size) for size in CENTRES]
-    best = max(range(len(ridges)), key=lambda k: ridges[k][0] - CLEARLY * (k > 0))
+    ridges = [_ridge(columns, y, size) for size in centres]
+    best = max(range(len(ridges)), key=lambda k: ridges[k][0] - clearly * (k > 0))
     _, beta, std = ridges[best]
     fraction = EXPECTED + float(beta[0])
     if not 0.0 <= fraction <= 1.0:
         fraction = float(np.clip(fraction, 0.0, 1.0))
         if best:
             rest = position - fraction * columns[:, 0]
-            beta = np.concatenate([[0.0], _ridge(columns[:, 1:], rest, CENTRES[best])[1]])
+            beta = np.concatenate([[0.0], _ridge(columns[:, 1:], rest, centres[best])[1]])
     at = tuple(map(float, beta[1:])) if best else (0.0,) * 6
     return LeverModel(fraction, std, at[:3], at[3:])  # type: ignore[arg-type]
 
@@ -116,7 +112,9 @@ def estimate_lever(
 def _believed(position: FloatArray) -> FloatArray:
     """(n,) roots of Huber's weights: six numbers must not explain one pair that is wrong."""
     size = np.linalg.norm(position, axis=1)
-    limit = max(STRANGE * float(np.median(size)), 1e-300)
+    # Times the middle residual, from which on a pair counts less: noise exceeds it in one of 50.
+    strange = 2.0
+    limit = max(strange * float(np.median(size)), 1e-300)
     return np.asarray(np.sqrt(np.minimum(1.0, limit / np.maximum(size, 1e-300))))
 
 
@@ -170,8 +168,11 @@ class PairedHandEye(HandEye):
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
+        # Times of a known unknown's plausible range that hand-eye's may take: what the pairs tell
+        # badly gets a large standard deviation. Only what is singular is held, and then refused.
+        anything = 100.0
         return tuple(
-            replace(p, plausible=ANYTHING * p.plausible)
+            replace(p, plausible=anything * p.plausible)
             for frame in self.frame_names
             for p in pose_parameters(frame)
         )

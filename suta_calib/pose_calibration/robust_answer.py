@@ -25,14 +25,10 @@ from suta_calib.words import listed
 # Part of the rows that, where they disagree, leave open who is right; and that is no accident.
 MANY_OUTLIERS: Final = 0.4
 SOME_OUTLIERS: Final = 0.3
-# Nothing that a hand holds reaches farther, m.
-LONGEST_TOOL: Final = 1.0
 # Nor is a tool so long, or all that a tracker sees of a hand or points so large, m: they seem
 # so large where millimetres are called metres.
 LONGEST_TIP: Final = 10.0
 LARGEST: Final = 30.0
-# Standard deviations by which one of two lengths is the longer.
-LONGER: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -211,6 +207,9 @@ def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:
     by more than chance (``std``); ``bad`` where no tool is that long either.
     """
     near, far = float(np.linalg.norm(held)), float(np.linalg.norm(standing))
-    if near - far <= LONGER * std:
+    # Standard deviations by which one of two lengths is the longer.
+    if near - far <= 3.0 * std:
         return "good"
-    return "bad" if near > max(LONGEST_TOOL, 2.0 * far) else "care"
+    # Nothing that a hand holds reaches farther, m.
+    longest_tool = 1.0
+    return "bad" if near > max(longest_tool, 2.0 * far) else "care"

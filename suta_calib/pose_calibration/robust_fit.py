@@ -40,28 +40,15 @@ from suta_calib.trust.evidence import Evidence, log_ways
 from suta_calib.trust.examination import Examination, MeasuredRows
 from suta_calib.trust.serial_correlation import blocks, correlation_length
 
-MAX_ROUNDS: Final = 12
 # Rows from which on each may speak for its own scatter.
 MANY_ROWS: Final = 30
 # Rows from which on neighbours in a series tell what they have in common well enough by themselves.
 MOST_ROWS: Final = 400
-# Rows below which the scatter they show is too small by chance: then no less than is assumed.
-FEW_ROWS: Final = 12
-# Numbers of suspects, from all to one, that are tried for being wrong.
-SUBSETS: Final = 12
-# Chance of what rows that are kept stand out by, above which it is not worth a word.
-REMARKABLE: Final = 0.2
-# Part of many rows, and times the limit of an outlier that their squares are on average, which no
-# tail of a distribution makes: something else was measured there.
-ANOTHER_THING: Final = 0.1
-FAR_OFF: Final = 2.0
 # Relative change of a noise level that is none.
 SAME_NOISE: Final = 0.01
 THRESHOLD: Final = huber_threshold(DIMENSION)
 # Residual, in units of the problem's extent or rad, that is rounding: exact data have no other.
 ROUNDING: Final = 1e-9
-# Noise in the same units below which the solver's arithmetic would be what is fitted.
-FINEST: Final = 1e-6
 
 # A term over some of the rows, with the noise of each of its blocks.
 Make = Callable[[IntArray, Sequence[Noise]], Term]
@@ -167,6 +154,10 @@ def robust_fit(
             `make` makes.
         stated: scatter of one component of the only block that instruments state, m.
     """
+    # Part of many rows, and times the limit of an outlier that their squares are on average, which
+    # no tail of a distribution makes: something else was measured there.
+    another_thing = 0.1
+    far_off = 2.0
 
     def plainly(rows: BoolArray) -> RobustFit:
         believed = Consensus(rows, np.array(fit.sigmas))
@@ -183,7 +174,8 @@ def robust_fit(
     suspects = suspects[np.argsort(-distance[suspects])]
     remaining, least = fit, 1.0
     # All of them, then fewer: of many not one by one, each costs a fit.
-    numbers = np.unique(np.geomspace(1, len(suspects), SUBSETS).round().astype(np.intp))[::-1]
+    # Numbers of suspects, from all to one, that are tried for being wrong.
+    numbers = np.unique(np.geomspace(1, len(suspects), 12).round().astype(np.intp))[::-1]
     for dropped, fewer in zip(numbers.tolist(), [*numbers[1:].tolist(), 0], strict=True):
         # Rows that err alike where they are alike are not independent, nor are their components: a
         # row is one witness.
@@ -195,16 +187,17 @@ def robust_fit(
         chance = min(alone * math.exp(min(log_ways(count, dropped), 700.0)), 1.0)
         # Where many are wrong so many choices are possible that no chance is small. A hand, whose
         # turns are fitted too, may err alike in many like poses.
-        if len(fit.sigmas) == 1 and count >= MANY_ROWS and dropped >= ANOTHER_THING * count:
+        if len(fit.sigmas) == 1 and count >= MANY_ROWS and dropped >= another_thing * count:
             far = float(distance[suspects[:dropped]].mean())
-            chance *= far < FAR_OFF * outlier_limit(count, 1)
+            chance *= far < far_off * outlier_limit(count, 1)
         least = min(least, chance)
         if chance < FALSE_ALARM:
             break
         believed = everyone.copy()
         believed[suspects[:fewer]] = False
         remaining = plainly(believed)
-    remarkable = least < REMARKABLE and remaining is not fit
+    # Chance of what rows that are kept stand out by, above which it is not worth a word.
+    remarkable = least < 0.2 and remaining is not fit
     return (
         replace(remaining, suspects=remaining.inliers & ~fit.inliers) if remarkable else remaining
     )
@@ -231,10 +224,13 @@ def _settled(
     What the rows tell is judged where they have settled. Should that be another verdict than what
     went on from round to round, the rounds go on with ``again`` asking every time.
     """
+    max_rounds = 12
+    # Noise in the same units below which the solver's arithmetic would be what is fitted.
+    finest = 1e-6
     everything = np.arange(len(start.inliers))
     inliers, sigmas = start.inliers, np.maximum(start.sigmas, ROUNDING)
-    least = np.full(len(sigmas), FINEST) if floors is None else np.maximum(floors, FINEST)
-    for round_ in range(MAX_ROUNDS):
+    least = np.full(len(sigmas), finest) if floors is None else np.maximum(floors, finest)
+    for round_ in range(max_rounds):
         assumed = [float(s) for s in np.maximum(sigmas, least)]
         noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
         # The levels that weigh the blocks are learned here, round by round.
@@ -262,7 +258,7 @@ def _settled(
             limit = outlier_limit(len(inliers), len(residuals))
             agreeing = np.sum(squared / levels[:, None] ** 2, axis=0) <= limit
         settled = np.array_equal(agreeing, inliers) and np.allclose(levels, sigmas, SAME_NOISE, 0)
-        if settled or agreeing.sum() < DIMENSION or round_ + 1 == MAX_ROUNDS:
+        if settled or agreeing.sum() < DIMENSION or round_ + 1 == max_rounds:
             break
         inliers, sigmas = agreeing, levels
     if unjudged:
@@ -272,7 +268,8 @@ def _settled(
                 make, believed, floors, robust, revise, stated, solution, again=solve_again
             )
         solution = weighed
-    few = int(inliers.sum()) < FEW_ROWS
+    # Rows below which the scatter they show is too small by chance: then no less than is assumed.
+    few = int(inliers.sum()) < 12
     truly = np.maximum(levels, least) if few else levels
     rows = np.flatnonzero(inliers)
     witnesses = int(solution.problem.terms[0].poses.postures.max()) + 1

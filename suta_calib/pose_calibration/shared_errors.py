@@ -22,21 +22,8 @@ from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.pose_calibration.correlation import embedded
 from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS, WAYS
 
-# How far apart poses are that share about half of their errors, where 1 is a turn by a radian or a
-# way as long as from the base to the hand. Simulated arms with wrong lengths and angles (0.5 mm,
-# 0.13°) or eccentric joints have X nearest to the truth with 2; with 1 its ± is too small, as what
-# all poses have in common is taken for little, and with 4 it is too large.
-REACH: Final = 2.0
-# Most components, and the part of the variance that they should have at least.
-MOST: Final = 10
-PART: Final = 0.99
 # Poses that the components are found by; more make no difference.
 ENOUGH: Final = 150
-# Poses from which on neighbours tell what they share: six figures each, for as many of X and Z.
-FEWEST: Final = 8
-# Part of the variance of what neighbours share that all poses have in common in the hand, and as
-# much about the base: that of two joints of six.
-COMMON: Final = 1.0 / 3.0
 # Extent, m, of poses that are all at one place.
 NOWHERE: Final = 1e-9
 
@@ -54,8 +41,12 @@ def shared_errors(rotation: FloatArray, position: FloatArray) -> FloatArray:
     Returns:
         (n, 6, 0) of few poses, or of poses of which something is not known.
     """
+    # Part of the variance of what neighbours share that all poses have in common in the hand, and
+    # as much about the base: that of two joints of six.
+    common = 1.0 / 3.0
     n = len(position)
-    if n < FEWEST or not (np.isfinite(position).all() and np.isfinite(rotation).all()):
+    # Poses from which on neighbours tell what they share: six figures each, for as many of X and Z.
+    if n < 8 or not (np.isfinite(position).all() and np.isfinite(rotation).all()):
         return np.zeros((n, WAYS, 0))
     distance = max(rms_length(position), NOWHERE)
     smooth = _components(embedded(rotation, position / distance))
@@ -65,21 +56,29 @@ def shared_errors(rotation: FloatArray, position: FloatArray) -> FloatArray:
     in_hand[:, :DIRECTIONS, :DIRECTIONS] = in_hand[:, turned, turned] = rotation
     about_base += np.eye(WAYS)
     about_base[:, :DIRECTIONS, turned] = -skew(position)
-    return np.concatenate([*parts, np.sqrt(COMMON) * in_hand, np.sqrt(COMMON) * about_base], axis=2)
+    return np.concatenate([*parts, np.sqrt(common) * in_hand, np.sqrt(common) * about_base], axis=2)
 
 
 def _components(space: FloatArray) -> FloatArray:
     """(n, k) smooth functions of poses that are points (n, d) of a space in which 1 is far."""
+    # Most components, and the part of the variance that they should have at least.
+    most = 10
+    part = 0.99
     n = len(space)
     sampled = space[np.unique(np.linspace(0, n - 1, min(n, ENOUGH)).astype(np.intp))]
     values, vectors = np.linalg.eigh(_correlation(sampled, sampled))
     values, vectors = values[::-1], vectors[:, ::-1]
-    enough = int(np.searchsorted(np.cumsum(values), PART * values.sum())) + 1
-    k = min(enough, MOST)
+    enough = int(np.searchsorted(np.cumsum(values), part * values.sum())) + 1
+    k = min(enough, most)
     return np.asarray(_correlation(space, sampled) @ vectors[:, :k] / np.sqrt(values[:k]))
 
 
 def _correlation(a: FloatArray, b: FloatArray) -> FloatArray:
     """(n, m) between the errors of two sets of poses."""
-    far = np.sqrt(3.0) * np.linalg.norm(a[:, None] - b[None], axis=2) / REACH
+    # How far apart poses are that share about half of their errors, where 1 is a turn by a radian
+    # or a way as long as from the base to the hand. Simulated arms with wrong lengths and angles
+    # (0.5 mm, 0.13°) or eccentric joints have X nearest to the truth with 2; with 1 its ± is too
+    # small, as what all poses have in common is taken for little, and with 4 it is too large.
+    reach = 2.0
+    far = np.sqrt(3.0) * np.linalg.norm(a[:, None] - b[None], axis=2) / reach
     return np.asarray((1.0 + far) * np.exp(-far))

@@ -4,18 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from suta_calib.arrays import FloatArray
-
-# Chance of residuals as large, or as small, below which what was stated is contradicted.
-SURPRISING: Final = 0.01
-# The least that a chance is shown as.
-LEAST: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +85,8 @@ class Agreement:
     @property
     def contradicted(self) -> bool:
         """Whether the residuals say that what was stated is not so."""
-        return self.chance < SURPRISING
+        # Chance of residuals as large, or as small, below which what was stated is contradicted.
+        return self.chance < 0.01
 
     @property
     def too_large(self) -> bool:
@@ -101,12 +96,14 @@ class Agreement:
     @property
     def note(self) -> str:
         """What a reader is told where they contradict each other."""
+        # The least that a chance is shown as.
+        least = 1e-6
         because = (
             "points moved, or the σ leave something out; ± is what the residuals show"
             if self.too_large
             else "the σ are too large, or of errors that all points share; ± is what they say"
         )
-        chance = f"{max(self.chance, LEAST):.0e}{' or less' if self.chance < LEAST else ''}"
+        chance = f"{max(self.chance, least):.0e}{' or less' if self.chance < least else ''}"
         return (
             f"The residuals are {self.factor:.2g} times as large as the stated σ have them "
             f"(chance {chance}): {because}."

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import numpy as np
 
@@ -12,9 +11,6 @@ from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.solver.identifiability import NOISE_INDUCED_SHARE
 from suta_calib.solver.solution import Solution
-
-# Part of a direction that is worth a word.
-NOTICEABLE: Final = 0.02
 
 
 def refuse_undetermined(
@@ -93,7 +89,8 @@ def axes_that_stand(rotation: FloatArray, noise: float) -> FloatArray:
 def _span(columns: FloatArray) -> tuple[list[FloatArray], FloatArray]:
     """Orthonormal vectors that span what columns (3, k) do, and the (k, r) that give nothing."""
     u, s, v = np.linalg.svd(columns)
-    rank = int(np.sum(s > NOTICEABLE))
+    # Part of a direction that is worth a word.
+    rank = int(np.sum(s > 0.02))
     return [np.asarray(u[:, k]) for k in range(rank)], np.asarray(v[rank:].T)
 
 

@@ -44,10 +44,6 @@ def pose_of(unknowns: Symbol) -> Pose:
 Residual = Callable[[Sequence[Pose], Symbol, Symbol], Symbol]
 
 
-# Metres or radians below which nothing is measured, and whose squares are lost in rounding.
-LEAST_SIGMA: Final = 1e-12
-
-
 @dataclass(frozen=True)
 class Noise:
     """How a block's residuals scatter, and how much of a large one is believed.
@@ -64,9 +60,11 @@ class Noise:
     fixed: bool = False
 
     def __post_init__(self) -> None:
+        # Metres or radians below which nothing is measured, and whose squares are lost in rounding.
+        least_sigma = 1e-12
         for name, size in (("sigma", self.sigma), ("huber", self.huber)):
-            if size is not None and not (isinstance(size, Real) and size >= LEAST_SIGMA):
-                expected = f"a number greater than {LEAST_SIGMA:g}"
+            if size is not None and not (isinstance(size, Real) and size >= least_sigma):
+                expected = f"a number greater than {least_sigma:g}"
                 raise ParameterError(repr(size), expected, where=f"Noise: {name}")
 
 

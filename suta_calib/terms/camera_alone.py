@@ -8,7 +8,6 @@ minimised, each with a pose of the board of its own (Zhang 2000, doi:10.1109/34.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -18,15 +17,6 @@ from suta_calib.geometry.pinhole import projected, undistorted
 from suta_calib.measurements import Board, Camera, Corners
 from suta_calib.terms.camera_start import board_poses, closed_form_camera
 from suta_calib.terms.intrinsics import UNCALIBRATED
-
-# Relative gain from where on it is settled, and damping from where on no step helps.
-_SETTLED: Final = 1e-6
-_STUCK: Final = 1e8
-# Distance of a corner, in their scatter, from where on it pulls no harder; the scatter of normal
-# ones in their middle distance; and the least one, px, which is rounding.
-_FAR: Final = 3.0
-_MIDDLE: Final = 1.177
-_FINEST: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,6 +134,14 @@ def camera_alone(corners: Corners, board: Board) -> Camera:
 
 def _refined(pictures: PicturesSeen, state: State, prior: FloatArray) -> State:
     """The camera and poses of least reprojection error; ``prior`` (9,) is about the first one."""
+    # Relative gain from where on it is settled, and damping from where on no step helps.
+    settled = 1e-6
+    stuck = 1e8
+    # Distance of a corner, in their scatter, from where on it pulls no harder; the scatter of
+    # normal ones in their middle distance; and the least one, px, which is rounding.
+    far = 3.0
+    middle = 1.177
+    finest = 1e-3
     first, damping = state.intrinsics, 1e-3
     errors = pictures.errors(state)
     if errors is None:
@@ -151,8 +149,8 @@ def _refined(pictures: PicturesSeen, state: State, prior: FloatArray) -> State:
     steps = 60
     for _ in range(steps):
         length = np.linalg.norm(errors, axis=2)
-        sigma = max(float(np.median(length[pictures.there])) / _MIDDLE, _FINEST)
-        weight = np.minimum(1.0, _FAR * sigma / np.maximum(length, _FINEST * sigma)) / sigma**2
+        sigma = max(float(np.median(length[pictures.there])) / middle, finest)
+        weight = np.minimum(1.0, far * sigma / np.maximum(length, finest * sigma)) / sigma**2
         A, B = (J.reshape(len(J), -1, J.shape[-1]) for J in pictures.slopes(state))
         w = np.repeat(weight, 2, axis=1)
         WA, WB, r = w[..., None] * A, w[..., None] * B, errors.reshape(len(A), -1)
@@ -162,7 +160,7 @@ def _refined(pictures: PicturesSeen, state: State, prior: FloatArray) -> State:
         a = np.einsum("nri,nr->i", WA, r) + away / prior**2
         AB, BB = np.swapaxes(WA, 1, 2) @ B, np.swapaxes(B, 1, 2) @ WB
         b = np.einsum("nri,nr->ni", WB, r)
-        while damping < _STUCK:
+        while damping < stuck:
             damped = BB + damping * np.einsum("nii->ni", BB)[..., None] * np.eye(6)
             solved = np.linalg.pinv(damped, hermitian=True)
             curvature = AA + damping * np.diag(np.diag(AA))
@@ -182,6 +180,6 @@ def _refined(pictures: PicturesSeen, state: State, prior: FloatArray) -> State:
         else:
             return state
         state, errors, damping = trial, trial_errors, damping / 10.0
-        if before - after <= _SETTLED * before:
+        if before - after <= settled * before:
             break
     return state

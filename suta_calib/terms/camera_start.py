@@ -24,11 +24,6 @@ SPATIAL: Final = 6
 _FLAT: Final = 1e-3
 # Second over first singular value of points below which they lie on a line.
 _LINE: Final = 1e-2
-# Second smallest over largest singular value below which a linear system has several solutions.
-_SINGULAR: Final = 1e-9
-# Steps of a refinement, and the relative gain from where on it is settled.
-_STEPS: Final = 10
-_SETTLED: Final = 1e-6
 
 
 def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -103,9 +98,12 @@ def _refined(
         rotation: (n, 3, 3) to begin with.
         position: (n, 3) of that middle.
     """
+    # Steps of a refinement, and the relative gain from where on it is settled.
+    steps = 10
+    settled = 1e-6
     best = rotation.copy(), position.copy()
     rows, error = np.arange(len(pixels)), np.full(len(pixels), np.inf)
-    for _ in range(_STEPS):
+    for _ in range(steps):
         turned = points[rows] @ np.swapaxes(rotation, 1, 2)
         x, y, z = np.moveaxis(turned + position[:, None], 2, 0)
         # What is not seen counts as seen where it belongs.
@@ -115,7 +113,7 @@ def _refined(
         squared = np.sum(residual**2, axis=(1, 2))
         better = (squared < error[rows]) & (z > 0).all(axis=1)
         best[0][rows[better]], best[1][rows[better]] = rotation[better], position[better]
-        going = better & ~(error[rows] - squared <= _SETTLED * squared)
+        going = better & ~(error[rows] - squared <= settled * squared)
         error[rows] = squared
         rows, rotation, position = rows[going], rotation[going], position[going]
         if not len(rows):
@@ -176,7 +174,8 @@ def _linear_of_each(points: FloatArray, pixels: FloatArray, there: BoolArray) ->
     enough &= np.isfinite(rows).all(axis=(1, 2))
     # Of the many rows nothing but their triangle is looked at.
     _, singular, vectors = np.linalg.svd(np.linalg.qr(rows[enough], mode="r"))
-    several = singular[:, 3 * width - 2] <= _SINGULAR * singular[:, 0]
+    # Second smallest over largest singular value below which a linear system has several solutions.
+    several = singular[:, 3 * width - 2] <= 1e-9 * singular[:, 0]
     matrix = np.linalg.solve(
         to_seen[enough], vectors[:, -1].reshape(-1, 3, width) @ to_points[enough]
     )

@@ -16,8 +16,6 @@ from suta_calib.units import mm
 # Extents of what was seen or touched and of what the arm moved that differ by more are in different
 # units: no geometry is so wrong.
 OTHER_UNIT: Final = 20.0
-# A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
-UNMOVED: Final = 1e-7
 
 
 def check_unit(
@@ -45,7 +43,8 @@ def check_unit(
         SamplesError: one is more than `OTHER_UNIT` times the other, or the tip does not move.
     """
     moved = extent(term.poses.at({})[1])
-    if moved < UNMOVED:
+    # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
+    if moved < 1e-7:
         raise term.refuse(
             f"a tip that the arm's readings move by {mm(moved):.2g} mm",
             "readings that differ, and a tip off the axes of the joints that turn",

@@ -24,8 +24,6 @@ from suta_calib.terms.outside import ExternalFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
 
-# Two touches lie on some line whatever the arm is: the third is the first that tells.
-FEWEST: Final = 3
 # Length of the line that simulated touches fill where the file does not say, m.
 _SIZE: Final = 0.2
 _KEYS: Final = ("x", "y", "rx", "ry")
@@ -175,14 +173,16 @@ class TouchedLine(Term):
 
     def check_enough(self) -> None:
         """Three touches of every line at least, not all at one point at nominal."""
+        # Two touches lie on some line whatever the arm is: the third is the first that tells.
+        fewest = 3
         _, position = self.poses.at({})
         # Touches closer together than that, rms about their middle, are one point and no line, m.
         shortest = 1e-3
         for name, (rows, middle, _) in zip(self.places[0], self._by_line(position), strict=True):
-            if len(rows) < FEWEST:
+            if len(rows) < fewest:
                 raise self.refuse(
                     f"line {name} touched {len(rows)} times",
-                    f"every line touched at least {FEWEST} times: two touches make any line",
+                    f"every line touched at least {fewest} times: two touches make any line",
                 )
             if np.abs(position[rows] - middle).max() < shortest:
                 raise self.refuse(

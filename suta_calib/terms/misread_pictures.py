@@ -25,19 +25,8 @@ from suta_calib.words import listed
 
 # Corners that are off by this part of the board's extent in a picture are of no such board.
 NO_BOARD: Final = 0.1
-# Another board or camera is the cause where it leaves so many times less.
-FAR_BETTER: Final = 2.0
-# Misfit, part of the board's extent, that any camera leaves: nothing is asked below it.
-FINE: Final = 1e-3
 # Pictures of which it is asked: what is wrong with the files is wrong with all.
 ENOUGH: Final = 8
-# Sizes of a picture against the one that the camera's file is of.
-RESIZED: Final = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
-# Sizes of markers against those that a board's file has.
-MARKERS: Final = (0.6, 1.6)
-# Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
-FAR_OFF: Final = 10.0
-VISIBLE_PX: Final = 2.0
 
 
 def check_files(pictures: BoardPictures) -> None:
@@ -52,13 +41,15 @@ def check_files(pictures: BoardPictures) -> None:
         assert fewer is not None
         check_files(fewer)
         return
-    if pictures.misfit <= FINE:
+    # Misfit, part of the board's extent, that any camera leaves: nothing is asked below it.
+    if pictures.misfit <= 1e-3:
         return
     candidates = list(_others(pictures))
     _pose_together([other for other, _ in candidates if other.board is pictures.board])
     misfits = [(other.misfit, error) for other, error in candidates]
     least, cause = min(misfits, key=lambda other: other[0], default=(np.inf, None))
-    if cause is not None and FAR_BETTER * least < pictures.misfit:
+    # Another board or camera is the cause where it leaves so many times less.
+    if cause is not None and 2.0 * least < pictures.misfit:
         raise cause
     if pictures.misfit > NO_BOARD:
         raise SamplesError(
@@ -111,7 +102,9 @@ def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesErr
     if other_markers := _other_markers(pictures):
         yield other_markers
     corners = pictures.pixels[found_corners]
-    for factor in RESIZED:
+    # Sizes of a picture against the one that the camera's file is of.
+    resized = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 3.0, 4.0)
+    for factor in resized:
         camera = pictures.camera.resized(factor)
         if not camera.inside(corners).all():
             continue
@@ -136,8 +129,10 @@ def _other_markers(pictures: BoardPictures) -> tuple[BoardPictures, SamplesError
         assert board is not None
         return replace(pictures, board=board)
 
+    # Sizes of markers against those that a board's file has.
+    markers = (0.6, 1.6)
     best = minimize_scalar(
-        lambda log: resized(np.exp(log)).misfit, bounds=np.log(MARKERS), method="bounded"
+        lambda log: resized(np.exp(log)).misfit, bounds=np.log(markers), method="bounded"
     )
     factor = float(np.exp(best.x))
     return resized(factor), SamplesError(
@@ -216,9 +211,12 @@ def doubts(
 
 def _strange(pictures: BoardPictures, names: Sequence[str]) -> list[str]:
     """Pictures whose corners are far from where they are in any pose of the board; which."""
+    # Errors of a picture, in those of the middle one and in px, from which on corners are wrong.
+    far_off = 10.0
+    visible_px = 2.0
     off = pictures.rms
     limit = (
-        max(FAR_OFF * float(np.nanmedian(off)), VISIBLE_PX) if np.isfinite(off).any() else np.inf
+        max(far_off * float(np.nanmedian(off)), visible_px) if np.isfinite(off).any() else np.inf
     )
     nowhere = pictures.posed & np.isnan(off)
     sentences = []

@@ -25,8 +25,6 @@ from suta_calib.terms.outside import ExternalFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
 
-# Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
-FEWEST: Final = 4
 # Edge of the square that simulated touches fill where the file does not say, m.
 _SIZE: Final = 0.2
 _KEYS: Final = ("z", "rx", "ry")
@@ -211,14 +209,16 @@ class TouchedPlane(Term):
 
     def check_enough(self) -> None:
         """Four touches of every plane at least, not on one line at nominal."""
+        # Three touches lie on some plane whatever the arm is: the fourth is the first that tells.
+        fewest = 4
         _, position = self.poses.at({})
         # Second over first singular value of touches that lie on a line.
         line = 1e-3
         for name, (rows, centred) in zip(self.places[0], self._by_plane(position), strict=True):
-            if len(rows) < FEWEST:
+            if len(rows) < fewest:
                 raise self.refuse(
                     f"plane {name} touched {len(rows)} times",
-                    f"every plane touched at least {FEWEST} times: three touches make any plane",
+                    f"every plane touched at least {fewest} times: three touches make any plane",
                 )
             singular = np.linalg.svd(centred, compute_uv=False)
             if singular[1] < line * singular[0]:

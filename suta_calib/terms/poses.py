@@ -32,16 +32,8 @@ WANDER: Final = 3e-5
 # a thousand to the turn it is the operator who chose round numbers.
 FLICKER: Final = 2.0
 COARSEST: Final = 2e-3
-# Readings that are looked at to learn how far the tip reaches: an average needs no more.
-LEVERS: Final = 50
 # Rows of which every pair is looked at.
 FEW: Final = 1000
-# Rows that are compared at once sooner than they are sorted into cells.
-FEWEST: Final = 100
-# Joints of a grid, and how far grids are moved along each other in distances of neighbours: that,
-# and room for rounding.
-GRID: Final = 3
-CELL_MARGIN: Final = 1.0 + 1e-6
 # What makes one number of a cell's: large and odd, so that hardly any two cells have the same.
 MIXED: Final = np.array(
     [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64
@@ -134,7 +126,8 @@ class ArmPoses(PoseSource):
         check_readings(samples.q, joint_ranges(arm), samples.origin)
         self.arm = arm
         self.samples = samples
-        self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // LEVERS])
+        # Readings that are looked at to learn how far the tip reaches: an average needs no more.
+        self._levers = _Levers(arm, samples.q[:: 1 + len(samples) // 50])
         self._standing = _Standing(samples.q)
 
     @property
@@ -320,16 +313,21 @@ def _not_alone(steps: FloatArray) -> IntArray:
     than there are joints, one has both in a cell. Where rows are many, most have every cell for
     themselves.
     """
+    # Joints of a grid, and how far grids are moved along each other in distances of neighbours:
+    # that, and room for rounding.
+    grid = 3
+    cell_margin = 1.0 + 1e-6
     candidates = np.arange(len(steps), dtype=np.intp)
     joints = np.argsort(-np.ptp(steps, axis=0), kind="stable") if len(steps) else candidates
     if len(candidates) <= FEW:
         return _not_alone_in_order(steps, joints)
-    for first in range(0, len(joints), GRID):
-        if len(candidates) <= FEWEST:
+    for first in range(0, len(joints), grid):
+        # Rows that are compared at once sooner than they are sorted into cells.
+        if len(candidates) <= 100:
             break
-        looked_at = joints[first : first + GRID]
+        looked_at = joints[first : first + grid]
         grids = len(looked_at) + 1
-        cells = [steps[candidates, joint] / (grids * CELL_MARGIN) for joint in looked_at]
+        cells = [steps[candidates, joint] / (grids * cell_margin) for joint in looked_at]
         shared = np.zeros(len(candidates), dtype=np.bool_)
         for moved in np.arange(grids) / grids:
             # The cells of all these joints, mixed into one number.

@@ -23,8 +23,6 @@ from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.term import Term
 from suta_calib.units import from_mm, mm
 
-# Lengths between which simulated ones are where the file does not say, m.
-_LENGTHS: Final = (0.2, 0.5)
 # Second over first, and third over first, singular value of tips on a line or in a plane.
 _LINE: Final = 1e-3
 _PLANE: Final = 1e-2
@@ -104,7 +102,9 @@ class MeasuredRange(Term):
         settings: Mapping[str, Any],
     ) -> FloatArray:
         """All over a cap about the z axis of the anchor, at any of the lengths."""
-        shortest, longest = settings.get("lengths", _LENGTHS)
+        # Lengths between which simulated ones are where the file does not say, m.
+        lengths = (0.2, 0.5)
+        shortest, longest = settings.get("lengths", lengths)
         # A third number that goes its own way, of two that fill a square.
         between = np.mod(where @ [7.0, 11.0], 1.0)
         # Half the angle of the cap, about the z axis of an anchor, that simulated tips fill, as a

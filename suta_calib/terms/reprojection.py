@@ -20,17 +20,18 @@ from suta_calib.terms.stretch import stretched_point
 
 # Nearest that a point is taken to be to a camera while a solver looks for it, m.
 NEAREST: Final = 1e-3
-# Largest error of a corner's coordinate, pixels: more says no more. A board that a wrong reading
-# puts behind the camera is nowhere in the picture, and a lens's polynomial has it anywhere.
-FARTHEST: Final = 1e4
 
 
 def _reprojection(in_eye: Symbol, intrinsics: Symbol, data: Symbol) -> Symbol:
     """Error of a corner, as the length that it covers at the board; data: u v x y z m/px."""
+    # Largest error of a corner's coordinate, pixels: more says no more. A board that a wrong
+    # reading puts behind the camera is nowhere in the picture, and a lens's polynomial has it
+    # anywhere.
+    farthest = 1e4
     depth = ca.fmax(in_eye[2], NEAREST)
     u, v = pixel_of(in_eye[0], in_eye[1], depth, intrinsics)
     error = ca.vertcat(u - data[0], v - data[1])
-    return data[5] * ca.fmax(-FARTHEST, ca.fmin(error, FARTHEST))
+    return data[5] * ca.fmax(-farthest, ca.fmin(error, farthest))
 
 
 def _seen_from_hand(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import warnings
 from dataclasses import replace
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +12,6 @@ from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.measurements import Board, Corners
 from suta_calib.terms.poses import PoseSource
 from suta_calib.words import listed
-
-# Names of images that an error quotes.
-_QUOTED: Final = 3
 
 
 def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSource:
@@ -87,5 +83,6 @@ def _check_postures(poses: PoseSource) -> None:
 def _quoted(names: NDArray[np.str_]) -> str:
     """The first few different ones."""
     different = list(dict.fromkeys(names.tolist()))
-    quoted = different[:_QUOTED]
+    # Names of images that an error quotes.
+    quoted = different[:3]
     return listed(quoted) if len(different) == len(quoted) else ", ".join([*quoted, "…"])

@@ -40,12 +40,6 @@ from suta_calib.showing import Displayable
 from suta_calib.solver.information import scaled_inverse
 from suta_calib.terms.block import grouped_rows, summed
 
-# Predicted standard deviation of a size over its plausible size, up to which the data can tell it.
-# The score tests of joints use the same share (`diagnostics.scores.TELLING`).
-WELL_DETERMINED: Final = 0.25
-# Part of a column's squares that must remain when the parameters follow, where no plausible size is
-# stated: less is rounding.
-INDEPENDENT: Final = 1e-6
 # p-value by clusters that an effect must have in any case: the design effect is an average over all
 # effects, and a single cluster must not make a finding. (`score_tests.SUPPORTED` is the same.)
 SUPPORTED: Final = 0.05
@@ -549,11 +543,16 @@ def _determined(
         determine the direction, and (..., k, k) the directions.
     """
     if effect.plausible is None:
-        scale, least = 1.0 / np.sqrt(np.maximum(alone, 1e-300)), INDEPENDENT
+        # Part of a column's squares that must remain when the parameters follow, where no plausible
+        # size is stated: less is rounding.
+        independent = 1e-6
+        scale, least = 1.0 / np.sqrt(np.maximum(alone, 1e-300)), independent
     else:
         noise = fit.squares / max(fit.rows - fit.spent, 1.0)
         scale = np.broadcast_to(effect.plausible, alone.shape)
-        least = noise / WELL_DETERMINED**2
+        # Predicted standard deviation of a size over its plausible size, up to which the data can
+        # tell it. The score tests of joints use the same share (`diagnostics.scores.TELLING`).
+        least = noise / 0.25**2
     scaled = curvature * scale[..., :, None] * scale[..., None, :]
     eigenvalues, axes = np.linalg.eigh(scaled)
     return scale, np.where(eigenvalues > max(least, 1e-300), eigenvalues, 0.0), axes

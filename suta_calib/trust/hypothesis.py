@@ -214,8 +214,6 @@ class Finding(Displayable):
 # Of joints it is said more carefully (`diagnostics.score_tests`): this test says whether what
 # explains the residuals best is one of them.
 LEFT_TO_SCORE_TESTS: Final = "joint error"
-# Part of the strongest finding's share that one needs which is said before others.
-NEARLY: Final = 0.7
 
 
 def strongest_cause(answer: Examination, rule: Rule = Rule()) -> Finding | None:
@@ -236,7 +234,8 @@ def strongest_cause(answer: Examination, rule: Rule = Rule()) -> Finding | None:
     first = next(iter(findings), None)
     for finding in findings:
         # What looks like the others need not explain quite as much as the best of them.
-        rival = first is not None and finding.evidence.share > NEARLY * first.evidence.share
+        # Part of the strongest finding's share that one needs which is said before others.
+        rival = first is not None and finding.evidence.share > 0.7 * first.evidence.share
         if finding.hypothesis.before_others and rival and finding.supported(rule):
             return finding
     if first is None or first.hypothesis.name == LEFT_TO_SCORE_TESTS or not first.supported(rule):

@@ -24,11 +24,6 @@ from suta_calib.units import from_deg
 
 # Pairs that are enough to tell one reading from another.
 MOST_PAIRS: Final = 200
-# Loops of a reading turn no worse than this against one another, rad.
-TURNS_AGREE: Final = from_deg(5.0)
-# Times by which the scatter of the loops is less, where `Rule.far_better` asks for less: chance
-# halves it among so many readings of eight pairs, and never divides it by five.
-FAR_BETTER: Final = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +120,11 @@ def agreeing_reading(
             found = spread(read.few)
             if found[0] < best[0]:
                 best, description, cause, unit = found, reading, hypothesis, read.unit
-    far_better = max(FAR_BETTER, rule.far_better)
-    if cause is None or far_better * best[0] >= scatter or best[1] >= TURNS_AGREE:
+    # Times by which the scatter of the loops is less, where `Rule.far_better` asks for less: chance
+    # halves it among so many readings of eight pairs, and never divides it by five.
+    far_better = max(5.0, rule.far_better)
+    # Loops of a reading turn no worse than this against one another, rad.
+    turns_agree = from_deg(5.0)
+    if cause is None or far_better * best[0] >= scatter or best[1] >= turns_agree:
         return None
     return AgreeingReading(cause, description, (float(unit * best[0]), float(best[1])))

@@ -20,8 +20,6 @@ from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.spoiling import arm_of
 
 Change = Callable[[Samples], Samples]
-# Share of the rows that a reading must keep: few rows fit anything.
-ROWS_LEFT: Final = 0.33
 # Files of which one alone may be out of step are tried among so many.
 MOST_FILES: Final = 20
 
@@ -39,8 +37,9 @@ class MisreadSamples(Reinterpretation):
         for description, change in self.changes(terms):
             read = [change(term.poses.samples) for term in terms]
             with suppress(SutaCalibError):
+                # Share of the rows that a reading must keep: few rows fit anything.
                 if all(
-                    len(samples) >= ROWS_LEFT * len(term.poses)
+                    len(samples) >= 0.33 * len(term.poses)
                     for samples, term in zip(read, terms, strict=True)
                 ):
                     pairs = zip(terms, read, strict=True)

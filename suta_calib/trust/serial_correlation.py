@@ -2,18 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-
-# Correlations of white noise beyond which one is believed, in units of their standard deviation.
-SIGNIFICANT: Final = 3.0
-# Blocks as long as this many correlation lengths keep most of what neighbours share.
-LENGTHS: Final = 3.0
-# Blocks that are needed to tell a variance.
-LEAST_BLOCKS: Final = 12
 
 
 def correlation_length(residuals: FloatArray) -> float:
@@ -24,7 +15,9 @@ def correlation_length(residuals: FloatArray) -> float:
     """
     n = len(residuals)
     power = float(np.sum(residuals**2))
-    chance = SIGNIFICANT / np.sqrt(residuals.size)
+    # Correlations of white noise beyond which one is believed, in units of their standard
+    # deviation.
+    chance = 3.0 / np.sqrt(residuals.size)
     total = 1.0
     for lag in range(1, n // 4):
         rho = float(np.sum(residuals[lag:] * residuals[:-lag])) / power if power > 0 else 0.0
@@ -38,5 +31,8 @@ def blocks(residuals: FloatArray) -> IntArray:
     """(n,) number of the block of neighbours each row is in; its own where rows are white."""
     n = len(residuals)
     length = correlation_length(residuals)
-    size = 1 if length == 1.0 else int(np.ceil(LENGTHS * length))
-    return np.arange(n, dtype=np.intp) // max(1, min(size, n // LEAST_BLOCKS))
+    # Blocks as long as this many correlation lengths keep most of what neighbours share.
+    lengths = 3.0
+    size = 1 if length == 1.0 else int(np.ceil(lengths * length))
+    # Blocks that are needed to tell a variance.
+    return np.arange(n, dtype=np.intp) // max(1, min(size, n // 12))

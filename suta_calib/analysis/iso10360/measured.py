@@ -18,10 +18,7 @@ from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 from suta_calib.terms.block import grouped
 
-LEAST_POINTS: Final = 4
 _ROUNDING: Final = 1e-9
-# Points nearer to a plane than this share of their extent leave the sphere undetermined.
-_FLAT: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -84,14 +81,16 @@ def best_sphere(points: FloatArray, where: str = "") -> Sphere:
     Raises:
         SamplesError: too few points, or points that lie in a plane.
     """
-    if len(points) < LEAST_POINTS:
+    least_points = 4
+    if len(points) < least_points:
         raise SamplesError(
-            f"{len(points)} points on the sphere", f"at least {LEAST_POINTS}", where=where
+            f"{len(points)} points on the sphere", f"at least {least_points}", where=where
         )
     middle = points.mean(axis=0)
     away = points - middle
     sizes = np.linalg.svd(away, compute_uv=False)
-    if sizes[2] < _FLAT * sizes[0]:
+    # Points nearer to a plane than this share of their extent leave the sphere undetermined.
+    if sizes[2] < 1e-3 * sizes[0]:
         raise SamplesError("points in one plane", "points spread over the sphere", where=where)
     rows = np.column_stack([2 * away, np.ones(len(away))])
     start = np.linalg.lstsq(rows, (away**2).sum(axis=1), rcond=None)[0]

@@ -48,9 +48,6 @@ from suta_calib.trust.extended import offered_names
 from suta_calib.units import Unit, text
 from suta_calib.words import listed
 
-# Joints and families tried at each step, most suspicious first, and what is suspicious at all.
-TRIED: Final = 6
-SUSPICIOUS: Final = 0.1
 # Chance, for all tests, below which the residuals prove a term; standard errors it needs otherwise.
 PROVEN: Final = 0.05
 UNPROVEN: Final = 3.0
@@ -74,8 +71,6 @@ SHORT: Final[dict[Family, str]] = {
     "expansion": "expansion",
     "coupling": "coupling",
 }
-# Models that a search usually tries: only to say how far it has come.
-EXPECTED: Final = 30
 
 
 @dataclass(frozen=True, eq=False)
@@ -395,9 +390,13 @@ class _Search:
 
     def _steps(self, left: Residuals) -> Iterator[_Extension]:
         """What the residuals of a model make worth a try."""
+        # Joints and families tried at each step, most suspicious first, and what is suspicious at
+        # all.
+        tried = 6
+        suspicious = 0.1
         tests = left.tests()
-        suspects = [t for t in tests if t.p_single < SUSPICIOUS and not self.untold & {*t.names}]
-        for test in suspects[:TRIED]:
+        suspects = [t for t in tests if t.p_single < suspicious and not self.untold & {*t.names}]
+        for test in suspects[:tried]:
             proven = test.suspicious or test.p < PROVEN
             # There are two for each pair of neighbours: of 12 sound sets one was given a coupling
             # that the residuals do not prove.
@@ -427,7 +426,8 @@ class _Search:
     def _noted(self, candidate: ModelCandidate) -> ModelCandidate:
         self.tried[candidate.name] = candidate
         if self.progress is not None:
-            self.progress(len(self.tried), max(len(self.tried) + 1, EXPECTED))
+            # Models that a search usually tries: only to say how far it has come.
+            self.progress(len(self.tried), max(len(self.tried) + 1, 30))
         return candidate
 
     def _candidate(

@@ -22,7 +22,6 @@ from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows
 
-DRAWS: Final = 1000
 _SUMS: Final = [METRICS.index("contribution"), METRICS.index("cooks_distance")]
 
 
@@ -61,11 +60,12 @@ class Simulator:
     """
 
     def __init__(self, scene: JudgedFit, touches: Touches, seed: int) -> None:
+        draws = 1000
         self._scene = scene
         random = np.random.default_rng([seed, scene.reference.index])
         cell = scene.reference.term.witnesses
-        common = random.standard_normal((DRAWS, int(cell.max()) + 1, 3))[:, cell]
-        single = random.standard_normal((DRAWS, len(cell), 3))
+        common = random.standard_normal((draws, int(cell.max()) + 1, 3))[:, cell]
+        single = random.standard_normal((draws, len(cell), 3))
         alone = np.sqrt(max(touches.sigma**2 - touches.shared**2, 0.0))
         noise = touches.shared * common + alone * single
         self._clean = _Imitation(scene, scene.clean, noise)

@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import PurePath
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +17,6 @@ from suta_calib.measurements.samples import joined
 from suta_calib.terms.block import grouped
 from suta_calib.terms.landmark import certified_positions
 from suta_calib.terms.term import Term
-
-# With fewer, "unlike the others" means nothing.
-FEWEST: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +52,8 @@ def groupings(term: Term) -> tuple[Grouping, ...]:
         coarser = by_columns.get(columns[:-1])
         if coarser is None or len(coarser) < len(grouping):
             by_columns[columns] = grouping
-    return tuple(g for g in by_columns.values() if len(g) >= FEWEST)
+    # With fewer, "unlike the others" means nothing.
+    return tuple(g for g in by_columns.values() if len(g) >= 3)
 
 
 def row_names(term: Term) -> NDArray[np.str_]:

@@ -29,8 +29,6 @@ from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import predicted_information, scaled_inverse
 
-# Share of a combination's information that must come from the data.
-IDENTIFIED: Final = 0.9
 # Eigenvalue of an information matrix, of the largest, that counts as none.
 SINGULAR: Final = 1e-10
 
@@ -198,7 +196,8 @@ class Influence:
         significant = values > SINGULAR * max(float(values.max(initial=0.0)), 1e-300)
         root = vectors[:, significant] / np.sqrt(values[significant]) / scale[:, None]
         share, turn = np.linalg.eigh(root.T @ data @ root)
-        basis = root @ turn[:, share > IDENTIFIED]
+        # Share of a combination's information that must come from the data.
+        basis = root @ turn[:, share > 0.9]
         weigh = total @ basis
         return cls(
             weigh @ scaled_inverse(basis.T @ score @ basis, SINGULAR) @ weigh.T, basis.shape[1]

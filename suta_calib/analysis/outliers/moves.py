@@ -8,7 +8,6 @@ Huber's rule (`trust.evidence`).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Final
 
 import numpy as np
 
@@ -18,11 +17,6 @@ from suta_calib.arrays import IntArray
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.terms import Term
 from suta_calib.trust.evidence import Effect, LinearFit, Stretches, weigh_effects
-
-# Rows on either side of a change, beside those that its pose needs.
-TO_SPARE: Final = 3
-# Probabilities below are as good as zero, and no more exact.
-EPSILON: Final = 1e-12
 
 
 def find_moves(
@@ -48,7 +42,8 @@ def find_moves(
     )
     moves, shifts = [], np.zeros((n * size, 0))
     for what, rows, columns in _poses(term, names):
-        least = -(-len(columns) // size) + TO_SPARE
+        # Rows on either side of a change, beside those that its pose needs.
+        least = -(-len(columns) // size) + 3
         starts = range(least, len(rows) - least + 1)
         if len(rows) < 2 * least:
             continue
@@ -66,7 +61,8 @@ def find_moves(
             distance = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
             if distance > thresholds.bias:
                 shifts = np.hstack([shifts, shift])
-                p, left = max(evidence.p_value, EPSILON), fit.solve(shifts)[1]
+                # Probabilities below are as good as zero, and no more exact.
+                p, left = max(evidence.p_value, 1e-12), fit.solve(shifts)[1]
                 moves.append(Move(what, term.poses.samples.origin[rows[first]], distance, p, left))
     return tuple(moves)
 

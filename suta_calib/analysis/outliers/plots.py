@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
@@ -23,8 +23,6 @@ from suta_calib.units import Unit, mm, shown, unit_name
 
 # Areas of marks tell values: the least and the largest mark, points across.
 SMALLEST, LARGEST = 5.5, 20.5
-# Of what landmarks span, half the width that a map of them shows.
-SHOWN: Final = 0.66
 
 
 def draw_metrics(figure: Any, term: TermOutliers) -> list[Any]:
@@ -75,7 +73,8 @@ def _draw_map(axes: Any, position: FloatArray, level: Level, metric: Metric) -> 
         below: dict[str, Any] = {"xytext": (0, -np.sqrt(area[k]) / 2 - 2.0), "va": "top"}
         below |= {"textcoords": "offset points", "ha": "center", "fontsize": 7, "bbox": BEHIND}
         axes.annotate(text, (x[k], y[k]), zorder=4, **below)
-    half = SHOWN * float(np.ptp(position[:, chosen], axis=0).max())
+    # Of what landmarks span, half the width that a map of them shows.
+    half = 0.66 * float(np.ptp(position[:, chosen], axis=0).max())
     middle_x, middle_y = ((v.max() + v.min()) / 2 for v in (x, y))
     axes.set_xlim(middle_x - half, middle_x + half)
     axes.set_ylim(middle_y - half, middle_y + half)

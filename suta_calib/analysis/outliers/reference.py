@@ -35,15 +35,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 
-# Share of the cost that a refit may promise to lose where its next step is the last: of 1,000 rows
-# 0.03 standard deviations, of which that step leaves a hundredth.
-SETTLED: Final = 1e-6
-# Eigenvalue of the equations of a step, of the largest, that is rounding.
-SINGULAR: Final = 1e-10
 # Information, relative to the whole, that is a difference of equal numbers.
 ROUNDING: Final = 1e-9
-# Folds that rows without placements or points are dealt into.
-FOLDS: Final = 10
 # Errors before and after an exclusion, and which of them count.
 _Compared = tuple[FloatArray, FloatArray, BoolArray]
 
@@ -175,7 +168,8 @@ class ReferenceFit:
             gradient = gradient - row.gradient[gone].sum(axis=0)
         # What only the left-out rows determined goes with them: their place, their point.
         left = np.flatnonzero(np.diag(hessian) > ROUNDING * np.diag(full_hessian))
-        step = -scaled_inverse(hessian[np.ix_(left, left)], SINGULAR) @ gradient[left]
+        # Eigenvalue of the equations of a step, of the largest, that is rounding.
+        step = -scaled_inverse(hessian[np.ix_(left, left)], 1e-10) @ gradient[left]
         moved = [names[k] for k in free[left]]
         return dict(self.values) | {
             name: self.values[name] + float(d) for name, d in zip(moved, step, strict=True)
@@ -218,7 +212,9 @@ class ReferenceFit:
         start = np.array([values.get(n, float(s)) for n, s in zip(names, start, strict=True)])
         free = np.array([k for k, n in enumerate(names) if n in self.estimated], dtype=np.intp)
         sigmas = self.block_sigmas(terms)
-        solver = GaussNewton(confirm=False, settled=SETTLED)
+        # Share of the cost that a refit may promise to lose where its next step is the last: of
+        # 1,000 rows 0.03 standard deviations, of which that step leaves a hundredth.
+        solver = GaussNewton(confirm=False, settled=1e-6)
         minimum = solver.minimise(RobustNlp(problem, free, sigmas), start)
         fitted_values, block = problem.values(minimum.x), mine.blocks[0]
         return Refit(
@@ -276,13 +272,15 @@ class Judge:
 
     def _folds(self) -> tuple[str, list[BoolArray]]:
         """Placements, as their repeats are no independent witnesses; else points, else rows."""
+        # Folds that rows without placements or points are dealt into.
+        folds = 10
         by_name = {g.name: g for g in groupings(self.reference.term)}
         for name in ("placements", "sets", "points"):
             if name in by_name:
                 return name, [by_name[name].rows(k) for k in range(len(by_name[name]))]
         n = len(self.reference.term.poses)
-        dealt = np.random.default_rng(0).permutation(n) % min(FOLDS, n)
-        return f"{min(FOLDS, n)} parts", [dealt == k for k in range(min(FOLDS, n))]
+        dealt = np.random.default_rng(0).permutation(n) % min(folds, n)
+        return f"{min(folds, n)} parts", [dealt == k for k in range(min(folds, n))]
 
     def _compared(self, term: Term, before: Refit, after: Refit, out: BoolArray) -> _Compared:
         """Errors of a held-out term before and after, and which of them touch no excluded row."""

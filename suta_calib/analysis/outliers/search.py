@@ -57,8 +57,6 @@ LENGTH: Final = 5e-3
 ANGLE: Final = from_deg(1.0)
 # Rows beyond which only those with the largest errors are refitted one by one.
 MOST_ROWS: Final = 300
-# Errors (RMS, m) that are rounding: the fit leaves none.
-ROUNDING: Final = 1e-9
 
 
 @single_threaded
@@ -154,7 +152,8 @@ class TermSearch:
         if sum(term.equations() for term in self.reference.terms) <= len(self.reference.estimated):
             # As many unknowns as data: is any error left to look at?
             fit = self.reference.over(np.ones(len(self.reference.term.poses), dtype=bool))
-            if fit is not None and fit.rms < ROUNDING:
+            # Errors (RMS, m) that are rounding: the fit leaves none.
+            if fit is not None and fit.rms < 1e-9:
                 return not_searched(self.reference.term, exact=True)
         everything = groupings(self.reference.term)
         landmarks = next((g for g in everything if g.name == "landmarks"), None)

@@ -25,22 +25,8 @@ from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 
-# Probability that data without gross touches lose one, and without displaced landmarks gain one.
-FALSE_ALARM: Final = 0.01
 # Noise of an arm that nobody has (m): in finer errors a solver's last steps show, and nothing else.
 SMALLEST: Final = 1e-6
-# Variance of a median over that of a mean, for normal numbers.
-MEDIAN_COST: Final = np.pi / 2
-# Residual, in standard deviations of a component, from which on a touch loses weight: Huber's while
-# the fit settles, then Tukey's, which ignores gross touches altogether.
-TUKEY: Final = 6.0
-SETTLING: Final = 8
-ROUNDS: Final = 30
-SAME: Final = 1e-3
-# Lengths, m, that are rounding.
-FINEST: Final = 1e-9
-# Share of the data that a fit must leave for its scatter to be noise.
-LEAST_LEFT: Final = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +73,9 @@ def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping
     What may explain are the arm's unknowns with their priors, and displaced landmarks. Touches of
     one cell err together (`Term.witnesses`).
     """
+    # Probability that data without gross touches lose one, and without displaced landmarks gain
+    # one.
+    false_alarm = 0.01
     # One landmark after the other is freed for as long as one is significantly displaced.
     member = np.zeros(0, dtype=np.intp) if landmarks is None else landmarks.member
     chosen: list[int] = []
@@ -104,7 +93,7 @@ def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping
         of = member[first]
         spread = max(scatter(means), SMALLEST)
         worst, p = _most_displaced(means, of, spread, len(landmarks), chosen)
-        if p * len(landmarks) > FALSE_ALARM or len(chosen) >= len(landmarks) // 3:
+        if p * len(landmarks) > false_alarm or len(chosen) >= len(landmarks) // 3:
             break
         chosen.append(worst)
     displaced = {
@@ -113,7 +102,7 @@ def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping
         )
         for k, mark in enumerate(chosen)
     }
-    limit = max(sigma, SMALLEST) * np.sqrt(chdtri(rest.shape[1], FALSE_ALARM / len(rest)))
+    limit = max(sigma, SMALLEST) * np.sqrt(chdtri(rest.shape[1], false_alarm / len(rest)))
     gross = (np.linalg.norm(rest, axis=1) > limit) & (not fit.saturated)
     return Touches(rest, sigma, _shared(rest, cells, sigma), gross, displaced)
 
@@ -123,10 +112,12 @@ def _most_displaced(
 ) -> tuple[int, float]:
     """The landmark whose touches agree best on being elsewhere, and how likely by chance."""
     p = np.ones(count)
+    # Variance of a median over that of a mean, for normal numbers.
+    median_cost = np.pi / 2
     for landmark in set(range(count)) - set(chosen):
         mine = means[of == landmark]
         squared = float(np.sum(np.median(mine, axis=0) ** 2))
-        variance = spread**2 * MEDIAN_COST / len(mine)
+        variance = spread**2 * median_cost / len(mine)
         p[landmark] = fdtrc(3, 1.5 * len(means), squared / variance / 3)
     worst = int(np.argmin(p))
     return worst, float(p[worst])
@@ -171,6 +162,12 @@ class RobustLinearFit:
         Args:
             shift: (n d, s) further columns, without priors.
         """
+        # Residual, in standard deviations of a component, from which on a touch loses weight:
+        # Huber's while the fit settles, then Tukey's, which ignores gross touches altogether.
+        tukey = 6.0
+        settling = 8
+        rounds = 30
+        same = 1e-3
         (n, size), extra = self.residual.shape, shift.shape[1]
         a = np.hstack([self.jacobian, shift])
         precision, deviation = (
@@ -178,22 +175,25 @@ class RobustLinearFit:
         )
         weight, sigma, rest = np.ones(n), scatter(self.residual), self.residual
         step = np.zeros(a.shape[1])
-        for k in range(ROUNDS):
+        for k in range(rounds):
             step, used = _weighted_step(a, self.residual, weight / sigma**2, precision, deviation)
             rest = (self.residual.reshape(-1) + a @ step).reshape(n, size)
             used *= self.readings
             freedom = max(n * size - used, 0.1 * n * size)
-            scatter_now = max(scatter(rest) * np.sqrt(n * size / freedom), FINEST)
+            # Lengths, m, that are rounding.
+            scatter_now = max(scatter(rest) * np.sqrt(n * size / freedom), 1e-9)
             length = np.linalg.norm(rest, axis=1) / scatter_now
             huber = huber_threshold(size)
-            if k < SETTLING:
+            if k < settling:
                 weight = np.minimum(1.0, huber / np.maximum(length, huber))
             else:
-                weight = np.maximum(1.0 - (length / TUKEY) ** 2, 0.0) ** 2
-            if k > SETTLING and abs(scatter_now - sigma) < SAME * sigma:
+                weight = np.maximum(1.0 - (length / tukey) ** 2, 0.0) ** 2
+            if k > settling and abs(scatter_now - sigma) < same * sigma:
                 break
             sigma = scatter_now
-        self.saturated = used > (1.0 - LEAST_LEFT) * n * size
+        # Share of the data that a fit must leave for its scatter to be noise.
+        least_left = 0.3
+        self.saturated = used > (1.0 - least_left) * n * size
         return rest, sigma, step[a.shape[1] - extra :]
 
 

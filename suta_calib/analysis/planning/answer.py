@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any
 
 from suta_calib import plotting
 from suta_calib.analysis import planning
@@ -14,11 +14,6 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.showing import Displayable
 from suta_calib.units import Unit, mm, text
-
-# Uncertainty of the tip from what is held, as a part of what is estimated, that is nothing.
-_NOTHING: Final = 0.05
-# A plan that lessens the tip's uncertainty by less than this part is for nothing.
-_USELESS: Final = 0.01
 
 
 @dataclass(frozen=True)
@@ -251,12 +246,14 @@ class Plan(Displayable):
             )
         if left := [r.parameter for r in self.remedies if r.by_all and r.parameter in after.fixed]:
             notes.append(f"Still open after this plan: {', '.join(left)}; choose more.")
-        if after.tip > (1 - _USELESS) * self.before.tip:
+        # A plan that lessens the tip's uncertainty by less than this part is for nothing.
+        if after.tip > (1 - 0.01) * self.before.tip:
             notes.append(
                 "Nothing here makes the tip much surer; for the parameters, choose by "
                 "--criterion d."
             )
-        if after.tip > (1 + _NOTHING) * after.tip_estimated:
+        # Uncertainty of the tip from what is held, as a part of what is estimated, that is nothing.
+        if after.tip > (1 + 0.05) * after.tip_estimated:
             notes.append(
                 "Most of what is left is held, not measured: with held parameters exact the tip "
                 f"would be sure to {text(after.tip_estimated, 'm')} mm."

@@ -38,11 +38,6 @@ _PRIVATE: Final = tuple(
     f"{name}[" for kind in KINDS.values() for name in (kind.place_unknown, *kind.place_more) if name
 )
 CRITERIA: Final = ("tip", "d")
-# An exchange must gain this much to count, in units of the criterion's value.
-_WORTH: Final = 1e-9
-_MOST_PASSES: Final = 20
-# Information, of what was plausible before any data, below which a direction is told by nothing.
-_ESTIMATED: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -240,7 +235,9 @@ class Design(Displayable):
         scale = 1.0 / np.sqrt(space.regulariser)
         total = present.curvature + sum(t.curvature for t in information)
         values, vectors = np.linalg.eigh(scale[:, None] * total * scale)
-        basis = scale[:, None] * vectors[:, values > _ESTIMATED]
+        # Information, of what was plausible before any data, below which a direction is told by
+        # nothing.
+        basis = scale[:, None] * vectors[:, values > 1e-7]
         tip = weight * np.outer(space.unit, space.unit)
         inner = basis.T @ tip @ basis
         unestimated = float(scale @ (np.diag(tip) * scale) - np.trace(inner))
@@ -318,14 +315,17 @@ def greedy(
 
 def exchange(design: Design, start: SharedInformation, chosen: Sequence[int]) -> list[int]:
     """Exchange single candidates until none is worth it; best first in the end."""
+    # An exchange must gain this much to count, in units of the criterion's value.
+    worth = 1e-9
+    most_passes = 20
     picked = list(chosen)
     value = design.value(start, picked)
-    for _ in range(_MOST_PASSES):
+    for _ in range(most_passes):
         before = value
         for place in range(len(picked)):
             rest = picked[:place] + picked[place + 1 :]
             other, better = design.best_next(start, rest)
-            if better < value - _WORTH * abs(value):
+            if better < value - worth * abs(value):
                 picked[place], value = other, better
         if value >= before:
             break

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
@@ -45,9 +44,6 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.solver.solve import Progress, identify_at
 from suta_calib.threads import single_threaded
 
-# Touches of a point where there is no artefact to say how many are usual.
-_TOUCHES: Final = 20
-
 
 def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> Situation:
     """A job at its solution, or at nominal where its data are too few to be fitted yet.
@@ -83,7 +79,8 @@ def candidate_places(
     """
     artefact = situation.artefact
     repeats = options.repeats or situation.repeats
-    touches = _TOUCHES if artefact is None else repeats * len(artefact.landmarks)
+    # Touches of a point where there is no artefact to say how many are usual.
+    touches = 20 if artefact is None else repeats * len(artefact.landmarks)
     read = read_candidates(file, situation.arm, touches)
     return read.places, replace(options, repeats=options.repeats or read.repeats)
 

@@ -14,10 +14,8 @@ from suta_calib.plotting.planar import draw_arm, outline
 from suta_calib.plotting.style import plain_log
 from suta_calib.units import mm, shown
 
-VIEWS: Final = {"seen from above": (0, 1), "seen from the side": (0, 2)}
 AXES: Final = "xyz"
 _ARROW: Final = 0.05
-_TICKS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
 
 
 def draw_bench(figure: Any, plan: Plan) -> list[Axes]:
@@ -31,7 +29,8 @@ def draw_bench(figure: Any, plan: Plan) -> list[Axes]:
         The panels: from above, from the side.
     """
     panels = list(figure.subplots(1, 2, width_ratios=(1, 1)))
-    for axes, (title, plane) in zip(panels, VIEWS.items(), strict=True):
+    views = {"seen from above": (0, 1), "seen from the side": (0, 2)}
+    for axes, (title, plane) in zip(panels, views.items(), strict=True):
         _view(axes, plan, plane)
         axes.set_title(title)
     look: dict[str, Any] = {"ncols": 2, "columnspacing": 12.0, "fontsize": 8, "frameon": False}
@@ -65,7 +64,8 @@ def draw_gain(axes: Axes, plan: Plan) -> None:
     else:
         plain_log(axes.yaxis, axes.set_yscale)
         low, high = 0.6 * tips.min(), 1.5 * tips.max()
-        axes.set_yticks([tick for tick in _TICKS if low <= tick <= high])
+        ticks = (0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100)
+        axes.set_yticks([tick for tick in ticks if low <= tick <= high])
     axes.set_xticks(range(len(tips)))
     axes.set_xlabel("further placements, points or poses")
     axes.set_ylabel("tip uncertainty, mm (3-D RMS)")

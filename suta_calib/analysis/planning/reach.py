@@ -34,9 +34,6 @@ from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated
 
-_STARTS: Final = 8
-# Measured postures that are looked at to learn which shapes overlap by construction.
-_LOOKED_AT: Final = 60
 # Of the directions of a point, the part that must be reached; more are tried than are needed.
 _ENOUGH: Final = 0.5
 _TRIED: Final = 2
@@ -190,7 +187,8 @@ class Reach(Displayable):
         """Postures near those the arm had: whoever measures will not fold it another way."""
         visited = self.situation.readings[nearest(self.situation.tips[1], targets.position)]
         rng = np.random.default_rng(self.seed)
-        return self.situation.kinematics.solve(targets, visited, rng, _STARTS, together)
+        starts = 8
+        return self.situation.kinematics.solve(targets, visited, rng, starts, together)
 
     @staticmethod
     def _colliding(
@@ -249,8 +247,9 @@ class Collisions:
             if a != b and arm.model.parents[a] != b and arm.model.parents[b] != a:
                 geometry.addCollisionPair(pin.CollisionPair(j, i))
         collisions = cls(arm, geometry, "")
+        # Measured postures that are looked at to learn which shapes overlap by construction.
         overlapping = {
-            pair for q in visited[:: 1 + len(visited) // _LOOKED_AT] for pair in collisions._hits(q)
+            pair for q in visited[:: 1 + len(visited) // 60] for pair in collisions._hits(q)
         }
         for k in sorted(overlapping, reverse=True):
             geometry.removeCollisionPair(geometry.collisionPairs[k])

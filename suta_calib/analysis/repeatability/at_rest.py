@@ -27,21 +27,9 @@ from suta_calib.measurements.csv_table import CsvTable, read_csv_table
 from suta_calib.showing import Displayable
 from suta_calib.units import Unit, from_deg
 
-_PER_DECADE: Final = 8
-# Of a record shorter than this many averages little is known.
-_LEAST_AVERAGES: Final = 9
 # Of the drift: few batches, so that each is longer than what correlates within it.
 _BATCHES: Final = 20
 _CONFIDENCE: Final = 0.95
-# Half intervals of 95 % that noise all but never exceeds, on however many joints.
-_SURE: Final = 2.0
-# A joint whose batches differ by more than this was moved, rad or m.
-_MOVED: Final[dict[Unit, float]] = {"rad": from_deg(0.5), "m": 1e-3}
-# Readings farther out than this many robust standard deviations, and steps, are gross errors.
-_GROSS: Final = 8.0
-_NORMAL: Final = 1.4826
-# An encoder's steps are seen where every level occurs this often.
-_ROWS_PER_LEVEL: Final = 4
 # Levels are whole steps apart to this share of one.
 _MULTIPLE_OF_STEP: Final = 0.1
 _ROUNDING: Final = 1e-12
@@ -54,7 +42,6 @@ NO_JOINTS: Final = frozenset(
     )
 )
 _PARQUET: Final = (".parquet", ".pq")
-_LARGEST_ANGLE: Final = 8 * np.pi
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,8 +75,10 @@ def allan_deviation(
 ) -> AllanDeviation:
     """Of readings (n,) every ``period`` s, n at least 18, at some eight times in a decade."""
     n = len(readings)
-    decades = np.log10(n // _LEAST_AVERAGES)
-    sizes = np.unique(np.logspace(0, decades, int(_PER_DECADE * decades) + 1).astype(int))
+    # Of a record shorter than this many averages little is known.
+    decades = np.log10(n // 9)
+    per_decade = 8
+    sizes = np.unique(np.logspace(0, decades, int(per_decade * decades) + 1).astype(int))
     sums = np.concatenate([[0.0], np.cumsum(readings - readings.mean())])
     deviation = np.array([overlapping(sums, int(m)) for m in sizes])
     # Degrees of freedom for white noise of the readings, NIST SP 1065, table 5.
@@ -150,12 +139,15 @@ class JointNoise(Displayable):
     @property
     def moved(self) -> bool:
         """Whether the joint was not at rest."""
-        return self.batch_range > _MOVED[self.unit]
+        # A joint whose batches differ by more than this was moved, rad or m.
+        moved = {"rad": from_deg(0.5), "m": 1e-3}
+        return self.batch_range > moved[self.unit]
 
     @property
     def drifts(self) -> bool:
         """Whether the slope is more than correlated noise gives to any joint of an arm."""
-        return abs(self.drift) > _SURE * self.drift_half
+        # Half intervals of 95 % that noise all but never exceeds, on however many joints.
+        return abs(self.drift) > 2.0 * self.drift_half
 
     @property
     def stuck(self) -> bool:
@@ -242,12 +234,15 @@ def stationary(
 def _joint(
     joint: str, unit: Unit, readings: FloatArray, time: FloatArray, period: float
 ) -> JointNoise:
+    # Readings farther out than this many robust standard deviations, and steps, are gross errors.
+    gross = 8.0
+    normal = 1.4826
     off = readings - (median_angle(readings) if unit == "rad" else np.median(readings))
     off = np.angle(np.exp(1j * off)) if unit == "rad" else off
     size = np.abs(off - np.median(off))
     # Where most readings are one and the same, the median deviation is zero and says nothing.
-    scale = max(_NORMAL * float(np.median(size)), float(np.quantile(size, 0.99)) / 3)
-    inliers = size <= _GROSS * scale + _ROUNDING
+    scale = max(normal * float(np.median(size)), float(np.quantile(size, 0.99)) / 3)
+    inliers = size <= gross * scale + _ROUNDING
     mean, away = deviations(readings[inliers], unit)
     moment = time[inliers]
     levels, step = _steps(readings[inliers])
@@ -274,7 +269,8 @@ def _joint(
 def _steps(readings: FloatArray) -> tuple[int, float | None]:
     """How many different readings there are, and the step between them where it shows."""
     levels = np.unique(readings)
-    if len(levels) < 2 or _ROWS_PER_LEVEL * len(levels) > len(readings):
+    # An encoder's steps are seen where every level occurs this often.
+    if len(levels) < 2 or 4 * len(levels) > len(readings):
         return len(levels), None
     gaps = np.diff(levels)
     gaps = gaps[gaps < np.pi]
@@ -362,7 +358,8 @@ def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
         )
     time = valid.time("one clock")
     readings = np.stack([valid.numbers(n, "one column per joint, in rad") for n in names], axis=1)
-    for row, column in np.argwhere(np.abs(readings) > _LARGEST_ANGLE):
+    largest_angle = 8 * np.pi
+    for row, column in np.argwhere(np.abs(readings) > largest_angle):
         value = f"{readings[row, column]:.6g}"
         hint = "looks like degrees or counts: convert it"
         raise valid.refuse(int(row), names[column], value, "rad", hint)

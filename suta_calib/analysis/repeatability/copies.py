@@ -20,8 +20,6 @@ LEAST, MOST = 5e-7, 3e-6
 # Share of the rows that must be copies for more than the least to be what parts them: of many exact
 # visits two may be as near.
 MANY: Final = 0.05
-# Share of the rows that read in a joint as another one does, from which on its encoder is coarse.
-SHARED: Final = 0.5
 
 
 def first_written(q: FloatArray, units: Sequence[Unit]) -> BoolArray:
@@ -44,8 +42,11 @@ def first_written(q: FloatArray, units: Sequence[Unit]) -> BoolArray:
         first[np.unique(together(off / near, 1.0), return_index=True)[1]] = True
         if np.mean(~first) >= MANY:
             break
+    # Share of the rows that read in a joint as another one does, from which on its encoder is
+    # coarse.
+    shared = 0.5
     coarse = np.all(resolutions(q[:, moving]) > 0.0) or all(
-        _shared(readings) > SHARED for readings in q[first][:, moving].T
+        _shared(readings) > shared for readings in q[first][:, moving].T
     )
     return np.ones(len(q), dtype=np.bool_) if coarse and first.sum() > 1 else first
 

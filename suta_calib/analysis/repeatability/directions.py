@@ -33,10 +33,6 @@ PERMUTATIONS: Final = 1999
 # Twice the logarithm of a hundred: odds that are no longer worth mentioning.
 _AS_WELL: Final = 9.2
 _FEW: Final = 500
-# What noise exceeds in the other share of permutations.
-_CHANCE: Final = 0.95
-# Share of its variance that a joint has to itself at least: rounding, and joints that never move.
-_REGULARISATION: Final = 1e-7
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +137,8 @@ def _step(
     by_chance, wide = _explained(groups, values, drawn, loose)
     # The joints already found have a chance too: that of being looked at alone.
     _, alone = _explained(groups, values, drawn[:_FEW], ())
-    chance, first = (np.quantile(np.ptp(draws, axis=1), _CHANCE, axis=0) for draws in (wide, alone))
+    # What noise exceeds in the other share of permutations.
+    chance, first = (np.quantile(np.ptp(draws, axis=1), 0.95, axis=0) for draws in (wide, alone))
     # An effect that is equal but for rounding is no smaller one.
     above = by_chance.max(axis=1)[:, None] >= taken * (1 - 1e-9)
     return (
@@ -189,9 +186,9 @@ def _inverse(covariance: FloatArray) -> FloatArray:
     size = np.sqrt(np.where(variance > 0, variance, 1.0))
     product = size[..., :, None] * size[..., None, :]
     joints = covariance.shape[-1]
-    return np.asarray(
-        np.linalg.inv(covariance / product + _REGULARISATION * np.eye(joints)) / product
-    )
+    # Share of its variance that a joint has to itself at least: rounding, and joints that never
+    # move.
+    return np.asarray(np.linalg.inv(covariance / product + 1e-7 * np.eye(joints)) / product)
 
 
 @dataclass(frozen=True)

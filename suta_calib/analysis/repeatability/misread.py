@@ -25,16 +25,10 @@ from suta_calib.trust.hypothesis import known_hypotheses
 from suta_calib.trust.sample_readings import MisreadJoints
 from suta_calib.units import Unit, from_deg, from_mm, mm
 
-# Scatter of the tip, in units of that of unrelated joints, below which they undo each other.
-UNDONE: Final = 0.25
-# A reading with so many times less scatter, in either measure, is what the columns are.
-FAR_BETTER: Final = 3.0
 # Visits that are enough for no reading to fit by chance, and ways in which the joints must have
 # moved for it: between two points they move in one way, which some reading undoes.
 ENOUGH: Final = 8
 WAYS: Final = 2
-# Scatter, m, below which the joints did not move.
-STILL: Final = 1e-9
 # Units in which a single column may be, beside those it should be in, and how much one of them is.
 UNITS: Final[dict[Unit, dict[str, float]]] = {
     "rad": {"degrees": from_deg(1.0), "turns": 2 * np.pi},
@@ -53,23 +47,28 @@ def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None
     Returns:
         A sentence, or None where the joints undo each other as they are, or in no reading.
     """
+    # A reading with so many times less scatter, in either measure, is what the columns are.
+    far_better = 3.0
+    # Scatter, m, below which the joints did not move.
+    still = 1e-9
     if len(samples) < ENOUGH:
         return None
     ways = _ways(arm, samples.q)
     as_read = _scatter(position), float(np.linalg.norm(ways))
-    if len(ways) < WAYS or as_read[1] < STILL or as_read[0] <= UNDONE * as_read[1]:
+    # Scatter of the tip, in units of that of unrelated joints, below which they undo each other.
+    if len(ways) < WAYS or as_read[1] < still or as_read[0] <= 0.25 * as_read[1]:
         return None
     explanations = list[tuple[float, str]]()
     for sentence, change in _readings(arm):
         q = change(samples).q
         tip, moved = _scatter(arm.forward(q)[1]), _ways(arm, q)
-        unrelated = max(float(np.linalg.norm(moved)), STILL)
+        unrelated = max(float(np.linalg.norm(moved)), still)
         # By how much levers are shorter in other postures says nothing.
-        undone = tip / unrelated * FAR_BETTER < as_read[0] / as_read[1]
-        if undone and tip * FAR_BETTER < moved[WAYS - 1]:
+        undone = tip / unrelated * far_better < as_read[0] / as_read[1]
+        if undone and tip * far_better < moved[WAYS - 1]:
             explanations.append((tip, sentence))
     tip, sentence = min(explanations, default=(np.inf, ""))
-    if tip * FAR_BETTER > as_read[0]:
+    if tip * far_better > as_read[0]:
         return None
     return (
         f"The visits scatter by {mm(tip):.3f} mm (RMS), not by {mm(as_read[0]):.3f} mm, if "

@@ -24,9 +24,6 @@ from suta_calib.showing import Displayable
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95
-# More rows than this are left out in blocks of neighbours: the error is known well enough.
-_MOST_PARTS: Final = 400
-_LEAST_FREEDOM: Final = 2.0
 # ISO 9283: thirty cycles; and how many standard deviations make a repeatability.
 CYCLES: Final = 30
 SIGMAS: Final = 3.0
@@ -80,11 +77,14 @@ class ScatterEstimate:
 
 def spread(statistic: Callable[[FloatArray], float], rows: FloatArray) -> ScatterEstimate:
     """A statistic of rows (n, …), n at least three, with its uncertainty by the jackknife."""
+    # More rows than this are left out in blocks of neighbours: the error is known well enough.
+    most_parts = 400
+    least_freedom = 2.0
     value = statistic(rows)
-    parts = np.array_split(np.arange(len(rows)), min(len(rows), _MOST_PARTS))
+    parts = np.array_split(np.arange(len(rows)), min(len(rows), most_parts))
     left = np.array([statistic(np.delete(rows, part, axis=0)) for part in parts])
     if value <= 0 or (left <= 0).any():
-        return ScatterEstimate(value, -math.inf, 0.0, _LEAST_FREEDOM)
+        return ScatterEstimate(value, -math.inf, 0.0, least_freedom)
     n, logs = len(parts), np.log(left)
     influence = logs - logs.mean()
     power = float(np.sum(influence**2))
@@ -92,7 +92,7 @@ def spread(statistic: Callable[[FloatArray], float], rows: FloatArray) -> Scatte
     if power > 0:
         # Few large influences make a sum of squares worth little.
         excess = n * float(np.sum(influence**4)) / power**2 - 1.0
-        freedom = min(freedom, max(_LEAST_FREEDOM, 2.0 * n / max(excess, 1e-12)))
+        freedom = min(freedom, max(least_freedom, 2.0 * n / max(excess, 1e-12)))
     bias = (n - 1) * (float(logs.mean()) - math.log(value))
     std = math.sqrt((n - 1) / n * power)
     # A bias beyond its error says that the statistic is no smooth one here: of visits to two

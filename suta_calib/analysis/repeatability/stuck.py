@@ -22,19 +22,12 @@ from suta_calib.units import mm
 
 # Visits of which that can be told.
 ENOUGH: Final = 8
-# Part of what is missing, and of what most joints move by, that one which stands still may read.
-STILL: Final = 0.1
 # Different readings, at most so many of all rows, that are few where most joints never repeat one.
 FEW: Final = 0.2
-# Times as far along as across, per axis, and how rare that is by chance.
-FAR: Final = 1.5
-RARE: Final = 1e-3
 # The least part of what the other joints move the tip by: a joint moves with them.
 PART: Final = 0.15
 _STEP: Final = 1e-6
 _ROUNDS: Final = 8
-# Least lever of a joint that moves the tip, m per rad or m.
-_LEVER: Final = 1e-3
 
 
 @dataclass(frozen=True)
@@ -80,6 +73,9 @@ def stuck(arm: ArmModel, q: FloatArray, group: IntArray) -> tuple[Stuck, ...]:
         q: (n, joints) readings.
         group: (n,) number of the point that each visit was to.
     """
+    # Part of what is missing, and of what most joints move by, that one which stands still may
+    # read.
+    still = 0.1
     if len(q) < ENOUGH:
         return ()
     levels = [len(np.unique(readings)) for readings in q.T]
@@ -90,12 +86,12 @@ def stuck(arm: ArmModel, q: FloatArray, group: IntArray) -> tuple[Stuck, ...]:
     moved = spread * tip_levers(arm, q)
     stuck_joints = list[Stuck]()
     # A joint that moves like the others reads what it does.
-    for k in np.flatnonzero(few | (spread < STILL * np.median(spread))).tolist():
+    for k in np.flatnonzero(few | (spread < still * np.median(spread))).tolist():
         freed = _freed(arm, q, group, k)
         if freed is None:
             continue
         missing, lever, left = freed
-        if few[k] or spread[k] < STILL * float(missing.std()):
+        if few[k] or spread[k] < still * float(missing.std()):
             along = lever * missing
             size = float(np.sqrt(np.mean(along**2)))
             typical = float(np.median(np.delete(moved, k)))
@@ -123,7 +119,8 @@ def _freed(
         tip = both[: len(q)]
         slope = (both[len(q) :] - tip) / _STEP
         lever = np.linalg.norm(slope, axis=1)
-        if lever.min() < _LEVER:
+        # Least lever of a joint that moves the tip, m per rad or m.
+        if lever.min() < 1e-3:
             return None
         left = _within(tip, group)
         moved = moved - np.sum(left * slope, axis=1) / lever**2
@@ -140,7 +137,10 @@ def _within(rows: FloatArray, group: IntArray) -> FloatArray:
 
 def _far(along: FloatArray, left: FloatArray, group: IntArray) -> bool:
     """Whether the tip is farther off along (n,) than what is left (n, 3) tells of either axis."""
+    # Times as far along as across, per axis, and how rare that is by chance.
+    far = 1.5
+    rare = 1e-3
     freedom = len(along) - len(np.unique(group))
     one, other = float(along @ along) / freedom, float(np.sum(left**2)) / (2 * freedom)
     ratio = one / max(other, 1e-30)
-    return ratio > FAR**2 and float(fdtrc(freedom, 2 * freedom, ratio)) < RARE
+    return ratio > far**2 and float(fdtrc(freedom, 2 * freedom, ratio)) < rare

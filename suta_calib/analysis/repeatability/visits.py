@@ -42,16 +42,8 @@ from suta_calib.threads import single_threaded
 from suta_calib.trust.serial_correlation import correlation_length
 from suta_calib.units import Unit, from_deg, mm
 
-# A joint this far from its median (rad) and this many times as far as most: another posture.
-_POSTURE: Final = from_deg(5.0)
-_UNUSUAL: Final = 10.0
 # Farther from the median than this many times the median distance: another point, or a slip.
 ELSEWHERE: Final = 6.0
-# Groups of visits that are as far apart as this many times what they scatter about their own
-# middles, and more where there are few visits: less than one set of visits to one point in 1,000 is
-# so, whether it scatters like a ball, a disc, a ring or a line.
-_SEPARATION: Final = 3.0
-_FEW: Final = 10
 # Of all visits, and in numbers, the least that make a group and no outliers.
 _GROUP: Final = 0.1
 _LEAST_OF_GROUP: Final = 3
@@ -60,8 +52,6 @@ _LEAST_OF_GROUP: Final = 3
 SEVERAL_POINTS: Final = 20e-3
 DIRECTION: Final = "direction"
 PROTOCOL: Final = "protocol"
-# Share of visits that read as the one before, from which on somebody should ask.
-MANY_COPIES: Final = 0.1
 
 
 def elsewhere(away: FloatArray) -> tuple[int, ...]:
@@ -75,13 +65,18 @@ def places(away: FloatArray) -> tuple[IntArray, ...]:
 
     Single linkage: a gap that parts groups of visits, against how far they scatter within.
     """
+    # Groups of visits that are as far apart as this many times what they scatter about their own
+    # middles, and more where there are few visits: less than one set of visits to one point in
+    # 1,000 is so, whether it scatters like a ball, a disc, a ring or a line.
+    separation = 3.0
+    few = 10
     least = max(_LEAST_OF_GROUP, math.ceil(_GROUP * len(away)))
     merged = linkage(away, "single")
     size = np.concatenate([np.ones(len(away)), merged[:, 3]])
     gap = merged[:, 2]
     parts = (size[merged[:, :2].astype(int)] >= least).all(axis=1)
     groups_found: tuple[IntArray, ...] = ()
-    clearest = _SEPARATION * (1 + (_FEW / len(away)) ** 2)
+    clearest = separation * (1 + (few / len(away)) ** 2)
     for width in gap[parts & (gap > 0)]:
         label = fcluster(merged, width * (1 - 1e-9), "distance")
         rows = [np.flatnonzero(label == number) for number in np.unique(label)]
@@ -99,12 +94,15 @@ def other_posture(columns: Iterable[tuple[str, Unit, FloatArray, float]]) -> tup
 
     Columns are name, unit, readings (n,) and lever of every joint.
     """
+    # A joint this far from its median (rad) and this many times as far as most: another posture.
+    posture = from_deg(5.0)
+    unusual = 10.0
     rows_elsewhere: set[int] = set()
     for _, unit, readings, _ in columns:
         if unit == "rad":
             away = np.angle(np.exp(1j * (readings - median_angle(readings))))
             size = np.abs(away - np.median(away))
-            limit = max(_POSTURE, _UNUSUAL * float(np.median(size)))
+            limit = max(posture, unusual * float(np.median(size)))
             rows_elsewhere |= {int(row) for row in np.flatnonzero(size > limit)}
     return tuple(sorted(rows_elsewhere))
 
@@ -195,7 +193,8 @@ class Repeatability(Displayable):
             )
         # Coarse encoders may all read the same again, but hardly ever twice in a row.
         same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
-        if same >= MANY_COPIES * len(q):
+        # Share of visits that read as the one before, from which on somebody should ask.
+        if same >= 0.1 * len(q):
             notes.append(
                 f"{same} of {len(q)} visits repeat the readings before them to the last digit: "
                 "were these visits, or one reading written down again?"

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 from suta_calib.analysis.study.log import StudyLog
 from suta_calib.analysis.study.runner import Task, run_trials
@@ -31,9 +30,6 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
-
-# Of the sets, where those not drawn are what is held out, unless the user asks for more.
-MOST_DRAWN: Final = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -177,7 +173,8 @@ def _sizes(
     """Sizes to study, and those asked for that cannot be; all sets where others are held out."""
     largest = len(sets) if all_sets else len(sets) - 1
     # An error over one or two held-out sets tells little of the arm.
-    judgeable = largest if all_sets else max(1, int(MOST_DRAWN * len(sets)))
+    # Of the sets, where those not drawn are what is held out, unless the user asks for more.
+    judgeable = largest if all_sets else max(1, int(0.8 * len(sets)))
     if asked is not None:
         sizes = sorted(set(asked))
     elif sets.unit == SAMPLE:

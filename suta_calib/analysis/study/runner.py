@@ -34,8 +34,6 @@ Task = tuple[int, int]  # size, number
 # Trials handed out at a time; a worker has two such batches at the most, which is what an interrupt
 # loses of it.
 BATCH: Final = 4
-# Seconds after which a worker that nobody needs any more ends.
-IDLE: Final = 300
 # Seconds that a pool may take to pass on what it was handed: milliseconds, if it is alive.
 PASSING_ON: Final = 1.0
 # What keeps libraries from starting threads of their own beside the others'.
@@ -107,8 +105,9 @@ def _beside_others(
             running.add(executor.submit(_run, key, place, batch))
 
     with _interrupts_withheld():
+        # Seconds after which a worker that nobody needs any more ends.
         executor = get_reusable_executor(
-            workers - 1, timeout=IDLE, initializer=_prepare, env=ONE_THREAD
+            workers - 1, timeout=300, initializer=_prepare, env=ONE_THREAD
         )
     try:
         with _interrupts_withheld():

@@ -29,11 +29,6 @@ UNITS: Final[dict[str, tuple[str, ...]]] = {
     for noun, columns in kind.groupings.items()
     if kind.place in columns
 } | {SAMPLE: ()}
-# Fewer points than this, or other places, leave too few subsets to choose from: then touches are
-# drawn one by one.
-ENOUGH_PLACES: Final = 4
-# Fewer sets cannot be chosen from.
-FEWEST_SETS: Final = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +110,8 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
     Raises:
         SamplesError: an unknown unit, no term with such labels, or fewer than two sets.
     """
+    # Fewer sets cannot be chosen from.
+    fewest_sets = 2
     unit = _natural(terms) if unit is None else unit
     if unit not in UNITS:
         hint = did_you_mean(unit, UNITS)
@@ -136,10 +133,10 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
             where="observations",
             hint="draw other units, for example sample",
         )
-    if len(names) < FEWEST_SETS:
+    if len(names) < fewest_sets:
         raise SamplesError(
             f"one {unit} only ({names[0]})",
-            f"at least {FEWEST_SETS} to draw from",
+            f"at least {fewest_sets} to draw from",
             where="observations",
             hint="measure more of them, or draw smaller units, for example sample",
         )
@@ -161,7 +158,9 @@ def _natural(terms: Sequence[Term]) -> str:
         if term.place:
             names = term.poses.samples.labels[term.place]
             places.setdefault(term.place, set()).update(map(str, names))
-    return next((place for place in places if len(places[place]) >= ENOUGH_PLACES), SAMPLE)
+    # Fewer points than this, or other places, leave too few subsets to choose from: then touches
+    # are drawn one by one.
+    return next((place for place in places if len(places[place]) >= 4), SAMPLE)
 
 
 def described(unit: str) -> str:

@@ -30,14 +30,6 @@ from suta_calib.words import listed
 
 # Share of trials without a result from which the others say little.
 MANY_FAILED: Final = 0.05
-# Reasons that a reader is told; the rest are counted.
-MOST_REASONS: Final = 3
-# Percentiles that enclose 95 %.
-INTERVAL: Final = (2.5, 97.5)
-# Fewer values have no spread worth a number.
-FEWEST: Final = 10
-# Spread over prediction that is called right, beyond what so many trials leave to chance.
-RIGHT: Final = (0.8, 1.25)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,11 +118,13 @@ class SizeStudy(Displayable):
     @judged
     def assessment(self) -> Assessment:
         """Whether the recommendation may be relied on."""
+        # Reasons that a reader is told; the rest are counted.
+        most_reasons = 3
         if not self.solved:
             # Why trials have no result, the most frequent first.
             bad = [f"{problem} ({count} trials)." for problem, count in self.failures.items()]
-            more = len(bad) - MOST_REASONS
-            bad = bad[:MOST_REASONS] + ([f"And {more} further reasons."] if more > 0 else [])
+            more = len(bad) - most_reasons
+            bad = bad[:most_reasons] + ([f"And {more} further reasons."] if more > 0 else [])
             return Assessment.of("no size can be judged: no trial has a result", bad=bad)
         largest, enough = self.solved[-1].size, self.recommended
         percent = f"{shown(self.tolerance, '%'):g} %"
@@ -178,7 +172,8 @@ class TrialScatter(Displayable):
     @property
     def enough(self) -> bool:
         """Whether there are enough values to speak of a spread."""
-        return len(self.values) >= FEWEST
+        # Fewer values have no spread worth a number.
+        return len(self.values) >= 10
 
     @property
     def mean(self) -> float:
@@ -195,7 +190,9 @@ class TrialScatter(Displayable):
         """Percentile interval of 95 %."""
         if not self.enough:
             return (math.nan, math.nan)
-        low, high = np.percentile(self.values, INTERVAL)
+        # Percentiles that enclose 95 %.
+        interval = (2.5, 97.5)
+        low, high = np.percentile(self.values, interval)
         return float(low), float(high)
 
 
@@ -232,11 +229,13 @@ class ParameterSpread(Displayable):
         correlations it keeps more than its own parameter together: with one, a spread that is too
         small proves nothing.
         """
+        # Spread over prediction that is called right, beyond what so many trials leave to chance.
+        right = (0.8, 1.25)
         if not math.isfinite(self.ratio) or (self.priors and self.ratio < 1):
             return True
         counts = [len(self.spread.values), *([self.sets] if self.sets else [])]
         chance = 2.0 * math.sqrt(sum(1.0 / (2.0 * (n - 1)) for n in counts))
-        return RIGHT[0] / (1 + chance) < self.ratio < RIGHT[1] * (1 + chance)
+        return right[0] / (1 + chance) < self.ratio < right[1] * (1 + chance)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
 from suta_calib.trust.spoiling import arm_of, with_readings
 from suta_calib.units import text
-
-# Share of the rows that stand at a column's end from which on that is worth a word.
-AT_END: Final = 0.1
 
 
 class ClippedColumn(Pattern):
@@ -32,7 +29,8 @@ class ClippedColumn(Pattern):
         for joint, readings in zip(np.compress(moving, arm.joints), q[:, moving].T, strict=True):
             for end, which in ((readings.max(), "above"), (readings.min(), "below")):
                 times = int(np.sum(readings == end))
-                if times >= max(ENOUGH_ROWS, AT_END * len(readings)):
+                # Share of the rows that stand at a column's end from which on that is worth a word.
+                if times >= max(ENOUGH_ROWS, 0.1 * len(readings)):
                     where = text(float(end), arm.units[joint], with_unit=True)
                     yield (
                         f"{times} of {len(readings)} readings of {joint} are {where} to the last "

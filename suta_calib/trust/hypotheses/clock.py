@@ -19,12 +19,8 @@ from suta_calib.trust.sample_readings import (
     with_partners,
 )
 
-# Rows by which the clock is late or early at the end of a file.
-DRIFTS: Final = 5
 # Parts of a file, in one of which a clock may have been set anew; not in the last.
 SET_IN: Final = ("first", "middle", "last")
-# Part of the rows that are a whole row late, beside which a clock has made it another row.
-UNSURE: Final = 0.1
 
 
 class Clock(MisreadSamples):
@@ -38,7 +34,8 @@ class Clock(MisreadSamples):
         """One for each number of rows, direction and part of the files."""
         several = len(files_of(terms)) > 1
         clock = "the clock of what was seen or touched"
-        for rows in range(1, DRIFTS + 1):
+        # Rows by which the clock is late or early at the end of a file.
+        for rows in range(1, 5 + 1):
             for sign, speed in ((1, "slow"), (-1, "fast")):
                 late = f"{rows} row{'s' * (rows > 1)} {'late' if sign > 0 else 'early'}"
                 description = f"{clock} runs {speed}: {late} at the end"
@@ -72,5 +69,6 @@ def drifted(last: int, samples: Samples) -> Samples:
         partner[mine] += int(np.sign(last)) * np.floor(progress).astype(np.intp)
         # Before the first change, and after the last, there is nothing to be unsure of.
         change = np.clip(np.round(progress), 1, abs(last))
-        sure[mine] = np.abs(progress - change) > UNSURE
+        # Part of the rows that are a whole row late, beside which a clock has made it another row.
+        sure[mine] = np.abs(progress - change) > 0.1
     return with_partners(samples, partner, sure)

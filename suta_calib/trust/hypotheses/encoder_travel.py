@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.in_time import ChangeInTime, InTime, TipShift, by_readings, flat
 from suta_calib.trust.spoiling import arm_of, with_readings
 from suta_calib.units import Unit
-
-# A larger share of a travel would be seen.
-PLAUSIBLE: Final = 2e-3
 
 
 class EncoderTravel(InTime):
@@ -33,7 +30,8 @@ class EncoderTravel(InTime):
         for k, joint in enumerate(arm.joints):
             q = np.concatenate([term.poses.samples.q[:, k] for term in problem.terms])
             motion = flat(velocity[:, :, [k]], q - q.mean())
-            yield TipShift(joint, motion, np.array([PLAUSIBLE]))
+            # A larger share of a travel would be seen.
+            yield TipShift(joint, motion, np.array([2e-3]))
 
     def statement(self, change: ChangeInTime) -> str:
         """By which part of its travel."""

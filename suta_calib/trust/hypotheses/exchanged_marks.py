@@ -16,16 +16,10 @@ from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.units import text
 
-# Rows of both targets before and after the exchange.
-FEWEST: Final = 5
-# Rows of a term at which an exchange is tried, and pairs of targets: more cost time.
-TIMES: Final = 16
 # Share of the squared residuals from which on the row itself is looked for, and rows it may be.
 WORTH_A_LOOK: Final = 0.1
 MOST_ROWS: Final = 60
 MOST_PAIRS: Final = 10
-# Targets farther apart than that are not on one tool, m.
-PLAUSIBLE: Final = 0.2
 
 
 class ExchangedMarks(AddedVariable):
@@ -98,10 +92,12 @@ def _exchanged(
         late = np.zeros(len(sign))
         late[first + start : end] = 1.0
         windows.append(answer.row_of_sample(late))
+    # Targets farther apart than that are not on one tool, m.
+    plausible = 0.2
     return Effect(
         " and ".join(pair),
         answer.by_motion(velocity),
-        np.full(3, PLAUSIBLE),
+        np.full(3, plausible),
         windows,
         about=(*pair, [samples.origin[start] for start in starts]),
     )
@@ -113,11 +109,14 @@ def _pairs(labels: Any) -> list[tuple[str, str]]:
 
 def _starts(labels: Any, a: str, b: str) -> Sequence[int]:
     """Rows at which an exchange is tried: evenly among those that have enough before and after."""
+    # Rows of both targets before and after the exchange.
+    fewest = 5
     at = [np.flatnonzero(labels == name) for name in (a, b)]
-    if min(len(rows) for rows in at) < 2 * FEWEST:
+    if min(len(rows) for rows in at) < 2 * fewest:
         return []
-    low = max(rows[FEWEST] for rows in at)
-    high = min(rows[-FEWEST] for rows in at)
+    low = max(rows[fewest] for rows in at)
+    high = min(rows[-fewest] for rows in at)
     if high < low:
         return []
-    return [int(row) for row in np.unique(np.linspace(low, high, TIMES).astype(np.intp))]
+    # Rows of a term at which an exchange is tried, and pairs of targets: more cost time.
+    return [int(row) for row in np.unique(np.linspace(low, high, 16).astype(np.intp))]

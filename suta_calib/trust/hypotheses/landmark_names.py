@@ -13,8 +13,6 @@ from suta_calib.trust.sample_readings import Change, MisreadSamples, renamed
 
 # The label column of what is touched on an artefact.
 LANDMARK: Final = "landmark"
-# Pairs are exchanged only among so many landmarks: pairs grow with their square.
-MOST_LANDMARKS: Final = 40
 
 
 class LandmarkNames(MisreadSamples):
@@ -28,7 +26,8 @@ class LandmarkNames(MisreadSamples):
         """One for each pair, and one for each way of counting."""
         labels = (term.poses.samples.labels.get(LANDMARK, ()) for term in terms)
         names = [*dict.fromkeys(str(name) for column in labels for name in column)]
-        if len(names) <= MOST_LANDMARKS:
+        # Pairs are exchanged only among so many landmarks: pairs grow with their square.
+        if len(names) <= 40:
             for a, b in combinations(names, 2):
                 change = partial(renamed, {a: b, b: a}, LANDMARK)
                 yield f"landmarks {a} and {b} are exchanged", change

@@ -14,15 +14,6 @@ from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.spoiling import arm_of, with_readings
 
-# How alike two steps from row to row must be that follow one another (their mean correlation), for
-# rows of an arm that moves: 1 for a straight path, 0.5 for turns of 60° from step to step. Rows at
-# any postures have -0.5, those that go to and fro -1.
-SMOOTH: Final = 0.5
-# Rows that a motion needs.
-FEWEST: Final = 10
-# Rows by which they may be late, at most: more is looked for by reading them again
-# (`trust.hypotheses.rows_late`).
-PLAUSIBLE: Final = 1.0
 # Share of the squared residuals that is worth a report: geometry with priors takes up most of an
 # arm's own motion (simulated, 20 to 50 ms at 0.1 s: 16 to 84 % were left).
 WORTH: Final = 0.1
@@ -57,7 +48,9 @@ class LateRows(AddedVariable):
             velocity[first:end, :, 0] = np.einsum("nvj,nj->nv", motion[first:end], steps)
             kind = answer.problem.terms[k].kind.replace("_", " ")
             columns = answer.by_motion(velocity)
-            yield Effect(f"term {k + 1}", columns, np.array([PLAUSIBLE]), about=kind)
+            # Rows by which they may be late, at most: more is looked for by reading them again
+            # (`trust.hypotheses.rows_late`).
+            yield Effect(f"term {k + 1}", columns, np.array([1.0]), about=kind)
 
     def sentence(self, evidence: Evidence) -> str:
         """Who is late, by what part of a row."""
@@ -90,11 +83,16 @@ def per_row(q: FloatArray, files: Any) -> FloatArray | None:
     ends = [0, *(1 + np.flatnonzero(np.diff(files))).tolist(), len(q)]
     motion, correlated, total = np.zeros_like(q), 0.0, 0.0
     for first, end in pairwise(ends):
-        if end - first < FEWEST:
+        # Rows that a motion needs.
+        if end - first < 10:
             continue
         part = q[first:end]
         motion[first:end] = np.gradient(part, axis=0)
         step = np.diff(part, axis=0)
         correlated += float(np.sum(step[1:] * step[:-1]))
         total += 0.5 * float(np.sum(step[1:] ** 2) + np.sum(step[:-1] ** 2))
-    return motion if total > 0.0 and correlated > SMOOTH * total else None
+    # How alike two steps from row to row must be that follow one another (their mean correlation),
+    # for rows of an arm that moves: 1 for a straight path, 0.5 for turns of 60° from step to step.
+    # Rows at any postures have -0.5, those that go to and fro -1.
+    smooth = 0.5
+    return motion if total > 0.0 and correlated > smooth * total else None

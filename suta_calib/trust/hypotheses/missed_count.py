@@ -45,8 +45,6 @@ IN_DOUBT: Final = 0.05
 LEFT: Final = 0.25
 JOINTS: Final = 2
 MOST_JOINTS: Final = 16
-# Rows that say which shifts suit them, of many; all say in the end which of two does.
-ASKED: Final = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +182,8 @@ class _Touches:
     def fewer(self) -> _Touches:
         """Of many touches some, evenly chosen."""
         count = sum(len(term.poses) for term in self.terms)
-        every = -(-count // ASKED)
+        # Rows that say which shifts suit them, of many; all say in the end which of two does.
+        every = -(-count // 200)
         rows = (np.arange(0, len(term.poses), every) for term in self.terms)
         fewer = _Touches(tuple(term.take(r) for term, r in zip(self.terms, rows, strict=True)))
         # What is external must be the same, place by place.

@@ -33,8 +33,6 @@ TIMES: Final = 40
 SHARE_IF_CORRELATED: Final = 0.7
 ENOUGH_TO_TELL: Final = 60
 WORTH: Final = 0.1
-# What is left of exact poses, in units of their standard deviation before.
-EXACT: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,9 +111,11 @@ class Moved(AddedVariable):
         )
         if share <= WORTH:
             return []
+        # What is left of exact poses, in units of their standard deviation before.
+        exact = 1e-6
         # What the change made of the noise of places must not hide it, nor of that of turns.
         scale = np.concatenate(
-            [np.full(len(r), 1.0 / max(math.sqrt(float(r @ r) / len(r)), EXACT)) for r in left]
+            [np.full(len(r), 1.0 / max(math.sqrt(float(r @ r) / len(r)), exact)) for r in left]
         )
         weighed = LinearFit(fit.jacobian * scale[:, None], fit.residual * scale)
         effects = [replace(e, columns=e.columns * scale[:, None]) for e in effects]

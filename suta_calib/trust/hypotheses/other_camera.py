@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -23,9 +23,6 @@ from suta_calib.trust.examination import STEP, Examination
 from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.rereading import QUICK_FIT
 
-# Steps, and from which on the next is none worth taking.
-STEPS: Final = 4
-SETTLED: Final = 1e-4
 # Factors, less one, that are no rounding and still another camera's.
 LEAST, MOST = 5e-3, 0.7
 
@@ -40,17 +37,20 @@ class OtherCamera(Reinterpretation):
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """One, where poses were seen and the factor is not one."""
+        # Steps, and from which on the next is none worth taking.
+        steps = 4
+        settled = 1e-4
         if not any(_seen_as_poses(term) for term in data.terms):
             return
         with suppress(SutaCalibError):
             terms, factor = tuple(data.terms), 1.0
-            for _ in range(STEPS):
+            for _ in range(steps):
                 too_long = _step(Problem(terms, data.arm_parameters))
                 factor /= 1.0 + max(too_long, LEAST - 1.0)
                 if abs(factor - 1.0) > MOST:
                     return
                 terms = tuple(_at_depth(term, factor) for term in data.terms)
-                if abs(too_long) < SETTLED:
+                if abs(too_long) < settled:
                     break
             by = 1.0 / factor - 1.0
             if abs(by) > LEAST:

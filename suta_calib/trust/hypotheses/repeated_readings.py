@@ -15,8 +15,6 @@ from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import may_read_alike
 from suta_calib.trust.spoiling import with_readings
 
-# Rows that read the same from which on it is their readings that are wrong, not what was observed.
-FEWEST: Final = 3
 # Distance, m and pixels, of what is seen from one posture that no instrument's noise makes.
 APART: Final = 0.01
 APART_PX: Final = 20.0
@@ -84,7 +82,9 @@ def _scattered(group: IntArray, where: FloatArray, reach: float) -> BoolArray:
         if not scattered[rows[0]]:
             continue
         away = np.linalg.norm(where[rows] - np.median(where[rows], axis=0), axis=1) > reach
-        scattered[rows] = len(rows) >= FEWEST and 2 * int(np.sum(away)) > len(rows)
+        # Rows that read the same from which on it is their readings that are wrong, not what was
+        # observed.
+        scattered[rows] = len(rows) >= 3 and 2 * int(np.sum(away)) > len(rows)
     return scattered
 
 

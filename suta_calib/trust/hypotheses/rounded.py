@@ -22,12 +22,8 @@ from suta_calib.words import listed
 # Steps that somebody who rounds would choose, rad and m; encoders divide a turn by powers of two.
 STEPS: Final = tuple(unit * 10.0**k for k in (0, -1, -2, -3) for unit in (from_deg(1.0), 1.0))
 LENGTH_STEPS: Final = tuple(10.0**-k for k in (1, 2, 3, 4))
-# Part of a step that is no rounding of the digits that are left.
-EXACT: Final = 1e-3
 # Residuals over what rounding alone would make of them: less, and the readings were exact.
 LEAST, MOST = 0.5, 3.0
-# Rows whose postures show how the tip hangs on the joints.
-SHOWN: Final = 200
 
 
 class Rounded(Pattern):
@@ -77,7 +73,8 @@ def _of_joints(answer: Solution) -> Iterator[tuple[str, str, float]]:
     if not steps.any():
         return
     names = [f"{joint}.offset" for joint in arm.joints]
-    shown = q[:: math.ceil(len(q) / SHOWN)]
+    # Rows whose postures show how the tip hangs on the joints.
+    shown = q[:: math.ceil(len(q) / 200)]
     jacobian = sensitivity(arm, answer.values, names, shown).jacobian
     # Anywhere within a step is as likely; of one axis of three.
     variance = np.sum((jacobian * steps) ** 2, axis=(1, 2)) / 12.0 / 3.0
@@ -106,6 +103,7 @@ def _step(readings: FloatArray, steps: Sequence[float]) -> float:
     values = np.unique(readings)
     for step in sorted(steps, reverse=True):
         times = values / step
-        if np.abs(times - np.round(times)).max() < EXACT:
+        # Part of a step that is no rounding of the digits that are left.
+        if np.abs(times - np.round(times)).max() < 1e-3:
             return step if len(np.unique(np.round(times))) > 2 else 0.0
     return 0.0

@@ -17,9 +17,6 @@ from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 
 # Rows of the smaller part: fewer are single mishaps, which a robust loss leaves out.
 FEWEST: Final = 5
-# Distance of the two parts over the scatter inside them. Normal noise that is cut in two at its
-# middle has 2.6; what a model lacks passes from one part to the other without a gap.
-SEPARATED: Final = 5.0
 # How often rows are assigned anew, and rows from which a search begins.
 ROUNDS: Final = 20
 SEEDS: Final = 12
@@ -158,7 +155,10 @@ def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float
         float(np.sqrt(np.median(np.sum((p - np.median(p, axis=0)) ** 2, axis=1)) / 2.366))
         for p in parts
     )
-    if np.linalg.norm(one - other) < SEPARATED * max(scatter, 1e-12):
+    # Distance of the two parts over the scatter inside them. Normal noise that is cut in two at its
+    # middle has 2.6; what a model lacks passes from one part to the other without a gap.
+    separated = 5.0
+    if np.linalg.norm(one - other) < separated * max(scatter, 1e-12):
         return None
     total = float(np.sum((cloud - cloud.mean(axis=0)) ** 2))
     inside = sum(float(np.sum((p - p.mean(axis=0)) ** 2)) for p in parts)

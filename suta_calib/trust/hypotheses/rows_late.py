@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,14 +12,6 @@ from suta_calib.measurements import Samples
 from suta_calib.terms import Term
 from suta_calib.trust.pair_readings import MisreadPairs, Pairs, Reading
 from suta_calib.trust.sample_readings import Change, MisreadSamples, slid
-
-# Rows by which observations may be late: beyond a few the usual cause is a file in another order,
-# which is a hypothesis of its own.
-SHIFTS: Final = 20
-# Rows by which pairs may be shifted; and pairs that must be left then, for of a few some shift may
-# always seem to fit.
-MOST_SHIFT: Final = 5
-LEAST_PAIRS: Final = 8
 
 
 class RowsLate(MisreadSamples):
@@ -32,7 +24,9 @@ class RowsLate(MisreadSamples):
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """Two for each number of rows."""
         del terms
-        for rows in range(1, SHIFTS + 1):
+        # Rows by which observations may be late: beyond a few the usual cause is a file in another
+        # order, which is a hypothesis of its own.
+        for rows in range(1, 20 + 1):
             count = "one row" if rows == 1 else f"{rows} rows"
             for description, offset in ((f"{count} late", rows), (f"{count} early", -rows)):
                 yield f"what was seen or touched is {description}", partial(slid, offset, "")
@@ -51,8 +45,12 @@ class PairRows(MisreadPairs):
 
     def readings(self, data: Any) -> Iterator[Reading]:
         """Two for each number of rows, and one for the opposite order."""
+        # Rows by which pairs may be shifted; and pairs that must be left then, for of a few some
+        # shift may always seem to fit.
+        most_shift = 5
+        least_pairs = 8
         count = len(data.hand[1])
-        for rows in range(1, min(MOST_SHIFT, count - LEAST_PAIRS) + 1):
+        for rows in range(1, min(most_shift, count - least_pairs) + 1):
             sentence = f"if what the eye saw is {'a row' if rows == 1 else f'{rows} rows'}"
             yield f"{sentence} late", shifted(data, rows)
             yield f"{sentence} early", shifted(data, -rows)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -17,12 +17,6 @@ from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.units import text
-
-# Difference in scale that no temperature makes.
-OTHER_SCALE: Final = 0.005
-# What a deformation displaces the points by, in units of their scatter, to be worth a word however
-# many points tell it.
-NOTICEABLE: Final = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +59,12 @@ class PointSets:
             left: RMS of the residuals with it, m.
         """
         dominates = left < rms_length(self.residual) / 2
-        if rms_length(change) < NOTICEABLE * left and not dominates:
+        # What a deformation displaces the points by, in units of their scatter, to be worth a word
+        # however many points tell it.
+        if rms_length(change) < 0.3 * left and not dominates:
             return "good"
-        return "bad" if dominates and size > OTHER_SCALE else "care"
+        # Difference in scale that no temperature makes.
+        return "bad" if dominates and size > 0.005 else "care"
 
 
 def one_by_one(answer: Examination) -> LinearFit:

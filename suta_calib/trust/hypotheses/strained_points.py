@@ -33,8 +33,6 @@ STRAINS: Final = np.array(
         ),
     ]
 )
-# Displacements, relative to the points' extent, that are no more than their rounding.
-ROUNDING: Final = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +102,8 @@ class StrainedPoints(AddedVariable):
         for evidence in weigh_effects(beside, self.effects(answer)):
             strain = _strain(answer, beside, evidence)
             extent = float(np.abs(strain.sets.placed).max())
-            if rms_length(strain.change) > ROUNDING * extent:
+            # Displacements, relative to the points' extent, that are no more than their rounding.
+            if rms_length(strain.change) > 1e-9 * extent:
                 weighed.append(replace(evidence, effect=replace(evidence.effect, about=strain)))
         return weighed
 

@@ -17,9 +17,6 @@ from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import STEP, Examination
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 
-# Along x and y, how far a sheet or a shrunk part may be off: two standard deviations of the grade
-# `printed` (`measurements.scale.GRADES`).
-PLAUSIBLE: Final = 0.01
 # A board 0.4 % too long along x explains 18 % of the squared residuals of 20 pictures whose corners
 # scatter by 0.1 mm (simulated), and its ± is 0.04 %: few other things stretch a body.
 WORTH: Final = 0.05
@@ -49,7 +46,9 @@ class Stretch(AddedVariable):
                 if answer.problem.terms[places[0]].touched
                 else (_by_board(answer, places))
             )
-            yield Effect(called, columns, np.full(2, PLAUSIBLE), about=called)
+            # Along x and y, how far a sheet or a shrunk part may be off: two standard deviations of
+            # the grade `printed` (`measurements.scale.GRADES`).
+            yield Effect(called, columns, np.full(2, 0.01), about=called)
 
     def sentence(self, evidence: Evidence) -> str:
         """Which body, and how much longer x is than y."""

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
 from suta_calib.measurements.samples import hashed
 from suta_calib.terms import Term
 from suta_calib.trust.hypothesis import Pattern, SpoiltData
-
-# Way of the tip, m, after which no instrument shows the same to the last digit: none is so coarse.
-STRIDE: Final = 0.01
 
 
 class StuckInstrument(Pattern):
@@ -32,7 +29,9 @@ class StuckInstrument(Pattern):
             tip, position = term.poses.at({})[1], samples.position
             _, first, which = np.unique(hashed(position), return_index=True, return_inverse=True)
             before = first[which.reshape(-1)]
-            moved = np.linalg.norm(tip - tip[before], axis=1) > STRIDE
+            # Way of the tip, m, after which no instrument shows the same to the last digit: none is
+            # so coarse.
+            moved = np.linalg.norm(tip - tip[before], axis=1) > 0.01
             again = np.flatnonzero(moved & np.all(position == position[before], axis=1))
             if len(again):
                 yield (

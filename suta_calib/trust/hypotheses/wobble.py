@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -15,12 +15,6 @@ from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.spoiling import arm_of, displaced
 from suta_calib.units import from_deg, text
-
-# How often in a turn of the joint the axis tilts. Once is a bearing ring that is tilted in its
-# seat: in the frame of the link it is a constant, which the geometry takes up in part.
-HARMONICS: Final = {1: "once", 2: "twice"}
-# A bearing that tilts its axis by more would be seen.
-PLAUSIBLE: Final = from_deg(0.5)
 
 
 class Wobble(AddedVariable):
@@ -36,17 +30,22 @@ class Wobble(AddedVariable):
         """One for each revolute joint and harmonic."""
         arm = answer.arm
         assert arm is not None
+        # How often in a turn of the joint the axis tilts. Once is a bearing ring that is tilted in
+        # its seat: in the frame of the link it is a constant, which the geometry takes up in part.
+        harmonics = {1: "once", 2: "twice"}
+        # A bearing that tilts its axis by more would be seen.
+        plausible = from_deg(0.5)
         for k, joint in enumerate(arm.joints):
             across = _across(answer, joint)
             if arm.units[joint] != "rad" or across is None:
                 continue
-            for harmonic, often in HARMONICS.items():
+            for harmonic, often in harmonics.items():
                 waves = _waves(harmonic * answer.q[:, k])
                 velocity = np.einsum("nvu,nw->nvuw", across, waves).reshape(len(waves), 6, 4)
                 yield Effect(
                     f"{joint} {often} a turn",
                     answer.by_motion(velocity),
-                    np.full(4, PLAUSIBLE),
+                    np.full(4, plausible),
                     about=(joint, often, velocity),
                 )
 
