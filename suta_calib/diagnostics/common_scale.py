@@ -232,6 +232,10 @@ def _lengths(solution: Solution) -> dict[str, Estimate]:
 
 def _grown(solution: Solution) -> Iterator[CommonScale]:
     """How the arm's estimated lengths have grown together."""
+    # Touches of points, lines and planes measure no length: there a held length of the drawing
+    # carries the scale, and that the others grow with its error is no sign of another arm.
+    if not list(scale_carriers(solution.problem.terms)):
+        return
     lengths = _lengths(solution)
     length = np.array([e.nominal for e in lengths.values()])
     if np.sum(np.abs(length) > SHORTEST) >= FEWEST:
