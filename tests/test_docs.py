@@ -220,3 +220,18 @@ def test_the_python_page_has_every_name_of_the_package(repository: Path) -> None
     # Each is imported there, and used: the page is executed by `test_shown_blocks`.
     used = [name for name in suta_calib.__all__ if len(re.findall(rf"\b{name}\b", code)) < 2]
     assert used == []
+
+
+def test_every_statistical_test_is_on_its_page(repository: Path) -> None:
+    page = (repository / "docs" / "guides" / "decides.md").read_text(encoding="utf-8")
+    tails = re.compile(r"from scipy\.special import [^\n]*\b(fdtr|chdtr|stdtr|ndtri)")
+    package = repository / "suta_calib"
+    deciding = [
+        file.relative_to(package).as_posix()
+        for file in sorted(package.rglob("*.py"))
+        if tails.search(file.read_text(encoding="utf-8"))
+    ]
+    assert len(deciding) > 20
+    assert not [name for name in deciding if f"`{name}`" not in page]
+    named = re.findall(r"`([a-z_0-9/]+\.py)`", page)
+    assert not [name for name in named if not (package / name).is_file()]
