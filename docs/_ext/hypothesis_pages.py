@@ -11,13 +11,13 @@ from markdown_pieces import first_paragraph, table
 
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypothesis import (
     Hypothesis,
     Pattern,
     Reinterpretation,
     known_hypotheses,
 )
+from suta_calib.trust.rule import Rule
 
 MEASURED = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "hypotheses.json"
 

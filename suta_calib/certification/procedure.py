@@ -25,6 +25,7 @@ from suta_calib.certification.frame import (
     shape_covariance,
     sources_of,
 )
+from suta_calib.certification.ground_heights import over_ground
 from suta_calib.certification.measuring import (
     DIAGONALS,
     SLOPES,
@@ -34,7 +35,6 @@ from suta_calib.certification.measuring import (
     measure,
 )
 from suta_calib.certification.noise import noise_of
-from suta_calib.certification.over_ground import over_ground
 from suta_calib.certification.plane import Plane
 from suta_calib.certification.points import PLAIN, CertificationOptions, ProbedPoints, RawPoints
 from suta_calib.certification.result import (

@@ -16,8 +16,8 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Source
+from suta_calib.certification.ground_heights import OverGround
 from suta_calib.certification.noise import ProbingNoise
-from suta_calib.certification.over_ground import OverGround
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text

@@ -9,7 +9,7 @@ from .formats import Format as Format
 from .formats import decoder_for as decoder_for
 from .formats import encode_frame as encode_frame
 from .formats import encode_line as encode_line
-from .formats.words import frame_crc as frame_crc
+from .formats.encoder_words import frame_crc as frame_crc
 from .monitoring import Monitor as Monitor
 from .monitoring import stream_report as stream_report
 from .monitoring import watch as watch

@@ -15,7 +15,7 @@ from suta_calib.diagnostics.scale_effects import held_unseen
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.extended import LOOKS_LIKE
+from suta_calib.trust.extended_problem import LOOKS_LIKE
 from suta_calib.trust.patterns import matches
 from suta_calib.units import Unit, stored, text, unit_name
 from suta_calib.words import listed

@@ -2,7 +2,7 @@
 
 Small changes hide: the fit spreads them over its unknowns, and every residual stays plausible. Each
 of them moves the tip in its own way, though, from some row on or ever more: the hypotheses of
-`trust.in_time`. They are weighed with all of the geometry free to follow (`following`), so that
+`trust.in_time`. They are weighed with all of the geometry free to follow (`reduced_fit`), so that
 nothing is fitted anew. The strongest are told apart by what a robust fit leaves, and confirmed
 beside all else that a model may lack, and what neighbouring rows get wrong alike
 (`shared_errors`): order in time is mostly order in space.
@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.following import (
+from suta_calib.diagnostics.reduced_fit import (
     Followed,
     ReducedFit,
     everything_follows,
@@ -28,7 +28,7 @@ from suta_calib.diagnostics.following import (
 )
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 from suta_calib.threads import single_threaded
-from suta_calib.trust.evidence import Effect, Rule, weigh_effects
+from suta_calib.trust.evidence import Effect, weigh_effects
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import known_hypotheses
 from suta_calib.trust.in_time import (
@@ -42,6 +42,7 @@ from suta_calib.trust.in_time import (
     columns_of,
     rows_of,
 )
+from suta_calib.trust.rule import Rule
 
 # Errors of an encoder come so often in a turn, beside those that an eccentric one has.
 WAVES: Final = 3, 4, 5, 6

@@ -21,7 +21,7 @@ from suta_calib.geometry.numbers import (
     vector_from_rotation,
 )
 from suta_calib.solver.solution import Solution
-from suta_calib.terms.outside import ExternalFrame
+from suta_calib.terms.external_frame import ExternalFrame
 
 _STEP: Final = 1e-6
 

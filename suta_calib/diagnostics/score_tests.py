@@ -31,7 +31,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.extended import offered_names
+from suta_calib.trust.extended_problem import offered_names
 
 # Chance by touches that what the variance alone says must have.
 SUPPORTED: Final = 0.05

@@ -16,7 +16,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.information import Rows, robust_curvature
 from suta_calib.solver.problem import Problem
-from suta_calib.trust.extended import known_beforehand
+from suta_calib.trust.extended_problem import known_beforehand
 
 # Predicted standard deviation over what is plausible up to which a parameter is worth a test.
 TELLING: Final = 0.25

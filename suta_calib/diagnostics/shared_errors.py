@@ -26,7 +26,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.following import ReducedFit, whitened, widened
+from suta_calib.diagnostics.reduced_fit import ReducedFit, whitened, widened
 from suta_calib.solver.information import scaled_inverse
 
 # Shares of what is plausible by which a model may be off in all that it lacks.

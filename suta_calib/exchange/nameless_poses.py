@@ -8,7 +8,12 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.option import Given
-from suta_calib.exchange.plausible import RPY, open_forms, plausible_readings, quaternion_order
+from suta_calib.exchange.plausible_units import (
+    RPY,
+    open_forms,
+    plausible_readings,
+    quaternion_order,
+)
 from suta_calib.exchange.rotations import NUMBERS, is_rotation
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.exchange.table_roles import (

@@ -26,7 +26,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.showing import Displayable
-from suta_calib.tracking.made_from import made_from
+from suta_calib.tracking.provenance import made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
     numbers,

@@ -12,7 +12,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.option import Given, Option
-from suta_calib.exchange.plausible import (
+from suta_calib.exchange.plausible_units import (
     RPY,
     open_forms,
     plausible_lengths,

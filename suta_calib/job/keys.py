@@ -22,7 +22,7 @@ from suta_calib.measurements.fields import (
 from suta_calib.measurements.scale import SCALE_KEYS
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.terms import KINDS, Seating, every_grouping
-from suta_calib.terms.given import POSE_KEYS
+from suta_calib.terms.given_pose import POSE_KEYS
 from suta_calib.units import Unit, key
 
 _BOUND: Final = "How far from nominal {} may be, at most"

@@ -40,8 +40,8 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
-from suta_calib.terms.given import POSE_KEYS
-from suta_calib.trust.evidence import Rule
+from suta_calib.terms.given_pose import POSE_KEYS
+from suta_calib.trust.rule import Rule
 
 _ANGLE_KEYS: Final = ("huber_deg", "sigma_deg")
 _LENGTH_KEYS: Final = ("huber_mm", "sigma_mm")

@@ -45,9 +45,9 @@ from suta_calib.terms.hand_eye_start import (
     quaternion_hand_eye,
 )
 from suta_calib.terms.poses import together
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.depth_scale import DepthScale
 from suta_calib.trust.hypothesis import Finding, weigh
+from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, text
 
 # Pairs that determine X, and pairs of a minimal sample: one more, against small turns.

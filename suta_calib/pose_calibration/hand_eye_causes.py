@@ -12,8 +12,8 @@ from suta_calib.pose_calibration.robot_noise import EYE
 from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.undetermined import axes_that_stand, undetermined_directions
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.pair_readings import Pairs, agreeing_reading
+from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, mm
 
 # Scatter of the loops' ends, in units of the extent, of which instruments of use show less; and

@@ -54,6 +54,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.solver.weights import Learned
 from suta_calib.terms import CameraView, MeasuredPoses, Noise
+from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EyeSetup,
@@ -62,7 +63,6 @@ from suta_calib.terms.hand_eye_start import (
     some_poses,
 )
 from suta_calib.terms.misread_pictures import other_size
-from suta_calib.terms.outside import pose_named
 
 Intrinsics = Literal["fixed", "free"]
 

@@ -30,9 +30,9 @@ from suta_calib.showing import Displayable
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, rows_of_each, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.bent_tip import EVENLY, BentTip, displacement
 from suta_calib.trust.hypothesis import Finding, weigh
+from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, mm, text
 
 # Turns below which a tip is badly determined whatever the residuals are: what is left of a cone of

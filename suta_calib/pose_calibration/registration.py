@@ -28,13 +28,13 @@ from suta_calib.pose_calibration.rigid_fit import (
 )
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import ROUNDING
-from suta_calib.pose_calibration.stated import Agreement, StatedSpread
+from suta_calib.pose_calibration.stated_noise import Agreement, StatedSpread
 from suta_calib.showing import Displayable
 from suta_calib.terms.poses import together
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 from suta_calib.trust.hypotheses.strained_points import StrainedPoints
 from suta_calib.trust.hypothesis import weigh
+from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, mm, text
 
 # Standard deviations, m and rad, that deserve a word.

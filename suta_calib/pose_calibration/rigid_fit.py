@@ -19,10 +19,10 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
-from suta_calib.pose_calibration.stated import StatedSpread
+from suta_calib.pose_calibration.stated_noise import StatedSpread
 from suta_calib.pose_calibration.weighed_point import WeighedPoint
 from suta_calib.terms.block import Noise
-from suta_calib.terms.outside import pose_named
+from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.units import mm

@@ -17,9 +17,9 @@ from suta_calib.pose_calibration.consensus import Consensus, some_rows
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms.block import Noise
+from suta_calib.terms.external_frame import pose_parameters
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.terms.outside import pose_parameters
 from suta_calib.terms.poses import MeasuredPoses
 
 # Before the data are asked: anything from none to all.

@@ -18,7 +18,7 @@ from scipy.special import chdtr, chdtrc, fdtrc
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
-from suta_calib.pose_calibration.stated import Agreement
+from suta_calib.pose_calibration.stated_noise import Agreement
 from suta_calib.solver.covariance import observed_covariance, predicted_covariance
 from suta_calib.solver.information import (
     Information,

@@ -14,7 +14,7 @@ from matplotlib.patheffects import withStroke
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.certification.comparison import DrawingComparison
-from suta_calib.certification.over_ground import OverGround
+from suta_calib.certification.ground_heights import OverGround
 from suta_calib.certification.result import (
     Certification,
     CertifiedLandmark,

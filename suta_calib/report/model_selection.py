@@ -17,7 +17,7 @@ from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.solver.solution import Estimate
-from suta_calib.trust.extended import LOOKS_LIKE
+from suta_calib.trust.extended_problem import LOOKS_LIKE
 from suta_calib.units import key, shown, text, unit_name
 
 NAME: Final = "extend"

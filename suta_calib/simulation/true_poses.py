@@ -12,8 +12,8 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.keys import PoseSpec
 from suta_calib.simulation.schema import SetSpec
 from suta_calib.terms import ArmPoses, Setup, Term
-from suta_calib.terms.given import GivenPose
-from suta_calib.terms.outside import ExternalFrame, pose_parameters, pose_values
+from suta_calib.terms.external_frame import ExternalFrame, pose_parameters, pose_values
+from suta_calib.terms.given_pose import GivenPose
 
 
 @dataclass(frozen=True, eq=False)

@@ -32,7 +32,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
 from suta_calib.showing import Displayable
-from suta_calib.solver.evidence import (
+from suta_calib.solver.information import Rows, whitened_rows
+from suta_calib.solver.level_evidence import (
     SETTLED,
     MarginalLikelihood,
     covariance_of_levels,
@@ -43,7 +44,6 @@ from suta_calib.solver.evidence import (
     most_likely,
     threshold_of,
 )
-from suta_calib.solver.information import Rows, whitened_rows
 from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.block import grouped_rows, summed

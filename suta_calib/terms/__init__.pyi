@@ -2,7 +2,7 @@ from .block import Block as Block
 from .block import Noise as Noise
 from .camera_view import CameraView as CameraView
 from .fixed_point import FixedPoint as FixedPoint
-from .given import GivenPose as GivenPose
+from .given_pose import GivenPose as GivenPose
 from .hand_eye import HandEye as HandEye
 from .hand_eye_start import EyeSetup as EyeSetup
 from .hand_eye_start import Poses as Poses

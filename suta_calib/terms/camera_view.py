@@ -35,6 +35,13 @@ from suta_calib.terms.board_sight import BoardSight, OnePoint
 from suta_calib.terms.camera_alone import camera_alone
 from suta_calib.terms.camera_row import CAMERA_FILES, CAMERA_KEYS, read_camera_row
 from suta_calib.terms.camera_start import PLANAR
+from suta_calib.terms.external_frame import (
+    ExternalFrame,
+    labelled,
+    pose_named,
+    pose_parameters,
+    pose_values,
+)
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -46,19 +53,12 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
+from suta_calib.terms.instrument_terms import FramedTerm
 from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_parameters, prior_beside
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
-from suta_calib.terms.outside import (
-    ExternalFrame,
-    labelled,
-    pose_named,
-    pose_parameters,
-    pose_values,
-)
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.reprojection import REPROJECTION
-from suta_calib.terms.seen import FramedTerm
 from suta_calib.terms.seen_corners import with_corners
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.stretch import stretch_factors, stretch_parameters

@@ -15,8 +15,8 @@ from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.terms.external_frame import point_named, point_parameters
 from suta_calib.terms.observed import Observed
-from suta_calib.terms.outside import point_named, point_parameters
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
     EXACT,

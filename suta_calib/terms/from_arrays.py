@@ -24,7 +24,7 @@ from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.measurements.samples import numbers_of, positive
 from suta_calib.measurements.scale import LengthScale
-from suta_calib.terms.given import GivenPose
+from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.poses import ArmPoses
 
 if TYPE_CHECKING:

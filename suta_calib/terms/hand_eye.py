@@ -18,11 +18,11 @@ from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.measurements.pose_files import FAR, NEAR
 from suta_calib.terms.block import Block, Pose, flat, pose_of
 from suta_calib.terms.checks import check_unit
+from suta_calib.terms.external_frame import pose_named, pose_values
 from suta_calib.terms.hand_eye_start import Poses, close_the_loop, quaternion_hand_eye
+from suta_calib.terms.instrument_terms import SEEN_UNIT, InstrumentTerm
 from suta_calib.terms.observed import Observed, TrueFrame
-from suta_calib.terms.outside import pose_named, pose_values
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
-from suta_calib.terms.seen import SEEN_UNIT, InstrumentTerm
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,

@@ -19,9 +19,9 @@ from suta_calib.measurements.fields import LENGTH, LENGTH_OR_0, Field
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
 from suta_calib.terms.checks import check_turned
-from suta_calib.terms.given import GivenPose, PriorValue
+from suta_calib.terms.external_frame import ExternalFrame, OutsidePose, pose_parameters
+from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
-from suta_calib.terms.outside import ExternalFrame, OutsidePose, pose_parameters
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.term import Term
 

@@ -17,8 +17,8 @@ from suta_calib.measurements.fields import Field, Value
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
 from suta_calib.terms.checks import OTHER_UNIT
+from suta_calib.terms.external_frame import PLAUSIBLE_POSITION, point_named, point_parameters
 from suta_calib.terms.observed import Observed
-from suta_calib.terms.outside import PLAUSIBLE_POSITION, point_named, point_parameters
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.term import Term
 from suta_calib.units import from_mm, mm

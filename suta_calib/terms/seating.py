@@ -26,7 +26,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, ParameterError
 from suta_calib.measurements import Artefact
 from suta_calib.model.parameters import Parameter
-from suta_calib.terms.outside import labelled
+from suta_calib.terms.external_frame import labelled
 from suta_calib.units import deg, mm
 
 KEYS: Final = ("x", "y", "rz")

@@ -17,7 +17,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
 from suta_calib.showing import Displayable
-from suta_calib.terms.outside import point_named, pose_named
+from suta_calib.terms.external_frame import point_named, pose_named
 from suta_calib.terms.term import Term
 
 if TYPE_CHECKING:

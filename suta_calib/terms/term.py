@@ -27,17 +27,17 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements.fields import Field, Fields
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_touches
+from suta_calib.terms.external_frame import ExternalFrame, frames_of
 from suta_calib.terms.from_arrays import FromArrays
-from suta_calib.terms.given import check_in_mm, with_known
+from suta_calib.terms.given_pose import check_in_mm, with_known
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
-from suta_calib.terms.outside import ExternalFrame, frames_of
 from suta_calib.terms.poses import PoseSource
 from suta_calib.units import Unit
 
 if TYPE_CHECKING:
     from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
     from suta_calib.measurements.scale import LengthScale
-    from suta_calib.terms.given import GivenPose, PriorValue
+    from suta_calib.terms.given_pose import GivenPose, PriorValue
     from suta_calib.terms.setup import Setup
 
 # What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera

@@ -18,17 +18,17 @@ from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import Block, Pose, flat, grouped, pose_of
 from suta_calib.terms.checks import check_unit
-from suta_calib.terms.hand_eye_start import Poses, chordal_mean
-from suta_calib.terms.observed import Observed, TrueFrame
-from suta_calib.terms.outside import (
+from suta_calib.terms.external_frame import (
     point_named,
     point_parameters,
     pose_named,
     pose_parameters,
     pose_values,
 )
+from suta_calib.terms.hand_eye_start import Poses, chordal_mean
+from suta_calib.terms.instrument_terms import SEEN_UNIT, InstrumentTerm
+from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
-from suta_calib.terms.seen import SEEN_UNIT, InstrumentTerm
 from suta_calib.terms.synthetic import EXACT, NO_OUTLIERS, Simulated, contaminated, named
 from suta_calib.terms.target_start import instrument_and_targets
 from suta_calib.terms.term import Gap, Medium, Mount

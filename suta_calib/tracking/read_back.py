@@ -11,7 +11,7 @@ from suta_calib.assessment import read_assessment
 from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.tracking.made_from import made_from
+from suta_calib.tracking.provenance import made_from
 from suta_calib.tracking.uncertainty import numbers, read_json_object, read_uncertainty
 from suta_calib.units import from_mm
 from suta_calib.view.calibrated import Calibrated, term_sets
@@ -73,7 +73,7 @@ def load_job(data: Mapping[str, Any], file: Path) -> CalibrationJob:
         file: it came from.
 
     Raises:
-        InputError: as `made_from`; or measurements were too large to be copied and are gone.
+        InputError: as `provenance`; or measurements were too large to be copied and are gone.
     """
     origin = made_from(data, file, "the job itself")
     if origin.lacking:

@@ -2,7 +2,6 @@ from .calibration_examination import CalibrationExamination as CalibrationExamin
 from .evidence import Effect as Effect
 from .evidence import Evidence as Evidence
 from .evidence import LinearFit as LinearFit
-from .evidence import Rule as Rule
 from .evidence import Stretches as Stretches
 from .evidence import supported_effects as supported_effects
 from .evidence import weigh_effects as weigh_effects
@@ -18,3 +17,4 @@ from .hypothesis import known_hypotheses as known_hypotheses
 from .patterns import matches as matches
 from .rereading import Rereading as Rereading
 from .rereading import explaining_reading as explaining_reading
+from .rule import Rule as Rule

@@ -10,8 +10,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.diagnostics.accuracy import Accuracy, assess
-from suta_calib.diagnostics.beliefs import ContradictedBelief, contradicted_beliefs
 from suta_calib.diagnostics.changes import ChangeOptions, changes
+from suta_calib.diagnostics.contradicted_priors import ContradictedBelief, contradicted_beliefs
 from suta_calib.diagnostics.contradictions import Contradiction, contradictions
 from suta_calib.diagnostics.cross_validation import folds_of
 from suta_calib.diagnostics.explanation import Explanation, explain
@@ -34,9 +34,8 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.extended import (
+from suta_calib.trust.extended_problem import (
     effective_unknowns,
     extended_problem,
     known_beforehand,
@@ -45,6 +44,7 @@ from suta_calib.trust.extended import (
 from suta_calib.trust.hypothesis import Finding, strongest_cause
 from suta_calib.trust.in_time import ChangeInTime
 from suta_calib.trust.rereading import Rereading, explaining_reading
+from suta_calib.trust.rule import Rule
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,51 +34,14 @@ import numpy as np
 from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.measurements.fields import Value, keyed, quantity
-from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.showing import Displayable
 from suta_calib.solver.information import scaled_inverse
 from suta_calib.terms.block import grouped_rows, summed
+from suta_calib.trust.rule import Rule
 
 # p-value by clusters that an effect must have in any case: the design effect is an average over all
 # effects, and a single cluster must not make a finding. (`score_tests.SUPPORTED` is the same.)
 SUPPORTED: Final = 0.05
-
-
-def _probability(section: YamlSection, name: str) -> float:
-    value = section.number(name, "positive")
-    if value > 1.0:
-        raise section.refuse(f"{value:g}", "a number from 0 to 1", at=(name,))
-    return value
-
-
-PROBABILITY: Final = Value("number from 0 to 1", _probability)
-
-
-@dataclass(frozen=True)
-class Rule:
-    """When evidence of wrong data is reported: the key ``rule`` of a job.
-
-    Where a model lacks much and rows are many, everything is significant and little of it is the
-    cause: hence `share`. A quarter lowers the RMS by 13 %.
-    """
-
-    false_alarm: float = keyed(
-        PROBABILITY, "Probability of any false report in one answer, all tests together.", 1e-3
-    )
-    share: float = keyed(
-        PROBABILITY,
-        "Smallest share of the squared residuals that an effect must explain to be reported.",
-        0.25,
-    )
-    far_better: float = keyed(
-        quantity("1", "positive"),
-        "Times less misfit that data must have when they are read in another way.",
-        3.0,
-    )
-    times_std: float = keyed(
-        quantity("1", "positive"), "Standard deviations that a size must be away from zero.", 4.0
-    )
 
 
 @dataclass(frozen=True, eq=False)

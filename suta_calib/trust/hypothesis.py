@@ -18,8 +18,9 @@ from suta_calib.showing import Displayable
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence, Rule, weigh_effects
+from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
 from suta_calib.trust.examination import Examination
+from suta_calib.trust.rule import Rule
 from suta_calib.units import text
 
 T = TypeVar("T")

@@ -18,8 +18,8 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses, some_poses
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData, known_hypotheses
+from suta_calib.trust.rule import Rule
 from suta_calib.units import from_deg
 
 # Pairs that are enough to tell one reading from another.

@@ -29,8 +29,8 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypothesis import Reinterpretation, known_hypotheses
+from suta_calib.trust.rule import Rule
 from suta_calib.units import Unit
 
 # How a reading is fitted.

@@ -11,7 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import register_points, right_singular
 from suta_calib.terms import Term
-from suta_calib.terms.outside import ExternalFrame
+from suta_calib.terms.external_frame import ExternalFrame
 from suta_calib.view.scene import Colour, Frame, Frustum, Patch, PointCloud, Stroke, Thing
 
 # Orange, of Okabe and Ito: told apart by the colour-blind too.

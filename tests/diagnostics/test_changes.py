@@ -37,7 +37,7 @@ from suta_calib import (
 )
 from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.diagnostics.changes import suspects, waves
-from suta_calib.diagnostics.following import everything_follows, followed, whitened
+from suta_calib.diagnostics.reduced_fit import everything_follows, followed, whitened
 from suta_calib.diagnostics.shared_errors import chance_beside_shared_errors
 from suta_calib.solver.losses import huber
 from suta_calib.solver.solution import Solution

@@ -13,7 +13,7 @@ from simulated import Scene, Spread, arm_named, camera_scene, perturbed, tracked
 from suta_calib import Noise, Problem, Samples, Selection, SolverOptions, solve
 from suta_calib.diagnostics import thinned as thinning
 from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.beliefs import contradicted_beliefs
+from suta_calib.diagnostics.contradicted_priors import contradicted_beliefs
 from suta_calib.diagnostics.thinned import thinned
 from suta_calib.measurements import Camera
 from suta_calib.solver.solution import Solution

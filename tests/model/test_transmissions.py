@@ -15,7 +15,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.extended import offered_names
+from suta_calib.trust.extended_problem import offered_names
 
 ROS_1 = """\
 <transmission name="elbow">

@@ -21,9 +21,9 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypotheses.moved import TIMES, Moved, sizes
 from suta_calib.trust.hypotheses.outlier_block import OutlierBlock
+from suta_calib.trust.rule import Rule
 
 BY = np.array([2e-3, -3e-3, 6e-3])
 

@@ -17,8 +17,8 @@ from suta_calib.pose_calibration.picture_models import AS_GOOD, FOLDS, MODELS, S
 from suta_calib.pose_calibration.shared_errors import shared_errors
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
+from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.hand_eye_start import Poses, inverse_poses
-from suta_calib.terms.outside import pose_named
 
 EXACT = MODELS[-1]
 

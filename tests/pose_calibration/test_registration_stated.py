@@ -18,7 +18,7 @@ from suta_calib.pose_calibration.registration import (
     register,
     registration_from_points,
 )
-from suta_calib.pose_calibration.stated import Agreement, StatedSpread
+from suta_calib.pose_calibration.stated_noise import Agreement, StatedSpread
 from suta_calib.report.registration import register_document
 
 R, P = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.0, 0.2, 0.5])

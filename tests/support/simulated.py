@@ -24,7 +24,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
-from suta_calib.terms.outside import pose_parameters, pose_values
+from suta_calib.terms.external_frame import pose_parameters, pose_values
 
 SUTA_URDF = Path(__file__).resolve().parents[2] / "urdf" / "suta.urdf"
 ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-robot-data/robots"

@@ -24,7 +24,7 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import MeasuredPoses, Noise, TouchedPlane
-from suta_calib.terms.given import GivenPose
+from suta_calib.terms.given_pose import GivenPose
 
 SIMULATION = """\
 arm: {urdf: arm.urdf, tip: tip}

@@ -44,7 +44,7 @@ from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.extended import offered_names
+from suta_calib.trust.extended_problem import offered_names
 from suta_calib.units import Unit, text
 from suta_calib.words import listed
 

@@ -17,7 +17,7 @@ from suta_calib.arrays import BoolArray
 from suta_calib.device.clock import DeviceClock
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample
-from suta_calib.device.formats.words import (
+from suta_calib.device.formats.encoder_words import (
     POSITIONS,
     WordArray,
     frame_crc,

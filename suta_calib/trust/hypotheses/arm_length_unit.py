@@ -12,9 +12,9 @@ from suta_calib.errors import SutaCalibError
 from suta_calib.model.lengths import OtherLength, other_lengths
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term
-from suta_calib.trust.evidence import Rule
 from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.rereading import nominal_cap, nominal_misfit
+from suta_calib.trust.rule import Rule
 from suta_calib.trust.spoiling import arm_of
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.extended import neighbours
+from suta_calib.trust.extended_problem import neighbours
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
 from suta_calib.trust.spoiling import arm_of, with_readings
 

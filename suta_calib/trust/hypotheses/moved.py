@@ -11,14 +11,15 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.numbers import tangent_of_vector
+from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.hand_eye import HandEye
-from suta_calib.terms.outside import pose_named
 from suta_calib.terms.term import Term
 from suta_calib.terms.tracked_point import TrackedPoint
-from suta_calib.trust.evidence import Effect, Evidence, LinearFit, Rule, weigh_effects
+from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust.rule import Rule
 from suta_calib.trust.serial_correlation import correlation_length
 from suta_calib.trust.spoiling import seen_elsewhere
 from suta_calib.units import deg, text

@@ -13,7 +13,7 @@ from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.terms.seen import InstrumentTerm
+from suta_calib.terms.instrument_terms import InstrumentTerm
 from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
 from suta_calib.trust.spoiling import displaced
 

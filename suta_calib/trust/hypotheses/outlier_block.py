@@ -9,10 +9,11 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence, Rule
+from suta_calib.trust.evidence import Effect, Evidence
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypotheses.moved import Moved
 from suta_calib.trust.hypothesis import Hypothesis, SpoiltData
+from suta_calib.trust.rule import Rule
 from suta_calib.trust.spoiling import seen_elsewhere
 
 # Outliers in one block that are no chance. Of the rows in the block, and of all outliers, this

@@ -11,9 +11,10 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence, Rule, log_ways
+from suta_calib.trust.evidence import Effect, Evidence, log_ways
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust.rule import Rule
 
 # Rows of the smaller part: fewer are single mishaps, which a robust loss leaves out.
 FEWEST: Final = 5

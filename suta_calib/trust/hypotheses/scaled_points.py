@@ -11,7 +11,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.terms.outside import pose_named
+from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.tracked_point import TrackedPoint
 from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
 from suta_calib.trust.examination import Examination

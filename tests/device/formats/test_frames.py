@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from suta_calib.device.description import JointSpec
 from suta_calib.device.diagnosis import remarks
 from suta_calib.device.formats import decoder_for, encode_frame
-from suta_calib.device.formats.words import frame_crc
+from suta_calib.device.formats.encoder_words import frame_crc
 from suta_calib.device.reading import Reading
 from suta_calib.errors import WrongFormatError
 

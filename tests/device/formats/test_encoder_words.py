@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from suta_calib.device.description import JointSpec
-from suta_calib.device.formats.words import frame_crc, pack_words, unpack_words, word_crc
+from suta_calib.device.formats.encoder_words import frame_crc, pack_words, unpack_words, word_crc
 from suta_calib.device.units import (
     angles_from_counts,
     angles_from_values,

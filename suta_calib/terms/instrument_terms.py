@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Final
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Noise
-from suta_calib.terms.outside import labelled, pose_parameters
+from suta_calib.terms.external_frame import labelled, pose_parameters
 from suta_calib.terms.term import Term
 
 if TYPE_CHECKING:
-    from suta_calib.terms.given import GivenPose, PriorValue
+    from suta_calib.terms.given_pose import GivenPose, PriorValue
 
 # What says the unit of what is seen.
 SEEN_UNIT: Final = (

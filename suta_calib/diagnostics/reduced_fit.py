@@ -22,7 +22,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import LinearFit
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.extended import known_beforehand, offered_names
+from suta_calib.trust.extended_problem import known_beforehand, offered_names
 from suta_calib.trust.in_time import columns_of
 
 

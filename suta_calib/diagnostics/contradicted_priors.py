@@ -4,7 +4,7 @@ What is believed is estimated too (`Term.with_assumptions_estimated`), from the 
 hardly any prior, and compared with what was believed (Wald 1943,
 doi:10.1090/S0002-9947-1943-0012401-3): a score test
 at the fit would need more pictures than a calibration has, for each is one witness. The test allows
-for how badly so few tell a covariance (`few_witnesses`).
+for how badly so few tell a covariance (`few_clusters`).
 
 Its power was simulated (six-axis arm, a board at half a metre, corners to 0.1 px, every reading
 off by a random part). At `LEVEL`, right intrinsics were contradicted in 2 of 200 calibrations with
@@ -35,7 +35,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.diagnostics.few_witnesses import chance_of, freedom_of
+from suta_calib.diagnostics.few_clusters import chance_of, freedom_of
 from suta_calib.errors import SutaCalibError
 from suta_calib.model.parameters import Parameter
 from suta_calib.solver.options import SolverOptions
