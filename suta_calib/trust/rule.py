@@ -24,7 +24,9 @@ class Rule:
     """When evidence of wrong data is reported: the key ``rule`` of a job.
 
     Where a model lacks much and rows are many, everything is significant and little of it is the
-    cause: hence `share`. A quarter lowers the RMS by 13 %.
+    cause: hence `share`. A quarter lowers the RMS by 13 %. Two exchanged landmarks of a sound
+    simulated job lower the misfit 2.4 times, and no sound job was read otherwise at 2: hence
+    `far_better`.
     """
 
     false_alarm: float = keyed(
@@ -38,7 +40,7 @@ class Rule:
     far_better: float = keyed(
         quantity("1", "positive"),
         "Times less misfit that data must have when they are read in another way.",
-        3.0,
+        2.0,
     )
     times_std: float = keyed(
         quantity("1", "positive"), "Standard deviations that a size must be away from zero.", 4.0
