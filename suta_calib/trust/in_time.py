@@ -273,26 +273,6 @@ def flat(velocity: FloatArray, share: FloatArray | float = 1.0) -> FloatArray:
 TWIST: Final = np.repeat([SHIFT, TURN], 3)
 
 
-def moved(what: str, change: ChangeInTime) -> str:
-    """That something outside the arm's joints was moved."""
-    if change.until:
-        return (
-            f"The {what} was elsewhere by {change.amount} from {change.since} to {change.until}: "
-            "give these rows another label."
-        )
-    return (
-        f"The {what} was moved by {change.amount} at {change.since}: give the rows after it "
-        "another label."
-    )
-
-
-def crept(what: str, change: ChangeInTime) -> str:
-    """That it crept."""
-    return (
-        f"The {what} crept by {change.amount} while the rows were measured: let it warm up, fix it."
-    )
-
-
 def _with_std(size: float, std: float, unit: Unit) -> str:
     return f"{text(size, unit)} ± {text(std, unit, with_unit=True)}"
 

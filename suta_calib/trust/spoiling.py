@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -14,6 +14,7 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses
 from suta_calib.terms.term import Term
+from suta_calib.trust.hypothesis import SpoiltData
 
 
 def arm_of(term: Term) -> ArmModel:
@@ -31,6 +32,23 @@ def with_readings(term: Term, q: FloatArray) -> Term:
     """The term with other readings (n, joints), and all else as it was observed."""
     samples = term.poses.samples
     return term.over_poses(term.poses.with_samples(replace(samples, q=q)))
+
+
+def middle_joint_changed(
+    term: Term, change: Callable[[FloatArray], FloatArray], effect: str, *size: float
+) -> SpoiltData:
+    """The term whose middle joint was read differently.
+
+    Args:
+        term: over an arm.
+        change: of the joint's readings (n,).
+        effect: what describes the fault, with ``{}`` for the joint's name.
+        size: of the fault; none where it has none.
+    """
+    q, joint = term.poses.samples.q.copy(), len(arm_of(term).joints) // 2
+    q[:, joint] = change(q[:, joint])
+    name = arm_of(term).joints[joint]
+    return SpoiltData(with_readings(term, q), np.array(size), effect.format(name))
 
 
 def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Term:

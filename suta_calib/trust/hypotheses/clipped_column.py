@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.terms import Term
 from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import arm_of, middle_joint_changed
 from suta_calib.units import text
 
 
@@ -41,7 +41,6 @@ class ClippedColumn(Pattern):
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The readings of the middle joint end at the largest but a fourth of them."""
         del values, rng
-        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
-        q[:, joint] = np.minimum(q[:, joint], np.quantile(q[:, joint], 0.75))
-        description = f"readings of {arm_of(data).joints[joint]} are"
-        return SpoiltData(with_readings(data, q), np.zeros(0), description)
+        return middle_joint_changed(
+            data, lambda q: np.minimum(q, np.quantile(q, 0.75)), "readings of {} are"
+        )

@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.terms import Term
 from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import STILL, all_readings
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import arm_of, middle_joint_changed
 
 
 class DeadJoint(Pattern):
@@ -35,7 +35,6 @@ class DeadJoint(Pattern):
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle joint reads its mean."""
         del values, rng
-        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
-        q[:, joint] = q[:, joint].mean()
-        description = f"{arm_of(data).joints[joint]} reads the same in every row"
-        return SpoiltData(with_readings(data, q), np.zeros(0), description)
+        return middle_joint_changed(
+            data, lambda q: np.full_like(q, q.mean()), "{} reads the same in every row"
+        )

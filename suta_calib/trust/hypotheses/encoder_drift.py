@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.solver.problem import Problem
 from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.in_time import TURN, ChangeInTime, InTime, TipShift, by_readings, flat, so_far
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import middle_joint_changed
 from suta_calib.units import Unit
 
 
@@ -41,7 +41,6 @@ class EncoderDrift(InTime):
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The zero of the middle joint drifts by 8 mrad."""
         del values, rng
-        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
-        q[:, joint] += 8e-3 * np.arange(len(q)) / len(q)
-        name = f"drift {arm_of(data).joints[joint]}"
-        return SpoiltData(with_readings(data, q), np.array([8e-3]), name)
+        return middle_joint_changed(
+            data, lambda q: q + 8e-3 * np.arange(len(q)) / len(q), "drift {}", 8e-3
+        )

@@ -18,7 +18,7 @@ from suta_calib.trust.in_time import (
     flat,
     later_half,
 )
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import middle_joint_changed
 from suta_calib.units import Unit
 
 
@@ -51,7 +51,4 @@ class EncoderSlip(InTime):
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle joint reads 4 mrad too much from the middle on."""
         del values, rng
-        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
-        q[:, joint] += 4e-3 * later_half(data)
-        name = f"slip {arm_of(data).joints[joint]}"
-        return SpoiltData(with_readings(data, q), np.array([4e-3]), name)
+        return middle_joint_changed(data, lambda q: q + 4e-3 * later_half(data), "slip {}", 4e-3)

@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.solver.problem import Problem
 from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.in_time import ChangeInTime, InTime, TipShift, by_readings, flat
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import middle_joint_changed
 from suta_calib.units import Unit
 
 
@@ -43,8 +43,7 @@ class EncoderTravel(InTime):
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle joint reads 0.3 % of its travel too much."""
         del values, rng
-        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
-        q[:, joint] += 3e-3 * (q[:, joint] - q[:, joint].mean())
         # What is read too much is a part of the true travel.
-        size = np.array([3e-3 / (1.0 + 3e-3)])
-        return SpoiltData(with_readings(data, q), size, f"travel {arm_of(data).joints[joint]}")
+        return middle_joint_changed(
+            data, lambda q: q + 3e-3 * (q - q.mean()), "travel {}", 3e-3 / (1.0 + 3e-3)
+        )

@@ -10,7 +10,7 @@ import numpy as np
 from suta_calib.terms import Term
 from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import arm_of, middle_joint_changed
 
 
 class SortedColumn(Pattern):
@@ -43,7 +43,4 @@ class SortedColumn(Pattern):
     def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
         """The middle column sorted."""
         del values, rng
-        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) // 2
-        q[:, joint] = np.sort(q[:, joint])
-        description = f"The readings of {arm_of(data).joints[joint]} stand in order"
-        return SpoiltData(with_readings(data, q), np.zeros(0), description)
+        return middle_joint_changed(data, np.sort, "The readings of {} stand in order")
