@@ -51,11 +51,11 @@ from suta_calib.analysis.planning import (
     tip_weight,
 )
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics import Sensitivity
 from suta_calib.geometry import register_points, rotation_from_vector
 from suta_calib.simulation import Targets, read_simulation, true_values
 from suta_calib.terms import Setup
 from suta_calib.threads import single_threaded
+from suta_calib.trust import Sensitivity
 
 SUTA = Path(__file__).resolve().parent.parent / "data" / "suta"
 SET_SIZE = 5

@@ -13,8 +13,8 @@ import numpy as np
 
 from suta_calib import ArmModel, Artefact, Samples
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics import sensitivity
 from suta_calib.geometry import quaternion_from_rotation, rotation_from_quaternion
+from suta_calib.trust import sensitivity
 
 URDF: Final = Path(__file__).resolve().parents[1] / "urdf" / "suta.urdf"
 Change = Callable[[Samples], Samples]

@@ -17,12 +17,6 @@ from .analysis.tip_map import tip_map as tip_map
 from .api import calibrate as calibrate
 from .assessment import Assessment as Assessment
 from .certification import Certification as Certification
-from .diagnostics.accuracy import Accuracy as Accuracy
-from .diagnostics.accuracy import Metrics as Metrics
-from .diagnostics.accuracy import assess as assess
-from .diagnostics.explanation import Explanation as Explanation
-from .diagnostics.observability import Observability as Observability
-from .diagnostics.observability import observe as observe
 from .errors import InputError as InputError
 from .errors import SutaCalibError as SutaCalibError
 from .errors import UnusableResultError as UnusableResultError
@@ -72,5 +66,11 @@ from .terms import TouchedLandmark as TouchedLandmark
 from .terms import TouchedLine as TouchedLine
 from .terms import TouchedPlane as TouchedPlane
 from .terms import TrackedPoint as TrackedPoint
+from .trust.accuracy import Accuracy as Accuracy
+from .trust.accuracy import Metrics as Metrics
+from .trust.accuracy import assess as assess
+from .trust.explanation import Explanation as Explanation
+from .trust.observability import Observability as Observability
+from .trust.observability import observe as observe
 
 __version__: str

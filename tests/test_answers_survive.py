@@ -19,7 +19,6 @@ from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, 
 from suta_calib import ArmModel, Problem
 from suta_calib.assessment import Assessment, NotExplainedWarning, attempt, judged
 from suta_calib.certification import CertificationOptions, certify
-from suta_calib.diagnostics.rich_data import RichData
 from suta_calib.errors import SamplesError
 from suta_calib.job import CalibrationJob
 from suta_calib.job.calibration import Calibration
@@ -30,10 +29,11 @@ from suta_calib.report.document import Figure, File
 from suta_calib.report.files import write_document
 from suta_calib.terms import KINDS, ArmPoses, TrackedPoint
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.rich_data import RichData
 
-ASSESSMENT = "suta_calib.diagnostics.assessment"
+ASSESSMENT = "suta_calib.trust.assessment"
 EXAMINATION = "suta_calib.trust.calibration_examination"
-EXPLANATION = "suta_calib.diagnostics.explanation"
+EXPLANATION = "suta_calib.trust.explanation"
 REPORT = "suta_calib.report.calibration"
 # Every judge, and what explains: where it fails, the answer is no longer called good.
 JUDGES = [
@@ -45,10 +45,10 @@ JUDGES = [
     f"{ASSESSMENT}._on_widening",
     "suta_calib.job.calibration.assess_calibration",
     *(f"{EXPLANATION}.{name}" for name in ("RichData", "_redundant", "tip_motion", "_spread")),
-    "suta_calib.diagnostics.rich_data.RichData._information",
+    "suta_calib.trust.rich_data.RichData._information",
     "suta_calib.job.calibration.read_where_fitted",
-    "suta_calib.diagnostics.accuracy.gain_of",
-    "suta_calib.diagnostics.accuracy.added_by_estimates",
+    "suta_calib.trust.accuracy.gain_of",
+    "suta_calib.trust.accuracy.added_by_estimates",
 ]
 # What is only shown: the answer is as good without it.
 SHOWN = [

@@ -17,7 +17,7 @@ ROWS = (
     {"terms", "robots"},
     {"solver"},
     {"simulation"},
-    {"trust", "diagnostics"},
+    {"trust"},
     {"view"},
     {"job"},
     {"pose_calibration"},

@@ -13,7 +13,12 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.diagnostics.accuracy import (
+from suta_calib.errors import UrdfError
+from suta_calib.geometry.numbers import rotation_from_rpy
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.parameters import ParameterSet
+from suta_calib.terms import ArmPoses, Term
+from suta_calib.trust.accuracy import (
     Gain,
     TermAccuracy,
     added_by_estimates,
@@ -23,11 +28,6 @@ from suta_calib.diagnostics.accuracy import (
     read_where_fitted,
     term_accuracies,
 )
-from suta_calib.errors import UrdfError
-from suta_calib.geometry.numbers import rotation_from_rpy
-from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import ParameterSet
-from suta_calib.terms import ArmPoses, Term
 from suta_calib.units import text
 
 

@@ -27,8 +27,6 @@ from scipy import sparse
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.diagnostics.accuracy import fit_own
-from suta_calib.diagnostics.repeats import gross_rows, one_of_each_rest, repeat_variance
 from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.arm import ArmModel
@@ -40,6 +38,8 @@ from suta_calib.solver.solve import Progress
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.block import Block
 from suta_calib.threads import single_threaded
+from suta_calib.trust.accuracy import fit_own
+from suta_calib.trust.repeats import gross_rows, one_of_each_rest, repeat_variance
 from suta_calib.units import Unit, text
 
 Source = Literal["gross", "encoders", "seating", "instrument", "artefact", "parameters", "model"]

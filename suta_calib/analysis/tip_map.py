@@ -19,11 +19,11 @@ from suta_calib.analysis.planning.candidates import DOWN
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import JobError
 from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
+from suta_calib.trust.tip import taken_as_cool
 from suta_calib.units import Unit, mm, shown, text, unit_name
 from suta_calib.words import listed
 

@@ -6,10 +6,10 @@ from pathlib import Path
 
 from suta_calib.cli._options import job_argument, verbose_option
 from suta_calib.cli._output import answer_command
-from suta_calib.diagnostics.observability import observe as look
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
 from suta_calib.report.observability import observability_document
+from suta_calib.trust.observability import observe as look
 
 
 @answer_command

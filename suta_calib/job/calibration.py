@@ -15,14 +15,6 @@ from suta_calib import plotting
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
-from suta_calib.diagnostics.accuracy import (
-    Accuracy,
-    Metrics,
-    TermAccuracy,
-    fitted_too,
-    read_where_fitted,
-)
-from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
 from suta_calib.job.in_python import IN_PYTHON, Free, row_of, terms_over, unknowns_of
 from suta_calib.job.job_terms import held_together, placed, read_term
@@ -39,17 +31,25 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
+from suta_calib.trust.accuracy import (
+    Accuracy,
+    Metrics,
+    TermAccuracy,
+    fitted_too,
+    read_where_fitted,
+)
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.units import shown, unit_name
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import view_calibration
 
 if TYPE_CHECKING:
-    from suta_calib.diagnostics.explanation import Explanation
-    from suta_calib.diagnostics.repeats import TouchRepeatability
     from suta_calib.plotting.scene import Scene
     from suta_calib.solver.solution import Estimate, Solution
     from suta_calib.solver.solve import Progress
+    from suta_calib.trust.explanation import Explanation
+    from suta_calib.trust.repeats import TouchRepeatability
     from suta_calib.view.calibrated import Calibrated
     from suta_calib.view.server import Viewer
 

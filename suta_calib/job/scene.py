@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLACEMENT, POSITION
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import Arrows, Part, PlacedPoints, Scene, drawn_rows, magnification
 from suta_calib.terms.term import Term
+from suta_calib.trust.tip import tip_displacements
 
 
 def calibration_scene(

@@ -16,10 +16,6 @@ import numpy as np
 
 from suta_calib import report
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import TermAccuracy
-from suta_calib.diagnostics.explanation import redundant_names
-from suta_calib.diagnostics.repeats import TouchRepeatability
-from suta_calib.diagnostics.scale_effects import ScaleEffect
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import Calibration
 from suta_calib.plotting.look import MOST_CORRELATED, MOST_GROUPS
@@ -62,6 +58,10 @@ from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solver import Minimum
 from suta_calib.terms import Term
+from suta_calib.trust.accuracy import TermAccuracy
+from suta_calib.trust.explanation import redundant_names
+from suta_calib.trust.repeats import TouchRepeatability
+from suta_calib.trust.scale_effects import ScaleEffect
 from suta_calib.units import Unit
 from suta_calib.words import combination
 

@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from suta_calib import units
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import BlockErrors, Metrics, TermAccuracy
 from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.terms import every_grouping
 from suta_calib.terms.block import grouped
+from suta_calib.trust.accuracy import BlockErrors, Metrics, TermAccuracy
 from suta_calib.units import NOTHING, Unit
 
 # Unit of what was seen in pictures.

@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import Final
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.external_poses import ExternalPose
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.report.listing import Column, Listing, shown_as
 from suta_calib.report.poses import axes_with_std
+from suta_calib.trust.external_poses import ExternalPose
 from suta_calib.units import Unit, text
 from suta_calib.words import listed
 

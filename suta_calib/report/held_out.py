@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.held_out import PROBABILITIES, HeldOutErrors
 from suta_calib.job.calibration import Calibration
 from suta_calib.report.listing import Column, Listing
+from suta_calib.trust.held_out import PROBABILITIES, HeldOutErrors
 from suta_calib.units import Unit, unit_name
 
 

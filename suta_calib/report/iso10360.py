@@ -17,12 +17,12 @@ from suta_calib.analysis.iso10360 import (
     SphereProbing,
 )
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.job.limits import LengthLimit, Limits
 from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.svg import picture, svg_text
+from suta_calib.trust.accuracy import Metrics
 from suta_calib.units import from_mm, mm, text, um
 
 NAME: Final = "iso10360"

@@ -10,7 +10,6 @@ import numpy as np
 
 from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
 from suta_calib.analysis.model_selection.selection import SHORT
-from suta_calib.diagnostics.score_tests import ScoreTest
 from suta_calib.model.parameters import Selection
 from suta_calib.plotting.look import BLUE, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
@@ -18,6 +17,7 @@ from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.solver.solution import Estimate
 from suta_calib.trust.extended_problem import LOOKS_LIKE
+from suta_calib.trust.score_tests import ScoreTest
 from suta_calib.units import key, shown, text, unit_name
 
 NAME: Final = "extend"

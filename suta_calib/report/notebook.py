@@ -15,7 +15,6 @@ from suta_calib.analysis.outliers import Outliers
 from suta_calib.analysis.planning import Plan
 from suta_calib.analysis.tip_map import TipMap
 from suta_calib.atomic import write_bytes_atomically
-from suta_calib.diagnostics.observability import Observability
 from suta_calib.job.calibration import Calibration
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
@@ -39,6 +38,7 @@ from suta_calib.report.tip_map import tip_map_document
 from suta_calib.showing import Displayable as ShowsItself
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.observability import Observability
 from suta_calib.units import text, unit_name
 
 JOINTS: Final = Listing[ChainJoint](

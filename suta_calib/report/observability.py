@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from suta_calib.diagnostics.explanation import Explanation
-from suta_calib.diagnostics.observability import Observability
 from suta_calib.report.document import Document, Part, Place, Text, section
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.parameters import PROSPECTS, left_out
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.explanation import Explanation
+from suta_calib.trust.observability import Observability
 from suta_calib.words import listed
 
 NAME: Final = "observability"

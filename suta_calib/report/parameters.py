@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from typing import Final
 
 from suta_calib.assessment import attempt
-from suta_calib.diagnostics.explanation import Explanation, as_drawn_names, redundant_names
-from suta_calib.diagnostics.observability import Prospect
 from suta_calib.model.parameters import Parameter
 from suta_calib.report.document import Text
 from suta_calib.report.listing import Column, Listing, Tone
 from suta_calib.solver.solution import Estimate, State
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.explanation import Explanation, as_drawn_names, redundant_names
+from suta_calib.trust.observability import Prospect
 from suta_calib.units import Unit, text, unit_name
 from suta_calib.words import listed
 

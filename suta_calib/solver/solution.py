@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Who judges a solution, and is made of solutions.
-_JUDGE: Final = "suta_calib.diagnostics.assessment"
+_JUDGE: Final = "suta_calib.trust.assessment"
 # Of the variance that a prior leaves, the part the data must take away to call it identified.
 INFORMED = 0.5
 
@@ -78,7 +78,7 @@ class Solution(Displayable):
         timing: seconds by phase.
         weights: what was learned of noise levels and priors; None where they are as given.
         widening: factor on all standard deviations but the scale's part of them, from held-out
-            errors that are larger than the fitted rows explain (`diagnostics.widening`).
+            errors that are larger than the fitted rows explain (`trust.held_out`).
     """
 
     problem: Problem

@@ -12,7 +12,6 @@ from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
-from suta_calib.diagnostics.warmth import taken_as_cool
 from suta_calib.errors import OutputError
 from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
@@ -26,6 +25,7 @@ from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,
     read_uncertainty,
 )
+from suta_calib.trust.tip import taken_as_cool
 from suta_calib.units import mm
 
 

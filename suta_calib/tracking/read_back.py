@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from suta_calib.assessment import read_assessment
-from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.tracking.provenance import made_from
 from suta_calib.tracking.uncertainty import numbers, read_json_object, read_uncertainty
+from suta_calib.trust.accuracy import fit_own
 from suta_calib.units import from_mm
 from suta_calib.view.calibrated import Calibrated, term_sets
 

@@ -18,7 +18,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable
-from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import (
     rotation_from_rpy,
@@ -35,6 +34,7 @@ from suta_calib.model.urdf import folded_origin
 from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.staging import recover
+from suta_calib.trust.tip import sensitivity
 from suta_calib.units import FARTHEST
 
 Source = Literal["covariance", "correlations", "std"]

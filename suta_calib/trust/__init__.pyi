@@ -1,3 +1,8 @@
+from .accuracy import Accuracy as Accuracy
+from .accuracy import BlockErrors as BlockErrors
+from .accuracy import Metrics as Metrics
+from .accuracy import TermAccuracy as TermAccuracy
+from .accuracy import assess as assess
 from .calibration_examination import CalibrationExamination as CalibrationExamination
 from .evidence import Effect as Effect
 from .evidence import Evidence as Evidence
@@ -6,6 +11,8 @@ from .evidence import Stretches as Stretches
 from .evidence import supported_effects as supported_effects
 from .evidence import weigh_effects as weigh_effects
 from .examination import Examination as Examination
+from .explanation import Explanation as Explanation
+from .explanation import explain as explain
 from .hypothesis import AddedVariable as AddedVariable
 from .hypothesis import Finding as Finding
 from .hypothesis import Hypothesis as Hypothesis
@@ -14,7 +21,17 @@ from .hypothesis import Reinterpretation as Reinterpretation
 from .hypothesis import SpoiltData as SpoiltData
 from .hypothesis import examine as examine
 from .hypothesis import known_hypotheses as known_hypotheses
+from .observability import Indices as Indices
+from .observability import Observability as Observability
+from .observability import Prospect as Prospect
+from .observability import observe as observe
 from .patterns import matches as matches
+from .repeats import LackOfFit as LackOfFit
+from .repeats import TouchRepeatability as TouchRepeatability
+from .repeats import touch_repeatability as touch_repeatability
 from .rereading import Rereading as Rereading
 from .rereading import explaining_reading as explaining_reading
 from .rule import Rule as Rule
+from .score_tests import ScoreTest as ScoreTest
+from .tip import Sensitivity as Sensitivity
+from .tip import sensitivity as sensitivity

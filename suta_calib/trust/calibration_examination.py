@@ -9,42 +9,41 @@ from functools import cached_property
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.accuracy import Accuracy, assess
-from suta_calib.diagnostics.changes import ChangeOptions, changes
-from suta_calib.diagnostics.contradicted_priors import ContradictedBelief, contradicted_beliefs
-from suta_calib.diagnostics.contradictions import Contradiction, contradictions
-from suta_calib.diagnostics.cross_validation import folds_of
-from suta_calib.diagnostics.explanation import Explanation, explain
-from suta_calib.diagnostics.external_poses import ExternalPose, external_poses
-from suta_calib.diagnostics.held_out import HeldOutErrors, held_out_errors
-from suta_calib.diagnostics.linearised import LinearModels
-from suta_calib.diagnostics.prior_size import PriorNotes, judge_priors
-from suta_calib.diagnostics.repeats import (
-    LackOfFit,
-    TouchRepeatability,
-    lack_of_fit,
-    touch_repeatability,
-)
-from suta_calib.diagnostics.scale_effects import ScaleEffect, scale_effects
-from suta_calib.diagnostics.score_tests import Residuals, ScoreTest
-from suta_calib.diagnostics.thinned import thinned
-from suta_calib.diagnostics.widening import widening
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
+from suta_calib.trust.accuracy import Accuracy, assess
+from suta_calib.trust.changes import ChangeOptions, changes
+from suta_calib.trust.contradicted_priors import ContradictedBelief, contradicted_beliefs
+from suta_calib.trust.contradictions import Contradiction, contradictions
+from suta_calib.trust.cross_validation import folds_of
 from suta_calib.trust.examination import Examination
+from suta_calib.trust.explanation import Explanation, explain
 from suta_calib.trust.extended_problem import (
     effective_unknowns,
     extended_problem,
     known_beforehand,
     offered_names,
 )
+from suta_calib.trust.external_poses import ExternalPose, external_poses
+from suta_calib.trust.held_out import HeldOutErrors, held_out_errors, widening
 from suta_calib.trust.hypothesis import Finding, strongest_cause
 from suta_calib.trust.in_time import ChangeInTime
+from suta_calib.trust.linearised import LinearModels
+from suta_calib.trust.priors import PriorNotes, judge_priors
+from suta_calib.trust.repeats import (
+    LackOfFit,
+    TouchRepeatability,
+    lack_of_fit,
+    touch_repeatability,
+)
 from suta_calib.trust.rereading import Rereading, explaining_reading
 from suta_calib.trust.rule import Rule
+from suta_calib.trust.scale_effects import ScaleEffect, scale_effects
+from suta_calib.trust.score_tests import Residuals, ScoreTest
+from suta_calib.trust.thinned import thinned
 
 
 @dataclass(frozen=True, eq=False)

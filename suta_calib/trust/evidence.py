@@ -514,7 +514,7 @@ def _determined(
         noise = fit.squares / max(fit.rows - fit.spent, 1.0)
         scale = np.broadcast_to(effect.plausible, alone.shape)
         # Predicted standard deviation of a size over its plausible size, up to which the data can
-        # tell it. The score tests of joints use the same share (`diagnostics.scores.TELLING`).
+        # tell it. The score tests of joints use the same share (`trust.scores.TELLING`).
         least = noise / 0.25**2
     scaled = curvature * scale[..., :, None] * scale[..., None, :]
     eigenvalues, axes = np.linalg.eigh(scaled)

@@ -212,7 +212,7 @@ class Finding(Displayable):
         return self.level != "good" and self.hypothesis.supported(self.evidence, rule)
 
 
-# Of joints it is said more carefully (`diagnostics.score_tests`): this test says whether what
+# Of joints it is said more carefully (`trust.score_tests`): this test says whether what
 # explains the residuals best is one of them.
 LEFT_TO_SCORE_TESTS: Final = "joint error"
 

@@ -1,7 +1,7 @@
 """Something that is not the same for all rows: what the hypotheses about changes in time share.
 
 A change moves the tips of some rows in its own way: a column of derivatives times the rows that
-suffer. `diagnostics.changes` tells the changes apart and confirms the strongest: order in time is
+suffer. `trust.changes` tells the changes apart and confirms the strongest: order in time is
 mostly order in space, so that errors of a model come and go with the rows too.
 """
 
@@ -124,7 +124,7 @@ class InTime(AddedVariable):
     sort: ClassVar[str]
     at_once: ClassVar[bool] = False
     unit: ClassVar[Unit] = "m"
-    # `diagnostics.changes` does, beside errors that neighbouring rows share.
+    # `trust.changes` does, beside errors that neighbouring rows share.
     confirmed_later: ClassVar[bool] = True
 
     @abstractmethod

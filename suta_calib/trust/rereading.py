@@ -18,7 +18,6 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.held_out import robust_level
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.parameters import ParameterSet
@@ -29,6 +28,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
+from suta_calib.trust.held_out import robust_level
 from suta_calib.trust.hypothesis import Reinterpretation, known_hypotheses
 from suta_calib.trust.rule import Rule
 from suta_calib.units import Unit

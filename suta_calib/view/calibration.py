@@ -11,11 +11,11 @@ import numpy as np
 from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.plotting.look import round_down
 from suta_calib.terms import Term
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.tip import tip_displacements
 from suta_calib.units import mm
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.drawn_arm import DrawnArm, LinkMesh

@@ -9,7 +9,7 @@ import pytest
 from terms_cases import SIGMA, scene
 
 from suta_calib.analysis.comparison import ArmComparison, compare_arms
-from suta_calib.diagnostics.accuracy import term_accuracies
+from suta_calib.trust.accuracy import term_accuracies
 
 
 @pytest.mark.parametrize(

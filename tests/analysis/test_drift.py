@@ -11,9 +11,9 @@ from cli_job import cli
 
 from suta_calib import CalibrationJob, SolverOptions, solve
 from suta_calib.analysis.study import DriftOptions, drift_study
-from suta_calib.diagnostics.accuracy import block_residuals
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.accuracy import block_residuals
 
 JOB = Path(__file__).parents[2] / "data/thesis/calibration.yaml"
 ANGLE, LENGTH = np.radians(0.02), 0.05e-3

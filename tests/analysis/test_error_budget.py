@@ -25,7 +25,6 @@ from suta_calib.analysis.error_budget import (
     linear,
 )
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.diagnostics.repeats import gross_rows
 from suta_calib.errors import ParameterError
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
@@ -36,6 +35,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, HandEye, Noise, Term
 from suta_calib.terms.block import Block
+from suta_calib.trust.repeats import gross_rows
 
 # Put in by the shipped simulation: per axis, so √2 of it in a distance.
 SEATING = 0.167e-3

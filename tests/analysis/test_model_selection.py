@@ -11,16 +11,16 @@ from simulated import Spread, arm_named, artefact, artefact_scene, placements, t
 from suta_simulated import everything, scene, thirteen
 
 from suta_calib.analysis.model_selection import ModelSelection, choose_model
-from suta_calib.diagnostics.accuracy import assess
-from suta_calib.diagnostics.cross_validation import folds_of, limited_rms
-from suta_calib.diagnostics.linearised import LinearModels
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import HandEye, MeasuredPoses, Noise
+from suta_calib.trust.accuracy import assess
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.cross_validation import folds_of, limited_rms
+from suta_calib.trust.linearised import LinearModels
 
 ECCENTRIC = "{select: [joint_3.ecc_c1], value_deg: 0.2}"
 

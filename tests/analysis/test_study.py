@@ -33,11 +33,11 @@ from suta_calib.analysis.study import (
     study_of_job,
 )
 from suta_calib.analysis.study.trial import FullDataFit, Trial, held_out_rms, nominal_rms, run_trial
-from suta_calib.diagnostics.accuracy import Accuracy, assess
 from suta_calib.errors import SamplesError
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
+from suta_calib.trust.accuracy import Accuracy, assess
 
 
 def simulated_plan(**asked: object) -> StudyPlan:

@@ -15,7 +15,6 @@ from simulated import arm_named, random_readings, tracked_scene
 from simulation_scenes import EXACT, Folder
 from two_arms import ROBOT
 
-from suta_calib.diagnostics.explanation import explain
 from suta_calib.errors import ParameterError
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation.noise import full_circle
@@ -23,6 +22,7 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise, TrackedPoint
+from suta_calib.trust.explanation import explain
 
 ARM = arm_named("suta")
 NAME = "joint_3.coupling[joint_2]"

@@ -13,7 +13,6 @@ from simulation_scenes import Folder
 from two_arms import ROBOT
 
 from suta_calib.analysis.model_selection import choose_model
-from suta_calib.diagnostics.explanation import explain
 from suta_calib.errors import JobError, ParameterError, SamplesError
 from suta_calib.measurements import SampleColumns, Samples, read_samples, write_samples
 from suta_calib.model.arm import ArmModel
@@ -25,6 +24,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, TrackedPoint
 from suta_calib.terms.poses import joint_ranges
+from suta_calib.trust.explanation import explain
 
 ARM = arm_named("suta")
 ALUMINIUM = 23e-6

@@ -13,7 +13,6 @@ import pytest
 from simulated import ARMS, arm_named, dh_parameters, perturbed, random_readings, tracked_scene
 
 from suta_calib.analysis.model_selection import choose_model
-from suta_calib.diagnostics.explanation import explain
 from suta_calib.errors import JobError, ParameterError, SamplesError, UrdfError
 from suta_calib.job.schema import read_job
 from suta_calib.measurements import SampleColumns, read_samples, write_samples
@@ -25,6 +24,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Noise, TrackedPoint
 from suta_calib.terms.poses import joint_ranges
+from suta_calib.trust.explanation import explain
 
 ARM = arm_named("suta")
 PLAY = {"joint_2.gain": 2e-3, "joint_3.backlash": 1.5e-3}

@@ -13,10 +13,10 @@ from matplotlib import pyplot
 from report_scenes import make_job
 
 from suta_calib import Accuracy, ArmModel, Samples, observe
-from suta_calib.diagnostics.displacements import tip_displacements
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import Calibration
 from suta_calib.plotting.scene import Arrows, PlacedPoints, drawn_rows, magnification
+from suta_calib.trust.tip import tip_displacements
 from suta_calib.units import mm, shown
 
 Q = np.array([0.3, -0.2, 0.4, 0.1, -0.5, 0.2])

@@ -18,8 +18,6 @@ from report_scenes import AWKWARD, console_text, with_accuracy
 
 from suta_calib import units
 from suta_calib.atomic import write_bytes_atomically
-from suta_calib.diagnostics.accuracy import gain_of
-from suta_calib.diagnostics.observability import observe
 from suta_calib.errors import OutputError
 from suta_calib.job.calibration import Calibration
 from suta_calib.model.arm import ArmModel
@@ -32,6 +30,8 @@ from suta_calib.report.files import write_document
 from suta_calib.report.observability import observability_document
 from suta_calib.report.page import page_with
 from suta_calib.report.spatial import WIDTH, projected
+from suta_calib.trust.accuracy import gain_of
+from suta_calib.trust.observability import observe
 from suta_calib.words import combination, listed
 
 

@@ -14,7 +14,6 @@ import pytest
 import scipy.optimize
 from report_scenes import make_job
 
-from suta_calib.diagnostics import accuracy
 from suta_calib.report.calibration import calibration_document
 from suta_calib.report.files import write_document
 from suta_calib.report.notebook import html_of
@@ -22,7 +21,7 @@ from suta_calib.solver import solve, weights
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.ipopt import Ipopt
 from suta_calib.solver.solver import Solver
-from suta_calib.trust import calibration_examination
+from suta_calib.trust import accuracy, calibration_examination
 from suta_calib.view.calibration import calibration_scene
 
 # What solves, or fits, or learns.

@@ -10,7 +10,6 @@ import pytest
 import yaml
 from simulation_scenes import Folder
 
-from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.emulation.truth import read_truth
 from suta_calib.errors import JobError
 from suta_calib.measurements import Samples
@@ -21,6 +20,7 @@ from suta_calib.simulation import Simulation, write_simulation
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, Setup
+from suta_calib.trust.external_poses import external_poses
 
 HEADER = """
 arm: {urdf: URDF, tip: tip}

@@ -22,12 +22,12 @@ from simulated import (
 )
 
 from suta_calib import ArmModel, ParameterSet, Problem, Selection, Term, observe, solve
-from suta_calib.diagnostics.scale_effects import scale_effects
-from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.parameters import POSITION
 from suta_calib.solver.held_geometry import TOLERANCES
 from suta_calib.solver.solution import Solution
+from suta_calib.trust.scale_effects import scale_effects
+from suta_calib.trust.tip import sensitivity
 
 SCENES: dict[str, Callable[[ArmModel, dict[str, float]], Scene]] = {
     "fixed_point": fixed_point_scene,

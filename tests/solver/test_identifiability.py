@@ -23,7 +23,6 @@ from simulated import (
     tracked_scene,
 )
 
-from suta_calib.diagnostics.accuracy import assess
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Landmark, Samples
 from suta_calib.model.parameters import ParameterSet, Selection
@@ -34,6 +33,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import identify_at, solve
 from suta_calib.terms import FixedPoint, Noise, PoseNoise
+from suta_calib.trust.accuracy import assess
 from suta_calib.units import from_deg, from_mm
 
 HIDDEN = {"joint_1.offset", "joint_2.z", "tip.y"}

@@ -10,12 +10,12 @@ from simulated import arm_named, perturbed
 
 from suta_calib import ArmModel, Problem, Selection, SolverOptions, solve
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
 from suta_calib.measurements import Samples
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.mount_start import FreeMount
 from suta_calib.terms import ArmPoses, TrackedPoint
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 
 NOISE, TURN_NOISE = 2e-4, 5e-4

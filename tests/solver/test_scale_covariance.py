@@ -11,10 +11,10 @@ from offset_arm import ONCE
 from simulated import arm_named, artefact, artefact_scene, perturbed, placements, tracked_scene
 
 from suta_calib import Problem, Selection, solve
-from suta_calib.diagnostics.tip_motion import tip_motion
 from suta_calib.measurements import LengthScale
 from suta_calib.terms import Term
 from suta_calib.terms.length_scale import lengthened
+from suta_calib.trust.tip_motion import tip_motion
 
 SCALE = LengthScale(2e-3)
 TRIALS = 30

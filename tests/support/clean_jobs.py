@@ -11,13 +11,13 @@ from simulated import perturbed, tracked_scene
 
 from suta_calib import ArmModel, Noise, Problem, Selection, SolverOptions, Term, solve
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.rich_data import RichData, Sort
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.rich_data import RichData, Sort
 
 SORTS = [
     (kind, oriented)

@@ -6,18 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from suta_calib.diagnostics.accuracy import assess
-from suta_calib.diagnostics.cross_validation import (
-    CrossValidation,
-    Fold,
-    FoldErrors,
-    limited_errors,
-)
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
+from suta_calib.trust.accuracy import assess
+from suta_calib.trust.cross_validation import (
+    CrossValidation,
+    Fold,
+    FoldErrors,
+    limited_errors,
+)
 
 
 def cross_validate(

@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console, RenderableType
 
-from suta_calib.diagnostics.accuracy import Accuracy
 from suta_calib.job.calibration import Calibration, CalibrationJob
 from suta_calib.model.arm import ArmModel
+from suta_calib.trust.accuracy import Accuracy
 
 TRUTH = {"joint_4.offset": 0.02, "joint_4.z": 0.5730, "tip.z": 0.0015}
 NOISE = 2e-4

@@ -10,13 +10,13 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from simulated import dh_parameters
 
-from suta_calib.diagnostics.accuracy import BlockErrors, TermAccuracy
-from suta_calib.diagnostics.cross_validation import limited_rms
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet, Selection
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.terms import ArmPoses, FixedPoint, Noise, PairwiseDistance, Term
+from suta_calib.trust.accuracy import BlockErrors, TermAccuracy
+from suta_calib.trust.cross_validation import limited_rms
 
 SUTA = Path(__file__).resolve().parents[2] / "data" / "suta"
 HUBER = 1.35e-3

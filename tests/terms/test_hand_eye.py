@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from cli_job import cli
 
-from suta_calib.diagnostics.accuracy import Metrics
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.simulation import read_simulation, simulate
+from suta_calib.trust.accuracy import Metrics
 
 EYE = ((20.0, -30.0, 40.0), (5.0, 10.0, 90.0))
 TARGET = ((500.0, 0.0, 100.0), (0.0, 20.0, 0.0))

@@ -11,7 +11,6 @@ import pytest
 from camera_scenes import BOARD, CAMERA, pictures
 from simulated import arm_named, camera_scene, dh_parameters, perturbed
 
-from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Board, Camera, Chessboard, Marker, Markers
 from suta_calib.solver.options import SolverOptions
@@ -20,6 +19,7 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import CameraView
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.misread_pictures import check_files, other_size
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.rereading import explaining_reading
 

@@ -14,7 +14,6 @@ from simulated import Spread, arm_named, dh_parameters, perturbed, plane_scene
 
 from suta_calib.analysis.outliers import find_outliers
 from suta_calib.analysis.study.trial import resimulated
-from suta_calib.diagnostics.external_poses import external_poses
 from suta_calib.emulation import EmulatedArm
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
@@ -25,6 +24,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import MeasuredPoses, Noise, TouchedPlane
 from suta_calib.terms.given_pose import GivenPose
+from suta_calib.trust.external_poses import external_poses
 
 SIMULATION = """\
 arm: {urdf: arm.urdf, tip: tip}

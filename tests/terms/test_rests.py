@@ -12,8 +12,6 @@ from scipy.sparse.csgraph import connected_components
 from simulated import Scene, Spread, arm_named, dh_parameters, read_again
 from terms_cases import SIGMA, noises, scene
 
-from suta_calib.diagnostics.common_scale import common_scales
-from suta_calib.diagnostics.repeats import lack_of_fit
 from suta_calib.measurements import Samples
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
@@ -22,6 +20,8 @@ from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, FixedPoint, MeasuredPoses, block, poses
 from suta_calib.terms.block import grouped, joined, summed
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.common_scale import common_scales
+from suta_calib.trust.repeats import lack_of_fit
 
 KINDS = ("landmark", "landmark with seats", "fixed_point", "plane", "tracked_point", "hand_eye")
 

@@ -13,7 +13,6 @@ from simulated import Spread, dh_parameters
 from terms_cases import SIGMA, scene
 
 from suta_calib.analysis.study.trial import resimulated
-from suta_calib.diagnostics.accuracy import block_residuals
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.model.arm import ArmModel
@@ -21,6 +20,7 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import ArmPoses, MeasuredPoses, Noise, TrackedPoint
+from suta_calib.trust.accuracy import block_residuals
 
 CASE = "tracked_point that states its noise"
 

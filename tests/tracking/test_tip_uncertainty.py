@@ -16,9 +16,9 @@ from suta_calib.analysis.planning import Region
 from suta_calib.analysis.tip_map import Figures, TipMapOptions, tip_map, tip_map_of_result
 from suta_calib.analysis.tip_sections import Knowledge
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points, rotation_from_vector, skew
+from suta_calib.trust.tip import Sensitivity, sensitivity
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 

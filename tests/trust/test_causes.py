@@ -22,8 +22,8 @@ from sound_sets import ARM, BOARD, MOVING, SHEET, TRACKED, TRUTH, UNKNOWN, Sound
 from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
 from suta_calib.analysis.model_selection.selection import choose_model
 from suta_calib.assessment import Assessment
-from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.terms import Term
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.hypotheses.exchanged_marks import ExchangedMarks
 from suta_calib.trust.hypotheses.late_rows import per_row

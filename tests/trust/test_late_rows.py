@@ -7,7 +7,6 @@ import pytest
 from simulated import arm_named
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.assessment import assess_calibration
 from suta_calib.geometry import rotation_from_vector
 from suta_calib.measurements import Samples
 from suta_calib.model.parameters import Selection
@@ -15,6 +14,7 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 
 ROW = 0.1  # s from row to row

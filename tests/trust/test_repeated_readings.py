@@ -10,7 +10,7 @@ from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
 from simulated import Scene, arm_named, artefact, artefact_scene, placements
 
 from suta_calib import Problem, Samples, Term, solve
-from suta_calib.diagnostics.assessment import assess_calibration
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.hypotheses.repeated_readings import RepeatedReadings
 

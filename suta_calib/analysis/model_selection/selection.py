@@ -24,15 +24,6 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 from suta_calib.assessment import Assessment, judged
-from suta_calib.diagnostics.assessment import assess_calibration
-from suta_calib.diagnostics.cross_validation import (
-    Fold,
-    ModelCandidate,
-    folds_of,
-    limited_rms,
-)
-from suta_calib.diagnostics.linearised import LinearModels, ModelFit
-from suta_calib.diagnostics.score_tests import Residuals, ScoreTest
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
@@ -43,8 +34,17 @@ from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
+from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.cross_validation import (
+    Fold,
+    ModelCandidate,
+    folds_of,
+    limited_rms,
+)
 from suta_calib.trust.extended_problem import offered_names
+from suta_calib.trust.linearised import LinearModels, ModelFit
+from suta_calib.trust.score_tests import Residuals, ScoreTest
 from suta_calib.units import Unit, text
 from suta_calib.words import listed
 

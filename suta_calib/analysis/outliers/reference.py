@@ -19,7 +19,6 @@ import numpy as np
 from suta_calib.analysis.outliers.answer import HeldOut
 from suta_calib.analysis.outliers.groups import Grouping, groupings
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.gauss_newton import GaussNewton
@@ -34,6 +33,7 @@ from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
+from suta_calib.trust.accuracy import fit_own
 
 # Information, relative to the whole, that is a difference of equal numbers.
 ROUNDING: Final = 1e-9

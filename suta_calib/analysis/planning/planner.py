@@ -37,12 +37,12 @@ from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.planning.region import Region, candidate_pool
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.explanation import Explanation, explain
-from suta_calib.diagnostics.tip_uncertainty import Sensitivity
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.solver.solve import Progress, identify_at
 from suta_calib.threads import single_threaded
+from suta_calib.trust.explanation import Explanation, explain
+from suta_calib.trust.tip import Sensitivity
 
 
 def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> Situation:

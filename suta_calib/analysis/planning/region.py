@@ -22,11 +22,11 @@ from suta_calib.analysis.planning.candidates import (
 )
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.diagnostics.tip_uncertainty import Sensitivity, sensitivity
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
+from suta_calib.trust.tip import Sensitivity, sensitivity
 from suta_calib.units import deg, from_deg, from_mm, mm
 
 # Beyond what was touched: a hand's breadth and a half, and as much above as an artefact is wide.

@@ -9,7 +9,6 @@ import numpy as np
 
 from suta_calib.analysis.planning.candidates import Candidate, Placement, Posture, TouchPoint
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.diagnostics.repeats import LACKING, lack_of_fit
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
@@ -19,6 +18,7 @@ from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA, Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, Setup, Term, first_kind
+from suta_calib.trust.repeats import LACKING, lack_of_fit
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,13 +19,13 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.diagnostics.accuracy import block_residuals, fit_own
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
+from suta_calib.trust.accuracy import block_residuals, fit_own
 from suta_calib.units import mm, text
 
 # Share of trials on either side of the interval that is told.

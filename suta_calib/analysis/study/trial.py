@@ -22,7 +22,6 @@ import numpy as np
 
 from suta_calib.analysis.study.sets import Sets
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.accuracy import fit_own
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.showing import Displayable
@@ -37,6 +36,7 @@ from suta_calib.terms import Term
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.threads import single_threaded
+from suta_calib.trust.accuracy import fit_own
 
 Kind = Literal["size", "bootstrap", "monte-carlo"]
 # What the files of each kind are called.

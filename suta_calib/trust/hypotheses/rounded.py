@@ -10,12 +10,12 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.diagnostics.held_out import robust_level
-from suta_calib.diagnostics.tip_uncertainty import sensitivity
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.trust.held_out import robust_level
 from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import all_readings
+from suta_calib.trust.tip import sensitivity
 from suta_calib.units import from_deg, text
 from suta_calib.words import listed
 

@@ -1,0 +1,356 @@
+"""Whether a calibration may be used, in one word and a few sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+
+from suta_calib.assessment import Assessment, Level, attempt, judge
+from suta_calib.solver.solution import Solution
+from suta_calib.terms import Term
+from suta_calib.trust.accuracy import Accuracy
+from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.contradictions import gross_rows
+from suta_calib.trust.explanation import Explanation, HeldReason
+from suta_calib.trust.extended_problem import LOOKS_LIKE
+from suta_calib.trust.linearised import ExtensionGain, best_extension
+from suta_calib.trust.patterns import matches
+from suta_calib.trust.priors import PriorNotes
+from suta_calib.trust.repeats import LACKING
+from suta_calib.trust.scale_effects import held_unseen
+from suta_calib.units import Unit, stored, text, unit_name
+from suta_calib.words import listed
+
+
+def assess_calibration(examined: CalibrationExamination) -> Assessment:
+    """Weigh convergence, held-out errors, bounds, fit, noise and what could not be told.
+
+    Args:
+        examined: what came out.
+
+    Returns:
+        ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
+        nominal one on held-out data; ``care`` where something must be known.
+    """
+    solution, accuracy, failed = examined.solution, examined.accuracy, list[str]()
+    terms = [*solution.problem.terms, *(item.term for item in accuracy.validation)]
+    doubts = dict(judge("the samples", lambda: _doubts(terms), failed))
+    if not solution.converged:
+        return _not_converged(examined, doubts, failed)
+    fewer = attempt("judged: a part of the rows", lambda: examined.fewer, examined, failed)
+    contradicting = judge("contradictions", lambda: examined.contradictions, failed)
+    # A fit that other readings explain far better has residuals that say nothing of joints.
+    cause = judge("other readings", lambda: _cause(examined), failed) if contradicting else []
+    named = judge("the model", lambda: _named_cause(fewer, accuracy, alone=not cause), failed)
+    # What explains residuals that are far too large is said before them.
+    first = named if any(item.bad for item in contradicting) else []
+    worse = "The calibrated arm is worse than the nominal one on the validation data."
+    fitted_only = "There are no validation data: the errors shown are those of the fitted data."
+    nothing = PriorNotes()
+    priors = attempt("judged: priors", lambda: examined.priors, nothing, failed)
+    beliefs = judge("priors that rows state", lambda: fewer.contradicted_beliefs, failed)
+    is_worse = attempt("judged: validation data", lambda: accuracy.worse, False, failed)
+    return Assessment.of(
+        solution.sentence,
+        bad=[
+            *first,
+            *cause,
+            *([worse] if is_worse else []),
+            *(item.sentence for item in contradicting if item.bad),
+            *priors.bad,
+            *(said for said, level in doubts.items() if level == "bad"),
+        ],
+        care=[
+            *(item.sentence for item in contradicting if not item.bad),
+            *(said for said, level in doubts.items() if level == "care"),
+            *([] if accuracy.validation or accuracy.unjudged else [fitted_only]),
+            *judge("the gain", lambda: _on_gain(accuracy), failed),
+            *(belief.sentence for belief in beliefs),
+            *judge("parameters", lambda: _on_parameters(examined), failed),
+            *judge("redundancy", lambda: _on_redundancy(examined), failed),
+            *([] if first else named),
+            *judge(
+                "residuals",
+                lambda: _beside_geometry(
+                    *(examined, fewer),
+                    named=bool(named),
+                    suspect=not (cause or priors.bad),
+                ),
+                failed,
+            ),
+            *priors.care,
+            *accuracy.unjudged,
+        ],
+        facts=[
+            *judge("what is held at nominal", lambda: _as_drawn(examined), failed),
+            *judge("the scale", lambda: _on_scale(examined), failed),
+            *priors.facts,
+            *judge("widened ±", lambda: _on_widening(solution), failed),
+        ],
+    ).with_care(failed)
+
+
+def assess_solution(solution: Solution) -> Assessment:
+    """The same of the fitted data alone, as `Solution.assessment` has it."""
+    return assess_calibration(CalibrationExamination.of(solution))
+
+
+def _doubts(terms: Sequence[Term]) -> Iterable[tuple[str, Level]]:
+    return [doubt for term in terms for doubt in term.doubts.items()]
+
+
+def _not_converged(
+    examined: CalibrationExamination, doubts: Mapping[str, Level], failed: list[str]
+) -> Assessment:
+    """Of a solution that did not converge: what may be the cause."""
+    solution = examined.solution
+    notes = [doubt for doubt, level in doubts.items() if level == "bad"]
+    notes = notes or _causes(examined, failed)
+    notes = notes or judge(
+        "single rows", lambda: [row.sentence for row in gross_rows(solution)], failed
+    )
+    patterns = judge("patterns", lambda: _patterns(solution, "note"), failed)
+    return Assessment("bad", solution.sentence, (*patterns, *notes, *failed))
+
+
+def _patterns(solution: Solution, *roles: str) -> list[str]:
+    return [match.sentence for match in matches(solution, *roles)]
+
+
+def _cause(examined: CalibrationExamination) -> list[str]:
+    """The data read in another way, where that explains them far better."""
+    solution = examined.solution
+    if obvious := _patterns(solution, "cause"):
+        return [] if solution.converged else obvious
+    cause = examined.other_reading
+    return _patterns(solution, "suspicion") if cause is None else [cause.sentence]
+
+
+def _on_gain(accuracy: Accuracy) -> list[str]:
+    """An arm that was right before is neither made better nor spoilt."""
+    gain = accuracy.gain
+    if gain is None or gain.better or gain.worse:
+        return []
+    before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
+    return [
+        f"The validation data cannot tell the calibrated arm ({after}) from the nominal one "
+        f"({before}): it may have been right before."
+    ]
+
+
+def _on_parameters(examined: CalibrationExamination) -> list[str]:
+    """What other data would tell, by what to measure; and what ended at a bound."""
+    solution = examined.solution
+    by_remedy: dict[tuple[HeldReason, str], list[Explanation]] = {}
+    for explanation in examined.explanations:
+        if explanation.reason != "redundant":
+            by_remedy.setdefault((explanation.reason, explanation.remedy), []).append(explanation)
+    how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
+    notes = [
+        f"These data {how[reason]} {listed([item.fixed for item in held])}: held at nominal"
+        f"{_at_stake(solution, held)}. To know more: {remedy}."
+        for (reason, remedy), held in by_remedy.items()
+    ]
+    if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
+        notes.append(
+            f"{listed(bounded)} ended at a bound: widen it, or look for the wrong unit or "
+            "the wrong artefact."
+        )
+    return notes
+
+
+def _as_drawn(examined: CalibrationExamination) -> list[str]:
+    """What no data of these kinds could tell is no convention where the tip hangs on it."""
+    held = [explanation for explanation in examined.explanations if explanation.as_drawn]
+    if not held:
+        return []
+    return [
+        "Held at nominal, because observations of these kinds cannot tell: "
+        f"{listed([item.fixed for item in held])}. The tip is as good as its drawing there, and "
+        f"no ± of this answer includes that{_at_stake(examined.solution, held)}."
+    ]
+
+
+def _on_scale(examined: CalibrationExamination) -> list[str]:
+    """Whatever makes all that was measured longer makes the arm longer, and leaves no residual."""
+    unseen = held_unseen(examined.solution)
+    carried = [effect.sentence for effect in examined.scale_effects if effect.carries]
+    return [*carried, *([unseen] if unseen else [])]
+
+
+def _on_widening(solution: Solution) -> list[str]:
+    """Held-out errors that the fitted rows did not let one expect."""
+    if solution.widening <= 1.0:
+        return []
+    return [
+        "The validation errors are larger than the noise and the fitted rows explain. Every ± "
+        f"is therefore {solution.widening:.1f} times as wide as from the fitted rows alone, and "
+        "now agrees with these errors."
+    ]
+
+
+def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
+    """What the tip loses where what is held is not as drawn, the worst of each unit."""
+    parameters = solution.problem.parameters
+    worst: dict[Unit, Explanation] = {}
+    for each in sorted(held, key=lambda item: item.moves):
+        if each.moves:
+            worst[parameters[each.fixed].unit] = each
+    losses = [
+        f"with {value.fixed} off by 1 {unit_name(unit)}, the tip is off by "
+        f"{text(value.moves * stored(1.0, unit), 'm', with_unit=True)} in other postures"
+        for unit, value in worst.items()
+    ]
+    return f" ({'; '.join(losses)})" if losses else ""
+
+
+def _on_redundancy(examined: CalibrationExamination) -> list[str]:
+    """Noise that is learnt from few residuals may be off by half, and every ± with it."""
+    solution = examined.solution
+    equations = sum(term.equations() for term in solution.problem.terms)
+    # Equations beyond the unknowns from which on residuals tell the noise to a third or so.
+    if equations - examined.effective_unknowns >= 6:
+        return []
+    return [
+        f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
+        "tell little of the noise, and every ± may be several times too small. Measure more."
+    ]
+
+
+def _causes(examined: CalibrationExamination, failed: list[str]) -> list[str]:
+    """What may have spoilt a fit that did not converge; of joints its residuals say nothing."""
+    nothing: tuple[list[str], bool] = [], False
+    model, first = attempt("judged: the model", lambda: _cause_of_model(examined), nothing, failed)
+    readings = judge("other readings", lambda: _cause(examined), failed)
+    return [*model, *readings] if first else readings or model
+
+
+def _cause_of_model(examined: CalibrationExamination) -> tuple[list[str], bool]:
+    """What the model lacks beside parameters, and whether it is said before other readings."""
+    cause = examined.fewer.strongest_cause
+    if cause is None or cause.evidence.effect.parameters:
+        return [], False
+    return [cause.sentence], cause.hypothesis.before_others
+
+
+def _named_cause(examined: CalibrationExamination, accuracy: Accuracy, *, alone: bool) -> list[str]:
+    """What explains the residuals better than a change while the rows were measured, if anything.
+
+    Where parameters describe it, it stands here only if estimating them predicts left-out rows
+    better.
+
+    Args:
+        examined: converged.
+        accuracy: its errors.
+        alone: whether no other reading of the data explains them far better.
+    """
+    cause = examined.strongest_cause
+    if cause is None:
+        return []
+    if cause.hypothesis.before_others:
+        return [cause.sentence]
+    if not alone:
+        return []
+    share = cause.evidence.share_beyond_choice
+    if any(change.share >= share for change in examined.changes):
+        return []
+    names = cause.evidence.effect.parameters
+    if not names:
+        return [cause.sentence]
+    gain = _best_extension(examined, accuracy, [names])
+    return [] if gain is None else [f"{cause.sentence} {_with_it(gain)}."]
+
+
+def _best_extension(
+    examined: CalibrationExamination, accuracy: Accuracy, choices: Sequence[Sequence[str]]
+) -> ExtensionGain | None:
+    """The choice that predicts left-out rows best; None if none does, or rows are too few."""
+    linear = examined.linearised
+    return None if linear is None else best_extension(linear, accuracy.validation, choices)
+
+
+def _beside_geometry(
+    examined: CalibrationExamination, fewer: CalibrationExamination, *, named: bool, suspect: bool
+) -> list[str]:
+    """What a URDF cannot hold, and what the residuals look like, held geometry last.
+
+    A note on what the model lacks stands here only if estimating it predicts left-out rows better.
+
+    Args:
+        examined: converged.
+        fewer: the same over part of many rows.
+        named: whether the cause of the residuals was said.
+        suspect: whether the residuals tell of the arm, and of no other reading of the data.
+    """
+    notes, solution = list[str](), examined.solution
+    arm = solution.problem.arm
+    beside = () if arm is None else arm.nongeometric
+    if held := [n for n, e in solution.arm_estimates.items() if e.value and n in beside]:
+        notes.append(
+            f"A URDF cannot hold {listed(held)}: calibrated.urdf is the geometry only, and its tip "
+            "is right only with the corrections in result.json (track and validate apply them "
+            "with --result)."
+        )
+    if named:
+        return notes
+    if changed := fewer.changes:
+        return [*notes, *(change.sentence for change in changed)]
+    if arm is None or not suspect:
+        return notes
+    return [*notes, *(_like_an_error(fewer, examined.accuracy) or _like_geometry(examined, fewer))]
+
+
+def _like_an_error(fewer: CalibrationExamination, accuracy: Accuracy) -> list[str]:
+    """An error beside geometry that the residuals look like, where estimating it helps."""
+    suspects = [test for test in fewer.score_tests if test.suspicious]
+    suspects.sort(key=lambda test: -test.explains)
+    together = [name for test in suspects for name in test.names]
+    # Suspects that are tried one by one, beside all of them together.
+    choices = [*(test.names for test in suspects[:3]), together]
+    gain = _best_extension(fewer, accuracy, choices) if suspects else None
+    if gain is None:
+        return []
+    in_it = [test for test in suspects if set(test.names) & set(gain.names)]
+    worst, *further = in_it
+    more = f" (and {len(further)} more such errors)" if further else ""
+    return [
+        f"The residuals of {worst.joint} look like {LOOKS_LIKE[worst.family]}{more}. "
+        f"{_with_it(gain)}. Run suta-calib extend, which says what to add to the job."
+    ]
+
+
+def _like_geometry(examined: CalibrationExamination, fewer: CalibrationExamination) -> list[str]:
+    """Geometry that the job holds as drawn, where estimating it helps."""
+    lack = [fit for fit in examined.lack_of_fit if fit.ratio > LACKING]
+    if not lack and not fewer.geometry_is_held:
+        return []
+    assert examined.arm is not None
+    fitted = examined.solution.problem.arm_parameters
+    held = [n for n in examined.arm.geometric if n not in fitted]
+    gain = _best_extension(fewer, examined.accuracy, [held]) if held else None
+    if gain is None:
+        return []
+    repeats = [
+        f"The residuals ({text(fit.residual, fit.unit, with_unit=True)}) are {fit.ratio:.1f} "
+        "times the scatter of repeats of the same touch "
+        f"({text(fit.repeat, fit.unit, with_unit=True)})."
+        for fit in lack
+    ]
+    return [
+        " ".join(
+            [
+                *repeats,
+                "The residuals look like errors of the geometry that the job holds as drawn.",
+                f"{_with_it(gain)}.",
+                "Estimate it (select: geometric, with prior_mm and prior_deg).",
+            ]
+        )
+    ]
+
+
+def _with_it(gain: ExtensionGain) -> str:
+    """What estimating it as well does to the errors of rows that were left out."""
+    before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
+    return (
+        "With that estimated too, the error of rows left out of the fit changes from "
+        f"{after} to {before}"
+    )

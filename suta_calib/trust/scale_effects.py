@@ -1,0 +1,142 @@
+"""What carries the scale of a calibrated arm, and what its uncertainty does at the tip.
+
+No residual shows a common factor on everything that was measured with. It is known by a grade or a
+stated number alone, so an answer names it, with what one standard deviation of it means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from suta_calib.geometry.numbers import rms_length
+from suta_calib.measurements.scale import LengthScale
+from suta_calib.solver.held_geometry import HeldGeometry
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.terms.length_scale import scale_carriers
+from suta_calib.trust.common_scale import FOLLOWS, SHORTEST, relied_on
+from suta_calib.trust.tip_motion import tip_motion
+from suta_calib.units import text
+from suta_calib.words import listed
+
+# What it is called where a length that a job holds is all that has a unit.
+HELD: Final = "held length"
+
+
+@dataclass(frozen=True)
+class ScaleEffect:
+    """One thing that gives observations their unit of length.
+
+    Attributes:
+        what: ``artefact``, ``board``, ``instrument``, or ``held length``.
+        name: tells several of one sort apart; of what is held, the parameter.
+        scale: how well it is known.
+        carries: whether the arm's lengths rest on it, because the data tell it less well.
+        bends: whether what is estimated follows it, though the long lengths do not.
+        tip: by how much the tip moves with one standard deviation of it, m, root mean square over
+            the fitted postures.
+    """
+
+    what: str
+    name: str
+    scale: LengthScale
+    carries: bool
+    tip: float
+    bends: bool = False
+
+    @property
+    def sentence(self) -> str:
+        """That it carries the scale, how well it is known, and what that is at the tip."""
+        if self.what == HELD:
+            return (
+                f"No observation measures a length: {self.name}, which is held at nominal, "
+                "carries the scale of the arm's lengths. The standard deviation of this scale "
+                f"({self.scale.sentence}) is {text(self.tip, 'm', with_unit=True)} at the tip, "
+                "and every ± includes it. State how good the drawing is (arm: {grade: …}), "
+                "estimate this length with prior_mm, or measure a length."
+            )
+        if self.bends:
+            return (
+                f"The estimated parameters follow the scale of the {self.what}, although the "
+                "arm's long lengths do not. Residuals hardly show an error of this scale. Its "
+                f"standard deviation ({self.scale.sentence}) is "
+                f"{text(self.tip, 'm', with_unit=True)} at the tip, and every ± includes it; an "
+                f"error of 1 % is {text(self.tip / self.scale.std / 100, 'm')} mm."
+            )
+        return (
+            f"The {self.what} carries the scale of the arm's lengths, and no residual checks it. "
+            f"Its standard deviation ({self.scale.sentence}) is "
+            f"{text(self.tip, 'm', with_unit=True)} at the tip, and every ± includes it."
+        )
+
+
+def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
+    """Every carrier of a scale among the observations; none where they know no length.
+
+    Args:
+        solution: a converged one, of terms over an arm.
+    """
+    problem, by_scale = solution.problem, solution.spread.by_scale
+    arm = problem.names[: problem.arm_count]
+    carried, effects = relied_on(solution), []
+    # Shift of the tip, m, below which a scale means nothing at the tip.
+    nothing = 1e-9
+    for carrier in scale_carriers(problem.terms):
+        key = carrier.what, carrier.name
+        shift = carrier.scale.std * by_scale[key]
+        moved = tip_motion(problem, solution.x, dict(zip(arm, shift.tolist(), strict=False)))
+        tip = rms_length(moved.linear)
+        # As a part of the factor by which the tip's places would grow about their middle.
+        size = rms_length(moved.position - moved.position.mean(axis=0))
+        bends = key not in carried and tip > FOLLOWS * carrier.scale.std * size > 0.0
+        effects.append(
+            ScaleEffect(
+                carrier.what,
+                carrier.name,
+                carrier.scale,
+                key in carried or bends,
+                tip if tip > nothing else 0.0,
+                bends,
+            )
+        )
+    held = held_scale(problem, solution.spread.held)
+    return tuple(effects) if held is None else (*effects, held)
+
+
+def held_scale(problem: Problem, held: HeldGeometry | None) -> ScaleEffect | None:
+    """The held length that carries the scale; None where observations know lengths.
+
+    Args:
+        problem: terms over an arm.
+        held: of it, what no residual shows.
+    """
+    if held is None or problem.arm is None or scale_carriers(problem.terms) or not held.is_scale:
+        return None
+    tip = float(np.linalg.norm(held.tip))
+    # The longest has most of the arm's size in it.
+    k = int(np.argmax(np.abs(held.nominal)))
+    if abs(held.nominal[k]) < SHORTEST:
+        return None
+    relative = float(held.tolerance[k] / abs(held.nominal[k]))
+    return ScaleEffect(HELD, held.names[k], LengthScale(relative, problem.arm.grade), True, tip)
+
+
+def held_unseen(solution: Solution) -> str:
+    """What no residual shows of the held geometry, where that is not the scale; empty if nothing.
+
+    Args:
+        solution: as of `scale_effects`.
+    """
+    held = solution.spread.held
+    if held is None or not held.matters or held_scale(solution.problem, held):
+        return ""
+    tip = text(float(np.linalg.norm(held.tip)), "m", with_unit=True)
+    return (
+        f"{listed(held.carriers)} held at nominal, and no residual shows an error there. It is "
+        f"{tip} at the tip (one standard deviation) if the drawing is as good there as "
+        "elsewhere, and every ± includes it. State how good the drawing is (arm: {grade: …}), "
+        "or estimate more with prior_mm and prior_deg."
+    )

@@ -1,0 +1,385 @@
+"""What changed while it was measured: found, with its size, and not seen in sound data."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from simulated import (
+    Scene,
+    Spread,
+    arm_named,
+    artefact,
+    artefact_scene,
+    fixed_point_scene,
+    hand_eye_scene,
+    perturbed,
+    placements,
+    plane_scene,
+    tracked_scene,
+)
+from suta_simulated import everything, scene
+
+from suta_calib import (
+    CalibrationJob,
+    Noise,
+    ParameterSet,
+    Problem,
+    Samples,
+    Selection,
+    SolverOptions,
+    solve,
+)
+from suta_calib.solver.losses import huber
+from suta_calib.solver.solution import Solution
+from suta_calib.trust.assessment import assess_calibration
+from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.changes import suspects, waves
+from suta_calib.trust.hypotheses.encoder_slip import EncoderSlip
+from suta_calib.trust.hypotheses.tip_moved import TipMoved
+from suta_calib.trust.in_time import ChangeInTime
+from suta_calib.trust.reduced_fit import everything_follows, followed, whitened
+from suta_calib.trust.shared_errors import chance_beside_shared_errors
+
+NOISE = Spread(position=1e-4, rotation=1e-3)
+ARM = arm_named("suta")
+UNKNOWN: ParameterSet = ARM.select(Selection(("*.offset",), bound_rad=0.26))
+TRUTH = perturbed(UNKNOWN, 3, angle=5e-3)
+
+
+def solved(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) -> Solution:
+    """The fit of a scene's samples, changed."""
+    samples = change(scene.samples(NOISE, seed)[0])
+    term = scene.term(samples, Noise(None, 1e-3), Noise(None, 0.01))
+    return solve(Problem([term], UNKNOWN), SolverOptions(starts=1))
+
+
+def found(
+    scene: Scene, change: Callable[[Samples], Samples], seed: int = 0
+) -> tuple[ChangeInTime, ...]:
+    return CalibrationExamination.of(solved(scene, change, seed)).changes
+
+
+def unchanged(samples: Samples) -> Samples:
+    return samples
+
+
+def read(joint: int, change: Callable[[Any], Any]) -> Callable[[Samples], Samples]:
+    """The readings of a joint, which ``change`` makes of an array."""
+
+    def changed(samples: Samples) -> Samples:
+        q = samples.q.copy()
+        q[:, joint] = change(q[:, joint])
+        return replace(samples, q=q)
+
+    return changed
+
+
+def slipped(by: float, since: int) -> Callable[[Samples], Samples]:
+    return read(1, lambda q: q + by * (np.arange(len(q)) >= since))
+
+
+def seen(change: Callable[[Any], Any]) -> Callable[[Samples], Samples]:
+    def changed(samples: Samples) -> Samples:
+        assert samples.position is not None
+        return replace(samples, position=change(samples.position))
+
+    return changed
+
+
+def crept(position: Any) -> Any:
+    return position + np.linspace(0.0, 1e-3, len(position))[:, None] * [0.6, 0.0, 0.8]
+
+
+def pushed(position: Any) -> Any:
+    return position + (np.arange(len(position)) >= 35)[:, None] * [0.0, 8e-4, 0.0]
+
+
+TRACKED = tracked_scene(ARM, TRUTH, 60)
+
+
+@pytest.mark.parametrize(
+    ("change", "kind", "since", "size"),
+    [
+        (slipped(2e-3, 22), "slip", "row 22", 2e-3),
+        (read(2, lambda q: q * (1 + 1e-3)), "travel", "", 1e-3),
+        (read(1, lambda q: q + np.linspace(0.0, 2e-3, len(q))), "drift", "", 2e-3),
+        (seen(crept), "base creep", "", 1e-3),
+        (seen(pushed), "base", "row 35", 8e-4),
+    ],
+    ids=["slip", "travel", "drift", "creep", "moved"],
+)
+def test_a_small_change_is_named_and_sized(
+    change: Callable[[Samples], Samples], kind: str, since: str, size: float
+) -> None:
+    (told,) = found(TRACKED, change)
+    assert (told.kind, told.since) == (kind, since)
+    assert abs(told.size - size) < 4 * told.std
+    assert told.std < 0.1 * size
+    assert since in told.sentence
+
+
+def test_a_camera_that_creeps_on_its_tool_is_named() -> None:
+    (told,) = found(hand_eye_scene(ARM, TRUTH, 60), seen(crept))
+    assert told.kind == "tip creep"
+    assert abs(told.size - 1e-3) < 4 * told.std
+
+
+def test_an_encoder_that_slips_between_touches_is_named() -> None:
+    scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(8), placements(5), 2)
+    (told,) = found(scene, read(3, lambda q: q + 5e-3 * (np.arange(len(q)) >= 38)))
+    assert (told.kind, told.joint, told.since) == ("slip", ARM.joints[3], "row 38")
+    assert abs(told.size - 5e-3) < 4 * told.std
+
+
+def test_a_slip_is_named_where_nothing_tells_how_large_the_arm_is() -> None:
+    """Planes meet no length: an arm of no size would fit them all."""
+    scene = plane_scene(ARM, TRUTH, touches=30)
+    (told,) = found(scene, read(3, lambda q: q + 5e-3 * (np.arange(len(q)) >= 60)))
+    assert (told.kind, told.joint, told.since) == ("slip", ARM.joints[3], "row 60")
+    assert abs(told.size - 5e-3) < 4 * told.std
+
+
+@pytest.mark.parametrize("make", [plane_scene, fixed_point_scene])
+def test_a_tool_that_was_exchanged_between_touches_is_named(make: Callable[..., Scene]) -> None:
+    """Each place has an unknown of its own, which takes as much of the new tool as it can."""
+    before, after = (make(ARM, TRUTH | {"tip.z": z}) for z in (0.0, 4e-3))
+    half = len(before.q) // 2
+
+    def exchanged(samples: Samples) -> Samples:
+        later = after.samples(NOISE, 1)[0]
+        rows = np.arange(len(samples))
+        return Samples.concatenate([samples.take(rows[:half]), later.take(rows[half:])])
+
+    (told,) = found(before, exchanged)
+    assert told.kind == "tip"
+    assert abs(told.size - 4e-3) < 4 * told.std < 2e-3
+    assert not found(before, unchanged)
+
+
+def exchanged_after(
+    make: Callable[[dict[str, float]], Scene], longer: float, since: int
+) -> Callable[[Samples], Samples]:
+    """What is read where the same places are met with a longer tool from a row on."""
+    after = make(TRUTH | {"tip.z": longer}).samples(NOISE, 1)[0]
+
+    def changed(samples: Samples) -> Samples:
+        rows = np.arange(len(samples))
+        return Samples.concatenate([samples.take(rows < since), after.take(rows >= since)])
+
+    return changed
+
+
+def distances(truth: dict[str, float]) -> Scene:
+    return artefact_scene("pairwise_distance", ARM, truth, artefact(12), placements(4), 2)
+
+
+@pytest.mark.parametrize("longer", [2e-3, 5e-3])
+def test_a_tool_that_grew_across_all_distances_is_named(longer: float) -> None:
+    """Touched from above, no distance changes at first: the touches beside one another do."""
+    (told,) = found(distances(TRUTH), exchanged_after(distances, longer, 53))
+    assert (told.kind, told.since) == ("tip", "row 53")
+    assert abs(told.size - longer) < 4 * told.std < 2e-3
+    assert not found(distances(TRUTH), unchanged)
+
+
+def test_what_the_data_cannot_tell_apart_is_said_beside_each_other() -> None:
+    """A tip that was bent sideways touches where the last joint, read wrongly, has it touch."""
+    scene, last = distances(TRUTH), ARM.joints[-1]
+    rows = np.arange(len(scene.q))
+    (told,) = found(scene, read(5, lambda q: q + 0.02 * (rows >= 53)))
+    assert "joint_6" in told.sentence
+    assert "these data cannot tell from it: The tool" in told.sentence
+    assert (told.kind, told.joint) == ("slip", last)
+    (plain,) = found(TRACKED, slipped(2e-3, 22))
+    assert not plain.instead
+
+
+@pytest.mark.parametrize("since", [30, 45])
+def test_a_change_between_terms_and_in_one_of_them_lasts(since: int) -> None:
+    """What follows a row stands in the same file, or in others that were measured later."""
+    samples = slipped(2e-3, since)(TRACKED.samples(NOISE)[0])
+    rows = np.arange(len(samples))
+    terms = [
+        TRACKED.term(samples.take(part), Noise(None, 1e-3), Noise(None, 0.01))
+        for part in (rows < 30, rows >= 30)
+    ]
+    (told,) = CalibrationExamination.of(
+        solve(Problem(terms, UNKNOWN), SolverOptions(starts=1))
+    ).changes
+    assert (told.kind, told.joint) == ("slip", ARM.joints[1])
+    assert (told.since, told.until) == (f"row {since}", "")
+    assert abs(told.size - 2e-3) < 4 * told.std
+
+
+def test_what_is_so_in_one_file_alone_has_an_end() -> None:
+    def one_file(samples: Samples) -> Samples:
+        rows = np.arange(len(samples))
+        origin = [f"{'abc'[row // 20]}.csv:{row % 20 + 2}" for row in rows.tolist()]
+        q = samples.q.copy()
+        q[rows // 20 == 1, 1] += 2e-3
+        return replace(samples, q=q, origin=tuple(origin))
+
+    (told,) = found(TRACKED, one_file)
+    assert (told.kind, told.since, told.until) == ("slip", "b.csv:2", "b.csv:21")
+    assert "from b.csv:2 to b.csv:21" in told.sentence
+    assert abs(told.size - 2e-3) < 4 * told.std
+
+
+@pytest.mark.parametrize("changed", [False, True])
+def test_a_slip_among_gross_errors_is_named(changed: bool) -> None:
+    """One touch in ten is grossly wrong, which is most of the squares and hides what is not."""
+    made = scene(0, bent=True)
+    calibration, point = made.term("calibration"), made.term("fixed_point")
+    rows = np.arange(len(calibration.poses))
+    slip = read(3, lambda q: q + 5e-3 * (rows >= 142)) if changed else unchanged
+    calibration = calibration.over_poses(
+        calibration.poses.with_samples(slip(calibration.poses.samples))
+    )
+    problem = Problem([calibration, point], everything(made.arm))
+    told = CalibrationExamination.of(solve(problem, SolverOptions(starts=1))).changes
+    assert [(each.kind, each.joint) for each in told] == [("slip", "joint_4")] * changed
+    origin = calibration.poses.samples.origin
+    # Not every row is tried.
+    assert all(abs(origin.index(each.since) - 142) < 225 / 40 for each in told)
+
+
+def test_a_change_is_as_sure_as_it_says() -> None:
+    pulls = []
+    for seed in range(8):
+        (told,) = CalibrationExamination.of(solved(TRACKED, slipped(2e-3, 30), seed)).changes
+        pulls.append((told.size - 2e-3) / told.std)
+    squares = float(np.sum(np.square(pulls)))
+    # Chi-squared with eight degrees of freedom: 0.1 % on either side.
+    assert 0.86 < squares < 26.1
+
+
+@pytest.mark.parametrize("kind", ["tracked_point", "landmark", "pairwise_distance"])
+def test_sound_data_have_not_changed(kind: str) -> None:
+    """Nor have those of an arm that is crooked in a way that the job does not free."""
+    crooked = perturbed(ARM.select(Selection(("joint_?.[xy]",), bound_m=0.01)), 3, 1e-3)
+    for truth in (TRUTH, TRUTH | crooked):
+        scene = (
+            tracked_scene(ARM, truth, 60)
+            if kind == "tracked_point"
+            else artefact_scene(kind, ARM, truth, artefact(6), placements(5))
+        )
+        for seed in range(3):
+            assert not found(scene, unchanged, seed)
+
+
+def wavy(samples: Samples, size: float = 5e-4) -> Samples:
+    """Encoders with an error that no model has: three waves in a turn."""
+    return replace(samples, q=samples.q + size * np.sin(3 * samples.q + np.arange(6)))
+
+
+@pytest.mark.parametrize("size", [5e-4, 2e-3])
+@pytest.mark.parametrize("joint", range(4))
+def test_what_a_model_lacks_is_no_change_where_poses_stand_in_order(
+    joint: int, size: float
+) -> None:
+    """In the order of one joint what the model gets wrong there comes and goes like a change."""
+    for seed in range(2):
+        assert not found(TRACKED, lambda s: wavy(s.take(np.argsort(s.q[:, joint])), size), seed)
+
+
+def test_a_slip_beside_what_a_model_lacks_is_still_named() -> None:
+    (told,) = found(TRACKED, lambda s: wavy(slipped(6e-3, 30)(s)))
+    assert (told.kind, told.joint) == ("slip", ARM.joints[1])
+
+
+def test_chances_beside_shared_errors_are_even() -> None:
+    """Nothing changed: beside errors that neighbours share, every chance is as likely."""
+    chances = []
+    ordered = np.argsort(TRACKED.q[:, 1])
+    for seed in range(24):
+        solution = solved(TRACKED, lambda s: wavy(s.take(ordered)), seed)
+        fit = everything_follows(CalibrationExamination.of(solution))
+        slip = next(
+            s
+            for s in suspects(fit)[0]
+            if isinstance(s.hypothesis, EncoderSlip) and s.motion.joint == ARM.joints[2]
+        )
+        velocity = slip.motion.within(20 + seed % 20, 60)
+        beside = [*fit.lacking.values()], waves(fit, slip)
+        chances.append(chance_beside_shared_errors(fit, velocity, *beside))
+    # Binomial with 24 trials: more than six below a tenth has a chance of 1 %.
+    assert np.sum(np.array(chances) < 0.1) <= 6
+    assert np.median(chances) > 0.15
+
+
+def test_the_measured_panda_has_not_changed(repository: Path) -> None:
+    """Led by hand from pose to pose: wherever its rows begin, their order is one in space."""
+    solution = CalibrationJob.load(repository / "examples/panda_sockets/calibration.yaml").run()
+    (term,) = solution.solution.problem.terms
+    rows = np.arange(len(term.poses))
+    for first in (0, 6, 14, 22, 34, 46, 54):
+        begun = term.take(np.roll(rows, -first))
+        problem = Problem([begun], solution.solution.problem.arm_parameters)
+        if problem.names == solution.solution.problem.names:
+            assert not CalibrationExamination.of(
+                replace(solution.solution, problem=problem)
+            ).changes
+
+
+def test_an_eccentric_encoder_is_no_change() -> None:
+    truth = TRUTH | {f"{ARM.joints[2]}.ecc_s1": 2e-3}
+    solution = solved(tracked_scene(ARM, truth, 60), unchanged)
+    assert not CalibrationExamination.of(solution).changes
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
+    assert "eccentric encoder" in said
+
+
+def test_a_lost_count_is_not_called_an_eccentric_encoder() -> None:
+    solution = solved(TRACKED, read(2, lambda q: q * (1 - 1 / 4096)))
+    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
+    assert "eccentric encoder" not in said
+    assert "lose or double counts" in said
+    (told,) = CalibrationExamination.of(solution).changes
+    assert abs(told.size + 1 / 4096) < 4 * told.std
+    assert math.isclose(told.size, -1 / 4096, rel_tol=0.3)
+
+
+def test_what_follows_is_the_minimum_of_the_robust_cost() -> None:
+    """Rows within their threshold are summed once, those beyond it taken out, some far beyond."""
+
+    def astray(position: Any) -> Any:
+        return position + (np.arange(len(position)) % 9 == 4)[:, None] * [0.02, 0.0, 0.1]
+
+    fit = everything_follows(CalibrationExamination.of(solved(TRACKED, seen(astray))))
+    done, free = followed(fit), fit.free
+
+    def cost(step: Any) -> float:
+        pulled = float(fit.prior[free] @ (fit.away[free] + step) ** 2)
+        for r in fit.rows:
+            left = whitened(r) + (r.jacobian[:, free] @ step).reshape(r.line.residual.shape)
+            threshold = r.line.view.threshold / r.line.sigma
+            pulled += float(np.sum(huber(np.sum(left**2, axis=1), threshold)))
+        return pulled
+
+    assert any(np.any(r.line.weight < 0.1) for r in fit.rows)
+    lowest = cost(done.step)
+    # Rounds end where the cost no longer falls by more than `SETTLED`.
+    assert lowest <= done.left <= lowest * (1 + 1e-5)
+    # One at a time, by what lifts the cost by one.
+    reach = np.diag(np.linalg.inv(done.inverse)) ** -0.5
+    for k, size in enumerate(reach):
+        away = np.arange(len(reach)) == k
+        slope = (cost(done.step + size * away) - cost(done.step - size * away)) / 2
+        assert abs(slope) < 0.02
+    assert 0 < done.spent < len(free)
+
+
+def test_a_size_that_is_hardly_more_than_its_std_is_no_finding() -> None:
+    unsure = ChangeInTime(TipMoved(), "", "row 9", 3.9e-3, 7.1e-3, 1e-6)
+    assert not unsure.sized
+    turned = replace(unsure, turn=math.radians(2.0), turn_std=math.radians(0.1))
+    assert turned.sized
+    assert "moved by 2.0000 ± 0.1000 deg at row 9" in turned.sentence
+    both = replace(turned, std=1e-4)
+    assert "moved by 3.900 ± 0.100 mm and 2.0000 ± 0.1000 deg at row 9" in both.sentence

@@ -1,0 +1,112 @@
+"""Large residuals of a job that states no noise are held against what its rows scatter."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from simulated import arm_named
+
+from suta_calib.arrays import FloatArray
+from suta_calib.assessment import Assessment
+from suta_calib.geometry import rotation_from_vector
+from suta_calib.measurements import Samples
+from suta_calib.model.parameters import ParameterSet, Selection
+from suta_calib.solver.options import SolverOptions
+from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
+from suta_calib.solver.solve import solve
+from suta_calib.terms import KINDS, ArmPoses, Noise, Setup
+from suta_calib.trust.assessment import assess_calibration
+from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.priors import judge_priors
+from suta_calib.trust.repeats import noise_of_rows
+
+ONCE, UNSTATED = SolverOptions(confirm=False), Noise()
+TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
+
+
+def postures(count: int, apart: float) -> FloatArray:
+    """(2 count, joints) of which each stands twice, so far apart in every joint, rad."""
+    q = np.random.default_rng(3).uniform(-1.2, 1.2, (count, 6))
+    return np.vstack([q, q + apart])
+
+
+def solved(
+    noise: float,
+    stated: Noise = UNSTATED,
+    truth: dict[str, float] | None = None,
+    unknowns: ParameterSet | None = None,
+    wrong: FloatArray | None = None,
+    apart: float = 3e-3,
+) -> Solution:
+    """An instrument saw the tip of an arm whose offsets are unknown.
+
+    Args:
+        noise: of what it saw, per axis, m.
+        wrong: (n, 3) what is added to what it saw, m.
+    """
+    arm, q = arm_named("suta"), postures(60, apart)
+    position = arm.forward(q, truth or {"joint_2.offset": 0.01})[1] @ TURN.T + PLACE
+    position += noise * np.random.default_rng(4).standard_normal(position.shape)
+    if wrong is not None:
+        position += wrong
+    samples = Samples.from_arrays(arm.joints, q, position=position)
+    term = KINDS["tracked_point"].over(ArmPoses(arm, samples), Setup(None, stated, Noise()))
+    offsets = arm.select(Selection(("joint_[2-6].offset",), bound_rad=0.2))
+    return solve(Problem([term], unknowns or offsets), ONCE)
+
+
+def judged(solution: Solution) -> Assessment:
+    return assess_calibration(CalibrationExamination.of(solution))
+
+
+@pytest.mark.parametrize("noise", [5e-4, 3e-3])
+def test_neighbours_tell_the_noise(noise: float) -> None:
+    rows = noise_of_rows(solved(noise))[0]
+    assert rows.source == "neighbours"
+    assert rows.noise == pytest.approx(noise, rel=0.25)
+    assert rows.ratio == pytest.approx(1.0, abs=0.3)
+
+
+def test_neighbours_do_not_take_the_models_error_for_noise() -> None:
+    """A link 15 mm off that the job holds: residuals are its, neighbours scatter by the noise."""
+    rows = noise_of_rows(solved(2e-4, truth={"joint_4.z": 0.015 + 0.571}))[0]
+    assert rows.level > 2e-3
+    assert rows.noise < 1e-3
+    assert rows.ratio > 5.0
+
+
+def test_a_coarse_instrument_is_asked_to_be_stated() -> None:
+    said = " ".join(judged(solved(3e-3)).notes)
+    assert "neighbours differ by as much" in said
+    assert "sigma_mm" in said
+    assert "residuals are" not in " ".join(judged(solved(3e-3, Noise(3e-3))).notes)
+
+
+def test_rows_shifted_at_random_are_not_good() -> None:
+    """Half of the rows 10 mm off, at random: residuals of 5 mm passed as noise."""
+    half = np.random.default_rng(5).random(120) < 0.5
+    shifted = judged(solved(1e-4, wrong=np.outer(half, [0.01, 0.0, 0.0])))
+    assert shifted.level != "good"
+
+
+def test_small_residuals_are_asked_nothing() -> None:
+    assert "per axis" not in " ".join(judged(solved(5e-4)).notes)
+
+
+@pytest.mark.parametrize(("times", "level"), [(1.0, ""), (50.0, "bad")])
+def test_held_priors_that_are_too_narrow_are_named(times: float, level: str) -> None:
+    """Priors fifty times too narrow, fixed, passed at 20 to 35 times the ±."""
+    arm = arm_named("suta")
+    sizes = {"m": 2e-3, "rad": 4e-3}
+    rows = [
+        Selection(("geometric",), prior_m=sizes["m"] / times, prior_rad=sizes["rad"] / times),
+        Selection(("*.offset",), prior_rad=sizes["rad"] / times),
+    ]
+    held = arm.select(*(Selection(**{**vars(row), "fixed": True}) for row in rows))
+    rng = np.random.default_rng(6)
+    truth = {p.name: p.nominal + sizes[p.unit] * rng.standard_normal() for p in held.values()}
+    solution = solved(2e-4, truth=truth, unknowns=held, apart=0.3)
+    notes = judge_priors(solution)
+    assert ("fixed: true" in " ".join(notes.bad)) == (level == "bad")
+    assert not notes.care
