@@ -85,7 +85,7 @@ def test_imports_are_seen_however_they_are_written() -> None:
 def test_a_process_that_only_reads_a_port_loads_no_mathematics() -> None:
     # It is started for each device and must be there before the first frame.
     code = (
-        "import sys, suta_calib.device.port_process, suta_calib.emulation.child\n"
+        "import sys, suta_calib.device.port_process, suta_calib.emulation.emulated_arm\n"
         "print(*sorted({'casadi', 'pinocchio'} & set(sys.modules)))"
     )
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -6,8 +6,8 @@ when it did, until it is asked for. It opens the port when it is asked to, again
 ends with its parent, however that ends.
 
 Through its standard input come the device, pickled, which is opened at once, and later `AGAIN` for
-every further opening; through its standard output go messages: what happened, when, and how many
-bytes follow.
+every further opening; through its standard output go lists of messages: what happened, when, and
+the bytes that came.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ import os
 import pickle
 import select
 import signal
-import struct
 import subprocess
 import sys
+import threading
 import time
 from collections import deque
+from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from queue import SimpleQueue
+from typing import TYPE_CHECKING, Final, Literal
 
 from suta_calib import errors
 from suta_calib.device.description import UNASKED
@@ -35,22 +37,10 @@ from suta_calib.processes import started
 
 if TYPE_CHECKING:
     from suta_calib.device.description import DeviceSpec
-    from suta_calib.device.port import Port
 
 AGAIN: Final = b"A"
-# What a message is, its time (`time.perf_counter`, s), and how many bytes follow.
-_HEAD: Final = struct.Struct("<cdI")
-_OPENED: Final = b"O"
-_DATA: Final = b"D"
-_FAILED: Final = b"F"
-# How often the child looks whether its parent is still there while nothing arrives, s.
-_LOOK_S: Final = 0.05
-# A parent that has not asked for so many bytes will not ask any more.
-_LARGEST_BACKLOG: Final = 1 << 28
-_AT_ONCE: Final = 1 << 20
-# Who lags behind gets so much at once, s: ten frames are decoded nearly as fast as one.
-_PIECE_S: Final = 0.002
-_ENDING_S: Final = 2.0
+# What happened, when (`time.perf_counter`, s), and the bytes that came, or an error's text.
+_Message = tuple[Literal["opened", "data", "failed"], float, bytes]
 
 
 class PortProcess:
@@ -88,10 +78,7 @@ class PortProcess:
         self._opening = False
         while not self._waiting:
             self._fill(None)
-        kind, self.arrived, data = self._waiting.popleft()
-        if kind == _FAILED:
-            raise _error(data)
-        assert kind == _OPENED
+        self._take()
 
     def read(self, timeout: float) -> bytes:
         """Bytes that came together; waits for them up to ``timeout`` s, then gives none.
@@ -104,16 +91,11 @@ class PortProcess:
         if not self._waiting:
             self.arrived = time.perf_counter()
             return b""
-        kind, self.arrived, data = self._waiting.popleft()
-        if kind == _FAILED:
-            raise _error(data)
-        assert kind == _DATA
-        first, pieces = self.arrived, [data]
-        while self._waiting and self._waiting[0][0] == _DATA:
-            if self._waiting[0][1] - first > _PIECE_S:
-                break
-            _, self.arrived, data = self._waiting.popleft()
-            pieces.append(data)
+        pieces = [self._take()]
+        # Who lags behind gets so much at once, s: ten frames are decoded nearly as fast as one.
+        until = self.arrived + 0.002
+        while self._waiting and self._waiting[0][0] == "data" and self._waiting[0][1] <= until:
+            pieces.append(self._take())
         return b"".join(pieces)
 
     def close(self) -> None:
@@ -122,7 +104,7 @@ class PortProcess:
             with contextlib.suppress(OSError):
                 end.close()
         try:
-            self._process.wait(_ENDING_S)
+            self._process.wait(2.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
@@ -131,9 +113,10 @@ class PortProcess:
         self._process = started("suta_calib.device.port_process")
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._out, self._in = self._process.stdin, self._process.stdout
-        self._data = bytearray()
-        self._waiting: deque[tuple[bytes, float, bytes]] = deque()
+        self._out = self._process.stdin
+        with self._process.stdout as pipe:
+            self._in = Connection(os.dup(pipe.fileno()), writable=False)
+        self._waiting: deque[_Message] = deque()
         self._opening = True
         self._send(pickle.dumps(self._spec))
 
@@ -143,33 +126,25 @@ class PortProcess:
             self._out.flush()
 
     def _fill(self, timeout: float | None) -> None:
-        if not select.select([self._in], [], [], timeout)[0]:
-            return
-        data = os.read(self._in.fileno(), _AT_ONCE)
-        if not data:
+        try:
+            if self._in.poll(timeout):
+                self._waiting += self._in.recv()
+        except (EOFError, OSError):
             raise DisconnectedError(
                 f"{self._spec.port}: the process that read it has ended; try again"
-            )
-        came, at = self._data, 0
-        came += data
-        while len(came) - at >= _HEAD.size:
-            kind, arrival, size = _HEAD.unpack_from(came, at)
-            end = at + _HEAD.size + size
-            if len(came) < end:
-                break
-            self._waiting.append((kind, arrival, bytes(came[at + _HEAD.size : end])))
-            at = end
-        del came[:at]
+            ) from None
 
-
-def _error(data: bytes) -> SutaCalibError:
-    """The error that `_Outbox.fail` told of."""
-    name, _, sentence = data.decode().partition("\n")
-    kind = getattr(errors, name, DeviceError)
-    # Its sentence is complete: whatever else the class would make of it is not wanted again.
-    error: SutaCalibError = kind.__new__(kind)
-    Exception.__init__(error, sentence)
-    return error
+    def _take(self) -> bytes:
+        """The bytes of the next message, or the error that it tells of."""
+        what, self.arrived, data = self._waiting.popleft()
+        if what != "failed":
+            return data
+        name, _, sentence = data.decode().partition("\n")
+        kind = getattr(errors, name, DeviceError)
+        # Its sentence is complete: whatever else the class would make of it is not wanted again.
+        error: SutaCalibError = kind.__new__(kind)
+        Exception.__init__(error, sentence)
+        raise error
 
 
 def open_ahead(device: Path) -> PortProcess | None:
@@ -182,107 +157,82 @@ def open_ahead(device: Path) -> PortProcess | None:
     return None if spec is None else PortProcess(spec)
 
 
-class _Outbox:
-    """Messages on their way to the parent, however slow it takes them."""
+class _Outbox(threading.Thread):
+    """Sends messages to the parent, however slow it takes them: what waits, all at once."""
 
     def __init__(self, descriptor: int) -> None:
-        os.set_blocking(descriptor, False)
-        self._descriptor = descriptor
-        self._waiting: deque[bytes] = deque()
-        self._size = 0
+        super().__init__(daemon=True)
+        self._connection = Connection(descriptor, readable=False)
+        self._waiting: SimpleQueue[_Message] = SimpleQueue()
+        self._put = self._sent = 0
+        self.start()
 
-    def put(self, kind: bytes, data: bytes = b"") -> None:
-        message = _HEAD.pack(kind, time.perf_counter(), len(data)) + data
-        self._waiting.append(message)
-        self._size += len(message)
-        self.send()
+    def put(self, what: Literal["opened", "data", "failed"], data: bytes = b"") -> None:
+        self._put += len(data)
+        self._waiting.put((what, time.perf_counter(), data))
 
     def fail(self, error: SutaCalibError) -> None:
         """An error as it goes through a pipe: its class's name and its sentence."""
-        self.put(_FAILED, f"{type(error).__name__}\n{error}".encode())
-
-    def send(self) -> None:
-        """As much as the pipe takes now."""
-        with contextlib.suppress(BlockingIOError):
-            while self._waiting:
-                message = self._waiting[0]
-                sent = os.write(self._descriptor, message)
-                self._size -= sent
-                if sent < len(message):
-                    self._waiting[0] = message[sent:]
-                    return
-                self._waiting.popleft()
+        self.put("failed", f"{type(error).__name__}\n{error}".encode())
 
     @property
     def full(self) -> bool:
-        return self._size > _LARGEST_BACKLOG
+        """Whether a parent has not asked for so many bytes that it will not ask any more."""
+        return self._put - self._sent > 1 << 28
+
+    def run(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                messages = [self._waiting.get()]
+                while not self._waiting.empty():
+                    messages.append(self._waiting.get())
+                self._connection.send(messages)
+                self._sent += sum(len(data) for *_, data in messages)
 
 
-class _Child:
-    """The process: opens and reads the port until the parent's end of the pipe is closed."""
+# How often the child looks whether its parent is still there while nothing arrives, s.
+_LOOK_S: Final = 0.05
 
-    def __init__(self, spec: DeviceSpec, parent: int, out: int) -> None:
-        self._spec, self._parent, self._outbox = spec, parent, _Outbox(out)
 
-    def serve(self) -> None:
-        """Until the parent is no more."""
-        asked = AGAIN
-        while asked == AGAIN:
-            try:
-                self._pump()
-            except SutaCalibError as error:
-                self._outbox.fail(error)
-            except Exception as error:  # noqa: BLE001 (told by the parent, who alone has a user)
-                self._outbox.fail(DeviceError(f"{self._spec.port}: {error or type(error)}"))
-            # Until the parent's next word, it gets what it has not yet taken.
-            while not self._parent_spoke(_LOOK_S):
-                self._outbox.send()
-            asked = os.read(self._parent, 1)
+def _pump(spec: DeviceSpec, parent: int, outbox: _Outbox) -> None:
+    """Open and read the port until the parent says something, or ends."""
+    with contextlib.closing(_opened(spec)) as port:
+        # What waited before is not where the arm is now.
+        port.flush()
+        outbox.put("opened")
+        while not select.select([parent], [], [], 0)[0] and not outbox.full:
+            if data := port.read(_LOOK_S):
+                outbox.put("data", data)
+    if outbox.full:
+        raise DisconnectedError(f"{spec.port}: its readings were not asked for any more")
 
-    def _parent_spoke(self, timeout: float) -> bool:
-        """Whether there is something to read from the parent, its end included."""
-        return bool(select.select([self._parent], [], [], timeout)[0])
 
-    def _pump(self) -> None:
-        with contextlib.closing(self._opened()) as port:
-            # What waited before is not where the arm is now.
-            port.flush()
-            self._outbox.put(_OPENED)
-            while not self._parent_spoke(0) and not self._outbox.full:
-                data = port.read(_LOOK_S)
-                if data:
-                    self._outbox.put(_DATA, data)
-                else:
-                    self._outbox.send()
-        if self._outbox.full:
-            raise DisconnectedError(f"{self._spec.port}: its readings were not asked for any more")
-
-    def _opened(self) -> Port:
-        def opened() -> Port:
-            if self._spec.format in UNASKED:
-                return Port(self._spec)
-            # Whose port is opened ahead does not wait for what this loads.
-
-            return format_of(self._spec).port(self._spec)
-
-        # A port whose last reader was killed a moment ago is busy for so long, s.
-        give_up = time.perf_counter() + 0.5
-        while True:
-            try:
-                return opened()
-            except PortBusyError:
-                if time.perf_counter() > give_up:
-                    raise
-                time.sleep(_LOOK_S)
+def _opened(spec: DeviceSpec) -> Port:
+    # A port whose last reader was killed a moment ago is busy for so long, s.
+    give_up = time.perf_counter() + 0.5
+    while True:
+        try:
+            return Port(spec) if spec.format in UNASKED else format_of(spec).port(spec)
+        except PortBusyError:
+            if time.perf_counter() > give_up:
+                raise
+            time.sleep(_LOOK_S)
 
 
 def main() -> None:
     """Entry point of the process."""
     # Ctrl-C is meant for the parent, who then closes the pipe.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    spec = pickle.load(sys.stdin.buffer)
-    with contextlib.suppress(BrokenPipeError):
-        _Child(spec, sys.stdin.fileno(), sys.stdout.fileno()).serve()
+    spec, parent = pickle.load(sys.stdin.buffer), sys.stdin.fileno()
+    outbox, asked = _Outbox(sys.stdout.fileno()), AGAIN
+    while asked == AGAIN:
+        try:
+            _pump(spec, parent, outbox)
+        except SutaCalibError as error:
+            outbox.fail(error)
+        except Exception as error:  # noqa: BLE001 (told by the parent, who alone has a user)
+            outbox.fail(DeviceError(f"{spec.port}: {error or type(error)}"))
+        asked = os.read(parent, 1)
     os._exit(0)
 
 

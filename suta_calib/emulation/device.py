@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
 from suta_calib.device.formats import FORMATS
 from suta_calib.errors import InputError
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.model.arm import ArmModel
+
+if TYPE_CHECKING:
+    from suta_calib.model.arm import ArmModel
 
 BAUDRATE: Final = 921600
 

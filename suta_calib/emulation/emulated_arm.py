@@ -1,25 +1,30 @@
-"""An emulated arm in a process of its own, for as long as a ``with`` block lasts."""
+"""An emulated arm in a process of its own, for as long as a ``with`` block lasts.
+
+The process gets everything on its standard input, says what happens on its standard output, and
+stops when its input is closed: so it cannot outlive whoever started it.
+"""
 
 from __future__ import annotations
 
-import json
+import contextlib
+import os
 import pickle
+import signal
 import subprocess
 import sys
 import tempfile
 import threading
 from dataclasses import replace
+from multiprocessing.connection import Connection
 from pathlib import Path
 from queue import Empty, Queue
 from typing import Any, Self
 
-import numpy as np
-
 from suta_calib.device.description import DeviceSpec
-from suta_calib.emulation.child import Orders
 from suta_calib.emulation.device import device_text
-from suta_calib.emulation.player import Played, TrueTrajectory
+from suta_calib.emulation.player import Played, Player, TrueTrajectory
 from suta_calib.emulation.stream import Emulation
+from suta_calib.emulation.terminal import PseudoTerminal
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements import write_text
 
@@ -60,11 +65,12 @@ class EmulatedArm:
     ) -> None:
         self.emulation = emulation
         self.events: list[str] = []
-        self._link, self._options = link, (seconds, wait, gated, patient)
-        self._messages: Queue[dict[str, Any]] = Queue()
+        self._link = link
+        self._run = {"seconds": seconds, "wait": wait}
+        self._playing = {"gated": gated, "patient": patient, "recorded": True}
+        self._started: Queue[str] = Queue()
         self._process: subprocess.Popen[bytes] | None = None
-        self._played: Played | None = None
-        self._trajectory: TrueTrajectory | None = None
+        self._played: tuple[Played, TrueTrajectory] | None = None
 
     def __enter__(self) -> Self:
         self._folder = tempfile.TemporaryDirectory(prefix="suta_calib-emulated-")
@@ -92,13 +98,13 @@ class EmulatedArm:
     def played(self) -> Played:
         """What was sent; known when it has stopped."""
         assert self._played is not None, "the emulated arm has not stopped"
-        return self._played
+        return self._played[0]
 
     @property
     def trajectory(self) -> TrueTrajectory:
         """What the arm truly did; known when it has stopped."""
-        assert self._trajectory is not None, "the emulated arm has not stopped"
-        return self._trajectory
+        assert self._played is not None, "the emulated arm has not stopped"
+        return self._played[1]
 
     def write_device(self, path: Path) -> Path:
         """Write the ``device.yaml`` of this arm; returns its path."""
@@ -119,42 +125,72 @@ class EmulatedArm:
             process.kill()
             process.wait()
         self._reader.join(stop_s)
-        file = Path(self._folder.name) / "trajectory.npz"
-        if file.exists():
-            with np.load(file) as arrays:
-                self._trajectory = TrueTrajectory(**arrays)
         self._folder.cleanup()
 
     def _start(self, folder: Path) -> None:
         start_s = 30.0
         self._link = folder / "port" if self._link is None else Path(self._link)
         # What the child says on stderr is a bug's traceback: let it be seen.
-        command = [sys.executable, "-m", "suta_calib.emulation.child"]
+        command = [sys.executable, "-m", "suta_calib.emulation.emulated_arm"]
         self._process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        self._reader = threading.Thread(target=self._listen, daemon=True)
-        self._reader.start()
-        orders = Orders(self.emulation, self._link, *self._options, folder / "trajectory.npz")
         assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        with self._process.stdout as pipe:
+            messages = Connection(os.dup(pipe.fileno()), writable=False)
+        self._reader = threading.Thread(target=self._listen, args=(messages,), daemon=True)
+        self._reader.start()
+        orders = self.emulation, self._link, self._playing, self._run
         self._process.stdin.write(pickle.dumps(orders))
         self._process.stdin.flush()
         try:
-            message = self._messages.get(timeout=start_s)
+            refused = self._started.get(timeout=start_s)
         except Empty:
-            message = {"error": f"the emulated arm did not start within {start_s:g} s"}
-        if "port" not in message:
-            raise SutaCalibError(message.get("error", "the emulated arm did not start"))
+            refused = f"the emulated arm did not start within {start_s:g} s"
+        if refused:
+            raise SutaCalibError(refused)
 
-    def _listen(self) -> None:
-        process = self._process
-        assert process is not None
-        assert process.stdout is not None
-        for line in process.stdout:
-            message = json.loads(line)
-            if "event" in message:
-                self.events.append(message["event"])
-            elif "played" in message:
-                self._played = Played(**message["played"])
-            else:
-                self._messages.put(message)
-        self._messages.put({})
-        process.stdout.close()
+    def _listen(self, messages: Connection) -> None:
+        with messages, contextlib.suppress(EOFError):
+            while True:
+                what, about = messages.recv()
+                if what == "event":
+                    self.events.append(about)
+                elif what == "played":
+                    self._played = about
+                else:
+                    self._started.put(about)
+        self._started.put("the emulated arm did not start")
+
+
+def main() -> None:
+    """The process: play what standard input orders until it is closed."""
+    # Ctrl-C in a terminal reaches every process there; whoever started this one decides.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    messages = Connection(sys.stdout.fileno(), readable=False)
+    emulation, link, playing, run = pickle.load(sys.stdin.buffer)
+    stop = threading.Event()
+    signal.signal(signal.SIGTERM, lambda *_: stop.set())
+
+    def say(what: str, about: Any) -> None:
+        with contextlib.suppress(BrokenPipeError):
+            messages.send((what, about))
+
+    def stop_when_closed() -> None:
+        # Not sys.stdin: its lock, held here, would keep the interpreter from ending.
+        while os.read(sys.stdin.fileno(), 1):
+            pass
+        stop.set()
+
+    threading.Thread(target=stop_when_closed, daemon=True).start()
+    try:
+        with PseudoTerminal(link) as terminal:
+            say("started", "")
+            player = Player(emulation, terminal, lambda text: say("event", text), **playing)
+            player.run(stopped=stop.is_set, **run)
+        say("played", (player.played, player.trajectory))
+    except SutaCalibError as error:
+        say("refused", str(error))
+
+
+if __name__ == "__main__":
+    main()
