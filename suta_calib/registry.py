@@ -29,10 +29,12 @@ _found: Final[dict[Group, dict[str, Any]]] = {}
 _lock: Final = RLock()
 
 
-def classes_in(module: str, base: type[Base]) -> dict[str, type[Base]]:
-    """The concrete subclasses of ``base`` that a module of this package defines, by name."""
+def classes_of(package: str, base: type[Base]) -> dict[str, type[Base]]:
+    """The concrete subclasses of ``base`` that the modules of a package of ours define, by name."""
+    modules = (f"{package}.{m.name}" for m in pkgutil.iter_modules(import_module(package).__path__))
     return {
         _name(value): value
+        for module in modules
         for value in vars(import_module(module)).values()
         if isinstance(value, type)
         and issubclass(value, base)
@@ -75,10 +77,8 @@ def other_classes(
 
 def all_classes(group: Group, base: type[Base], package: str) -> dict[str, type[Base]]:
     """The classes in the modules of a package of ours, then other packages' ones, by name."""
-    ours: dict[str, type[Base]] = {}
-    for module in pkgutil.iter_modules(import_module(package).__path__):
-        ours |= classes_in(f"{package}.{module.name}", base)
-    return ours | dict(other_classes(group, base, ours.keys()))
+    ours = classes_of(package, base)
+    return {**ours, **other_classes(group, base, ours)}
 
 
 def shipped(known: Mapping[str, Value]) -> dict[str, Value]:

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from suta_calib.threads import VARIABLE, single_threaded
+from suta_calib.threads import single_threaded
+
+VARIABLE = "OPENBLAS_NUM_THREADS"
 
 
 def blas_threads() -> set[int]:
@@ -31,10 +33,7 @@ def outer(fails: bool) -> set[int]:
     return inner(fails) | blas_threads()
 
 
-def test_a_call_within_a_call_keeps_the_limit_and_the_outer_one_gives_back_what_was(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.delenv(VARIABLE, raising=False)
+def test_a_call_within_a_call_keeps_the_limit_and_the_outer_one_gives_back_what_was() -> None:
     with threadpool_limits(2, user_api="blas"):
         before = blas_threads()
         for _ in range(2):

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import cached_property, lru_cache
-from typing import Any, Final
+from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -20,15 +20,9 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import MANY, Batched
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.terms.block import Block, Pose, Residual, flat, summed
+from suta_calib.terms.block import Block, Pose, Residual, flat
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
-
-# Numbers up to which they are gathered: a sparse product is up to twice as fast, by less than a
-# millisecond, but SciPy would have to be imported for it, which takes a hundred of them.
-GATHERED: Final = 2_000_000
-# Numbers that are gathered at a time: they stay in the cache.
-_AT_ONCE: Final = 100_000
 
 
 class RowPattern:
@@ -47,14 +41,7 @@ class RowPattern:
         own_count: int,
     ) -> None:
         self.angular = pose_columns[:1].reshape(-1) % 6 >= 3
-        self._columns, self._shape = pose_columns, (block.size, velocity_rows)
-        # Rows that look at whole positions and whole turns are gathered three numbers at a time.
-        first = pose_columns[:1, ::3].T
-        in_threes = not np.any(first % 3) and np.array_equal(
-            (first + np.arange(3)).reshape(1, -1), pose_columns[:1]
-        )
-        self._at_once = 3 if in_threes else 1
-        self._gathered = pose_columns[:, :: self._at_once] // self._at_once
+        self._poses = _sparse(pose_columns, block.size, velocity_rows)
         self._own: Any = None
         self._places: IntArray | None = None
         rows, looked_at = len(block) * block.size, own_columns.shape[1]
@@ -64,19 +51,13 @@ class RowPattern:
             return
         # A row that looks at one parameter twice needs the sum that a sparse matrix makes.
         once = bool(np.all(np.diff(np.sort(own_columns, axis=1), axis=1)))
-        # Multiplications of a normal matrix up to which it is made of an array: at the most that
-        # takes a quarter longer than of a sparse matrix, some tenths of a millisecond, but SciPy
-        # would have to be imported for that one, which takes hundreds of them.
+        # Multiplications of a normal matrix up to which an array makes it faster.
         if looked_at and once and rows * own_count**2 <= 6_000_000:
             self._own = np.zeros((rows, own_count))
             columns = np.repeat(own_columns, block.size, axis=0)
             self._places = (np.arange(rows)[:, None] * own_count + columns).reshape(-1)
         elif looked_at:
             self._own = _sparse(own_columns, block.size, own_count)
-
-    @cached_property
-    def _poses(self) -> Any:
-        return _sparse(self._columns, *self._shape)
 
     def by_velocity(self, by_pose: FloatArray) -> Any:
         """Derivatives (n, d, c) as a sparse matrix (n·d, 6·samples), reused by every call."""
@@ -93,22 +74,9 @@ class RowPattern:
             velocity: (6·samples, p) of the poses.
             rows: the k rows that are asked for, as ``slice(first, end)``; all by default.
         """
-        columns = self._columns if rows is None else self._columns[rows]
         chosen = by_pose if rows is None else by_pose[rows]
-        if columns.size * velocity.shape[1] <= GATHERED:
-            width, together = velocity.shape[1], self._at_once
-            moved = np.empty((*chosen.shape[:2], width))
-            places = self._gathered if rows is None else self._gathered[rows]
-            source = velocity.reshape(len(velocity) // together, together * width)
-            step = max(_AT_ONCE // max(columns[:1].size * width, 1), 1)
-            for part in (slice(k, k + step) for k in range(0, len(columns), step)):
-                here = source.take(places[part], axis=0)
-                here = here.reshape(len(here), columns.shape[1], width)
-                np.matmul(chosen[part], here, out=moved[part])
-            return moved.reshape(len(columns) * by_pose.shape[1], width)
         if rows is None or len(chosen) == len(by_pose):
             return np.asarray(self.by_velocity(by_pose) @ velocity)
-
         first = rows.start * by_pose[0].size
         flat = slice(first, first + chosen.size)
         count, pattern = len(chosen) * by_pose.shape[1], self._poses
@@ -124,12 +92,7 @@ class RowPattern:
             by_pose: (n, d, c) derivatives.
             rows: (n·d, p).
         """
-        (n, size, _), width = by_pose.shape, rows.shape[1]
-        if self._columns.size * width > GATHERED:
-            return np.asarray(self.by_velocity(by_pose).T @ rows)
-        terms = np.swapaxes(by_pose, 1, 2) @ rows.reshape(n, size, width)
-        places = self._columns.reshape(-1)
-        return summed(terms.reshape(len(places), width), places, self._shape[1])
+        return np.asarray(self.by_velocity(by_pose).T @ rows)
 
     def by_own(self, by_own: FloatArray) -> Any:
         """Derivatives (n, d, m) as a matrix (n·d, own), or None; reused likewise.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import compress
+from dataclasses import dataclass, field
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Final
 
@@ -14,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.showing import Displayable
@@ -68,8 +67,6 @@ class Noise:
                 raise ParameterError(repr(size), expected, where=f"Noise: {name}")
 
 
-# Numbers from which on a sparse product is worth importing SciPy's.
-SUMMED: Final = 1_000_000
 # Least squares, and a scatter that is learnt.
 LEARNT: Final = Noise()
 
@@ -107,13 +104,6 @@ class Certified:
         keys = tuple((artefact.name, mark.name, *mark.position.tolist()) for mark in landmarks)
         sigma = np.array([mark.sigma for mark in landmarks])
         return cls(keys, sigma, number[rows], derivative)
-
-    def take(self, rows: BoolArray) -> Certified:
-        """The artefact's part in some rows (n,), without landmarks that none of them looks at."""
-        marks, derivative = self.marks[rows], self.derivative[rows]
-        touched = np.bincount(marks.reshape(-1), minlength=len(self.keys)) > 0
-        keys = tuple(compress(self.keys, touched.tolist()))
-        return Certified(keys, self.sigma[touched], (np.cumsum(touched) - 1)[marks], derivative)
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,23 +166,6 @@ class Block(Displayable):
 
     def __len__(self) -> int:
         return len(self.samples)
-
-    def among(self, samples: IntArray) -> Block:
-        """The rows that look at none but some samples, each once, which are then all there are."""
-        number = np.full(self.samples.max(initial=samples.max(initial=0)) + 1, -1)
-        number[samples] = np.arange(len(samples))
-        looked_at = number[self.samples]
-        rows = np.all(looked_at >= 0, axis=1)
-        return replace(
-            self,
-            samples=looked_at[rows],
-            own_columns=self.own_columns[rows],
-            data=self.data[rows],
-            known_sigma=self.known_sigma[rows],
-            labels=tuple(compress(self.labels, rows.tolist())),
-            certified=None if self.certified is None else self.certified.take(rows),
-            relative=self.relative if len(self.relative) == 1 else self.relative[rows],
-        )
 
 
 def joined(*groupings: IntArray) -> IntArray:
@@ -274,12 +247,8 @@ def summed(rows: FloatArray, group: IntArray, count: int) -> FloatArray:
     """Sums (count, w) of rows (n, w) over each of ``count`` groups (n,)."""
     if len(rows) == count and np.array_equal(group, np.arange(count)):
         return rows.copy()  # each a group of its own
-    if rows.size > SUMMED:
-        ones, pointer = np.ones(len(rows)), np.arange(len(rows) + 1)
-        return np.asarray(csc_array((ones, group, pointer), (count, len(rows))) @ rows)
-    # A column at a time: `np.add.at` takes ten times as long.
-    columns = [np.bincount(group, column, count) for column in rows.T]
-    return np.stack(columns, axis=1) if columns else np.zeros((count, 0))
+    ones, pointer = np.ones(len(rows)), np.arange(len(rows) + 1)
+    return np.asarray(csc_array((ones, group, pointer), (count, len(rows))) @ rows)
 
 
 def flat(matrices: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, Literal, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -26,7 +26,6 @@ from suta_calib.measurements import (
     corners_of,
     read_corners,
 )
-from suta_calib.measurements.fields import Field
 from suta_calib.measurements.marker_axes import markers_as_seen
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.terms.block import LEARNT, Block, Noise
@@ -58,11 +57,11 @@ from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_param
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.terms.reprojection import REPROJECTION
+from suta_calib.terms.reprojection import reprojection
 from suta_calib.terms.seen_corners import with_corners
 from suta_calib.terms.setup import Setup
 from suta_calib.terms.stretch import stretch_factors, stretch_parameters
-from suta_calib.terms.term import Gap, Medium, Term
+from suta_calib.terms.term import Gap, Term
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
 _BOARD: Final = Chessboard(7, 5, 0.03)
@@ -98,25 +97,24 @@ class CameraView(FramedTerm):
         SamplesError: no corner in any picture, or corners of another board.
     """
 
-    kind: ClassVar[str] = "camera_view"
-    about: ClassVar[str] = (
+    kind = "camera_view"
+    order = 9
+    about = (
         "a camera on the tip saw a board, or one beside the arm a board on the tip (setup: "
         "eye-to-hand): where its corners are in the pictures, as suta-calib detect finds them; "
         "intrinsics: free corrects the camera too"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(
+    columns = SampleColumns(
         labels=("image",), pixels=True, about={"image": "The picture that was taken there."}
     )
-    medium: ClassVar[Medium] = "camera"
-    has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[Field, ...]] = CAMERA_KEYS
-    measured_keys: ClassVar[tuple[str, ...]] = (
-        *("corners", "intrinsics", "target", "sigma_px", "huber_px"),
-    )
-    unit: ClassVar[Literal["mm", "px"]] = "px"
+    medium = "camera"
+    has_angles = False
+    keys = CAMERA_KEYS
+    measured_keys = (*("corners", "intrinsics", "target", "sigma_px", "huber_px"),)
+    unit = "px"
     files: ClassVar[Mapping[str, str]] = CAMERA_FILES
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",)}
-    frames: ClassVar[tuple[TrueFrame, ...]] = (
+    frames = (
         TrueFrame(
             "hand_eye",
             "camera_pose",
@@ -130,8 +128,8 @@ class CameraView(FramedTerm):
             required=True,
         ),
     )
-    chance: ClassVar[float] = 0.02
-    assumptions_key: ClassVar[str] = "intrinsics: free"
+    chance = 0.02
+    assumptions_key = "intrinsics: free"
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "tool": (
             "moves the tip in the last link, and with it nothing that the camera sees: the "
@@ -424,7 +422,7 @@ class CameraView(FramedTerm):
                 "reprojection",
                 "m",
                 2,
-                REPROJECTION[self.setup, self.free, self._stretch is not None],
+                reprojection(self.setup, self.free, self._stretch is not None),
                 sample[:, None],
                 np.tile(np.arange(len(self.own_parameters)), (n, 1)),
                 np.hstack(data),

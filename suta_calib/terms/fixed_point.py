@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,19 +52,16 @@ class FixedPoint(Term):
         noise: scatter and robustness, m per axis.
     """
 
-    kind: ClassVar[str] = "fixed_point"
-    about: ClassVar[str] = (
-        "one unknown point, touched from many directions: finds the tool's length"
-    )
-    columns: ClassVar[SampleColumns] = SampleColumns(
-        labels=("point",), about={"point": "Which point was touched."}
-    )
-    has_angles: ClassVar[bool] = False
-    place: ClassVar[str] = "point"
-    place_unknown: ClassVar[str] = "fixed_point"
-    place_turns: ClassVar[bool] = False
+    kind = "fixed_point"
+    order = 3
+    about = "one unknown point, touched from many directions: finds the tool's length"
+    columns = SampleColumns(labels=("point",), about={"point": "Which point was touched."})
+    has_angles = False
+    place = "point"
+    place_unknown = "fixed_point"
+    place_turns = False
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"point": ("point",), "row": ()}
-    tested: ClassVar[Literal["", "length", "articulation"]] = "articulation"
+    tested = "articulation"
     tells: ClassVar[Mapping[Gap, str]] = {
         "tool": "touch one fixed point from several directions (fixed_point)"
     }

@@ -31,7 +31,7 @@ from suta_calib.terms.synthetic import (
     named,
     random_turns,
 )
-from suta_calib.terms.term import Gap, Medium
+from suta_calib.terms.term import Gap
 
 if TYPE_CHECKING:
     from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
@@ -94,9 +94,10 @@ class HandEye(InstrumentTerm):
         SamplesError: the samples hold no positions or no orientations.
     """
 
-    kind: ClassVar[str] = "hand_eye"
-    about: ClassVar[str] = "a camera on the tip saw a target: its pose in the camera, m"
-    columns: ClassVar[SampleColumns] = SampleColumns(
+    kind = "hand_eye"
+    order = 8
+    about = "a camera on the tip saw a target: its pose in the camera, m"
+    columns = SampleColumns(
         position=True,
         orientation="required",
         about={
@@ -104,8 +105,8 @@ class HandEye(InstrumentTerm):
             "qx, qy, qz, qw": "How the target was turned in the camera.",
         },
     )
-    medium: ClassVar[Medium] = "camera"
-    frames: ClassVar[tuple[TrueFrame, ...]] = (
+    medium = "camera"
+    frames = (
         TrueFrame("hand_eye", "eye_in_tip", "where the camera sits on the tip", required=True),
         TrueFrame("target", "target_in_base", "where the target stands in the base", required=True),
     )

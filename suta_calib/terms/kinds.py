@@ -1,59 +1,41 @@
-"""The kinds of observation, by name: a file here and its line below, or an entry point."""
+"""The kinds of observation, by name: each a file here, found by looking, or an entry point."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from functools import cache
+from functools import cache, cached_property
 from typing import Final
 
-from suta_calib.registry import classes_in, other_classes
+from suta_calib.registry import classes_of, other_classes
 from suta_calib.terms.term import Term
-
-# The file of each, which is called as the kind is. In the order in which they are offered; where
-# one of a sort is needed, the first is taken.
-_NAMES: Final = (
-    "pairwise_distance",
-    "landmark",
-    "fixed_point",
-    "plane",
-    "line",
-    "range",
-    "tracked_point",
-    "hand_eye",
-    "camera_view",
-)
 
 
 class Kinds(Mapping[str, type[Term]]):
-    """Kinds by name: ours, each imported when it is asked for, then those of other packages.
+    """Kinds by name, in the order in which they are offered; then those of other packages.
 
-    Those are entry points in the group ``suta_calib.kinds``. A job rarely has more than two kinds.
+    Those are entry points in the group ``suta_calib.kinds``.
     """
 
     def __getitem__(self, name: str) -> type[Term]:
-        return _kind(name) if name in _NAMES else self._others[name]
-
-    def __contains__(self, name: object) -> bool:
-        return name in _NAMES or name in self._others
+        return self._all[name]
 
     def __iter__(self) -> Iterator[str]:
-        yield from _NAMES
-        yield from self._others
+        return iter(self._all)
 
     def __len__(self) -> int:
-        return len(_NAMES) + len(self._others)
+        return len(self._all)
+
+    @cached_property
+    def _shipped(self) -> dict[str, type[Term]]:
+        kinds = classes_of("suta_calib.terms", Term)
+        return dict(sorted(kinds.items(), key=lambda item: item[1].order))
 
     @property
-    def _others(self) -> Mapping[str, type[Term]]:
-        return other_classes("kinds", Term, _NAMES)
+    def _all(self) -> dict[str, type[Term]]:
+        return {**self._shipped, **other_classes("kinds", Term, self._shipped)}
 
 
 KINDS: Final = Kinds()
-
-
-@cache
-def _kind(name: str) -> type[Term]:
-    return classes_in(f"suta_calib.terms.{name}", Term)[name]
 
 
 @cache

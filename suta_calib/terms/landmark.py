@@ -95,14 +95,13 @@ class TouchedLandmark(Term):
         SamplesError: a landmark is not certified.
     """
 
-    kind: ClassVar[str] = "landmark"
-    about: ClassVar[str] = (
-        "the landmarks themselves; each placement's pose is unknown and is found too"
-    )
-    columns: ClassVar[SampleColumns] = ARTEFACT_COLUMNS
-    needs_artefact: ClassVar[bool] = True
-    place: ClassVar[str] = "placement"
-    place_unknown: ClassVar[str] = "placement"
+    kind = "landmark"
+    order = 2
+    about = "the landmarks themselves; each placement's pose is unknown and is found too"
+    columns = ARTEFACT_COLUMNS
+    needs_artefact = True
+    place = "placement"
+    place_unknown = "placement"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = ARTEFACT_GROUPINGS
 
     artefact: Artefact

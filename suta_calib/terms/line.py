@@ -72,21 +72,18 @@ class TouchedLine(Term):
         noise: scatter and robustness of an offset, m per axis.
     """
 
-    kind: ClassVar[str] = "line"
-    about: ClassVar[str] = (
+    kind = "line"
+    order = 5
+    about = (
         "an unknown straight line (an edge, a taut wire), touched anywhere along it and from "
         "several directions"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(
-        labels=("line",), about={"line": "Which line was touched."}
-    )
-    has_angles: ClassVar[bool] = False
-    place: ClassVar[str] = "line"
-    place_unknown: ClassVar[str] = "line"
+    columns = SampleColumns(labels=("line",), about={"line": "Which line was touched."})
+    has_angles = False
+    place = "line"
+    place_unknown = "line"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"line": ("line",), "row": ()}
-    simulation_keys: ClassVar[tuple[Field, ...]] = (
-        Field("size_mm", LENGTH, "How much of the line is touched."),
-    )
+    simulation_keys = (Field("size_mm", LENGTH, "How much of the line is touched."),)
 
     noise: Noise = LEARNT
 

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from functools import cached_property, lru_cache
-from typing import Any, ClassVar, Final, Literal, Self
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import ClassVar, Final
 
 import casadi as ca
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.symbols import Symbol
-from suta_calib.measurements import Artefact, SampleColumns, Samples
+from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import (
@@ -27,7 +27,6 @@ from suta_calib.terms.block import (
     flat,
     grouped,
     norm,
-    numbered,
 )
 from suta_calib.terms.landmark import (
     ARTEFACT_COLUMNS,
@@ -86,20 +85,21 @@ class PairwiseDistance(Term):
         SamplesError: no placement holds two different landmarks, or a landmark is not certified.
     """
 
-    kind: ClassVar[str] = "pairwise_distance"
-    about: ClassVar[str] = (
+    kind = "pairwise_distance"
+    order = 1
+    about = (
         "distances between landmarks of an artefact, seated by the tip at any number of placements "
         "(at least two landmarks with the same placement and repeat)"
     )
-    columns: ClassVar[SampleColumns] = ARTEFACT_COLUMNS
-    needs_artefact: ClassVar[bool] = True
-    has_angles: ClassVar[bool] = False
-    place: ClassVar[str] = "placement"
-    place_unknown: ClassVar[str] = "placement"
+    columns = ARTEFACT_COLUMNS
+    needs_artefact = True
+    has_angles = False
+    place = "placement"
+    place_unknown = "placement"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = ARTEFACT_GROUPINGS
     # A distance scatters by the noise of both its ends.
-    noise_factor: ClassVar[float] = float(np.sqrt(2.0))
-    tested: ClassVar[Literal["", "length", "articulation"]] = "length"
+    noise_factor = float(np.sqrt(2.0))
+    tested = "length"
 
     artefact: Artefact
     noise: Noise = LEARNT
@@ -145,61 +145,16 @@ class PairwiseDistance(Term):
             data = np.hstack([difference, flat(axes[first] - axes[second])])
         own_columns = np.tile(np.arange(len(self.own_parameters)), (len(pairs), 1))
         sigma = np.hypot(*touched.sigma[touched.marks].T)
-        labels = _pair_labels(names, pairs)
+        ends = names.tolist()
+        labels = [f"{ends[i]}-{ends[j]}" for i, j in pairs.tolist()]
         block = Block.per_sample(
             "distance", "m", 1, residual, own_columns, data, self.noise, labels
         )
         return (replace(block, samples=pairs, known_sigma=sigma, certified=touched),)
 
-    def take(self, rows: ArrayLike) -> Self:
-        """Some of its samples: pairs that have been formed and checked are not formed again."""
-        index = np.arange(len(self.poses))[np.asarray(rows)]
-        if not self._every_pair or np.any(np.diff(index) <= 0):
-            return super().take(rows)
-        (all_pairs,) = self.blocks
-        block = all_pairs.among(index)
-        if not len(block):
-            return super().take(rows)  # which says what is missing
-        # Past the constructor, which forms all pairs. What is known is no field: whoever replaces
-        # another one would take it along.
-        taken = object.__new__(type(self))
-        for attribute in fields(self):
-            object.__setattr__(taken, attribute.name, getattr(self, attribute.name))
-        object.__setattr__(taken, "poses", self.poses.take(index))
-        values = {
-            "blocks": (block,),
-            "own_parameters": self.own_parameters,
-            "_certified": self._certified[index],
-            "_numbered": numbered(self._numbered[index])[1],
-            "_every_pair": True,
-            "_larger": self._larger or self,
-        }
-        taken.__dict__.update(values)
-        return taken
-
     def check_enough(self) -> None:
         """An artefact in mm, as the arm touched it."""
-        _ = (self._larger or self)._in_mm
-
-    @cached_property
-    def _in_mm(self) -> bool:
         check_artefact_unit(self, self._certified, self._numbered)
-        return True
-
-    @cached_property
-    def _larger(self) -> Self | None:
-        """The term that this one was taken from: its artefact and arm are the same."""
-        return None
-
-    @cached_property
-    def _every_pair(self) -> bool:
-        """Whether all pairs are looked at, so that any of its samples have those among them."""
-        mark = grouped(self.poses.samples.labels["landmark"])[1]
-        of_mark = self._numbered * (mark.max(initial=0) + 1) + mark
-        within, same_mark = (
-            _possible_pairs(np.bincount(groups)) for groups in (self._numbered, of_mark)
-        )
-        return len(self.blocks[0]) == within - same_mark
 
     @cached_property
     def _certified(self) -> FloatArray:
@@ -330,7 +285,7 @@ def landmark_pairs(samples: Samples) -> IntArray:
         of_large, sorted_rows = sorted_rows[large], sorted_rows[~large]
         found_pairs.append(of_large[_some_pairs(sets[of_large], landmark[of_large], partners)])
     for rows in np.split(sorted_rows, np.flatnonzero(np.diff(sets[sorted_rows])) + 1):
-        found_pairs.append(rows[_all_pairs(len(rows))])
+        found_pairs.append(rows[np.column_stack(np.triu_indices(len(rows), k=1))])
     pairs = np.concatenate(found_pairs).astype(np.intp)
     different = landmark[pairs[:, 0]] != landmark[pairs[:, 1]]
     return np.asarray(pairs[different])
@@ -344,33 +299,6 @@ def _original(numbers: FloatArray, origin: Sequence[str]) -> BoolArray:
     _, first, original = np.unique(numbers, axis=0, return_index=True, return_inverse=True)
     places = np.array(origin)
     return np.asarray(places == places[first[original.reshape(-1)]])
-
-
-def _pair_labels(names: NDArray[np.str_], pairs: IntArray) -> list[str]:
-    """What every pair (n, 2) of the touched landmarks (samples,) is called."""
-    distinct, number = np.unique(names, return_inverse=True)
-    # Names of pairs that are made beforehand, so that rows share them.
-    most_labels = 10_000
-    if len(distinct) ** 2 <= most_labels:
-        first, second = number[pairs].T
-        return list(_labels_of_all(tuple(distinct.tolist()))[first, second])
-    # Of lists: to take one number after another out of an array takes longer than the rest.
-    plain = names.tolist()
-    return [f"{plain[i]}-{plain[j]}" for i, j in pairs.tolist()]
-
-
-# An artefact is touched again and again, and its few pairs occur in every placement.
-@lru_cache(maxsize=16)
-def _labels_of_all(names: tuple[str, ...]) -> NDArray[Any]:
-    """(names, names) what every two of them are called."""
-    return np.array([[f"{a}-{b}" for b in names] for a in names], dtype=np.object_)
-
-
-# Sets are mostly as large as each other.
-@lru_cache(maxsize=16)
-def _all_pairs(count: int) -> IntArray:
-    """(n, 2) every two of so many."""
-    return np.column_stack(np.triu_indices(count, k=1)).astype(np.intp)
 
 
 def _possible_pairs(sizes: IntArray) -> int:

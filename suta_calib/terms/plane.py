@@ -71,16 +71,15 @@ class TouchedPlane(Term):
             side from which the tip's z axis points to the plane.
     """
 
-    kind: ClassVar[str] = "plane"
-    about: ClassVar[str] = (
+    kind = "plane"
+    order = 4
+    about = (
         "an unknown plane, touched anywhere and from several directions; with a ball at the tip, "
         "say probe_radius_mm: the centre of the ball is the tip"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(
-        labels=("plane",), about={"plane": "Which plane was touched."}
-    )
-    has_angles: ClassVar[bool] = False
-    keys: ClassVar[tuple[Field, ...]] = (
+    columns = SampleColumns(labels=("plane",), about={"plane": "Which plane was touched."})
+    has_angles = False
+    keys = (
         Field(
             "probe_radius_mm",
             LENGTH_OR_0,
@@ -88,12 +87,10 @@ class TouchedPlane(Term):
             given_attribute="radius",
         ),
     )
-    place: ClassVar[str] = "plane"
-    place_unknown: ClassVar[str] = "plane"
+    place = "plane"
+    place_unknown = "plane"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"plane": ("plane",), "row": ()}
-    simulation_keys: ClassVar[tuple[Field, ...]] = (
-        Field("size_mm", LENGTH, "Edge of the square that is touched."),
-    )
+    simulation_keys = (Field("size_mm", LENGTH, "Edge of the square that is touched."),)
 
     noise: Noise = LEARNT
     radius: float = 0.0

@@ -7,7 +7,7 @@ geometry; for a body that was tracked it is a measurement. Terms are written ove
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial import KDTree
 
-from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.sample_files import JointRange, check_readings
 from suta_calib.measurements.samples import Samples
@@ -28,16 +28,6 @@ if TYPE_CHECKING:
 # How far readings of an arm at rest wander, rad or m: 0.03 mm at a metre's reach. No plug is seated
 # again so exactly.
 WANDER: Final = 3e-5
-# Steps of a coarse encoder that a reading at rest flickers over, and the coarsest, rad or m: below
-# a thousand to the turn it is the operator who chose round numbers.
-FLICKER: Final = 2.0
-COARSEST: Final = 2e-3
-# Rows of which every pair is looked at.
-FEW: Final = 1000
-# What makes one number of a cell's: large and odd, so that hardly any two cells have the same.
-MIXED: Final = np.array(
-    [0x9E3779B97F4A7C15, 0xC2B2AE3D27D4EB4F, 0x165667B19E3779F9], np.uint64
-).view(np.int64)
 
 
 class PoseSource(ABC):
@@ -277,113 +267,35 @@ def together(q: FloatArray, tolerance: float = WANDER) -> IntArray:
     Args:
         q: (n, joints) readings, rad (m for prismatic joints).
         tolerance: how far a row may be from the first of its group, in any joint; an encoder's
-            flicker
-            in any case.
+            flicker in any case.
 
     Returns:
         (n,) number of the group of each row, by first appearance.
     """
-    steps = q / np.maximum(tolerance, FLICKER * resolutions(q))
-    first, (waiting, near_to) = np.arange(len(q), dtype=np.intp), _neighbours(steps)
+    # Steps of a coarse encoder that a reading at rest flickers over.
+    flicker = 2.0
+    steps = q / np.maximum(tolerance, flicker * resolutions(q))
+    first = np.arange(len(q), dtype=np.intp)
+    if not steps.size:
+        return first
+    tree = KDTree(steps)
+    # The nearest row of each is itself.
+    second, _ = tree.query(steps, k=[2], p=np.inf, distance_upper_bound=1.0)
+    waiting = np.isfinite(second[:, 0])
     if not waiting.any():
         return first
     for row in np.flatnonzero(waiting):
         if waiting[row]:
-            near = near_to(int(row))
+            near = np.array(tree.query_ball_point(steps[row], 1.0, p=np.inf))
             near = near[waiting[near]]
             first[near], waiting[near] = row, False
     return np.asarray(np.unique(first, return_inverse=True)[1], dtype=np.intp)
 
 
-def _neighbours(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
-    """Which rows (n, joints) have another within one in every joint; what finds all of a row's."""
-    shared, place = _not_alone(steps), np.zeros(len(steps), dtype=np.intp)
-    place[shared] = np.arange(len(shared))
-    beside, near_to = _searched(steps[shared])
-    near = np.zeros(len(steps), dtype=np.bool_)
-    near[shared] = beside
-    return near, lambda row: shared[near_to(int(place[row]))]
-
-
-def _not_alone(steps: FloatArray) -> IntArray:
-    """Rows (n, joints), among them all that have another within one in every joint.
-
-    Where two that are so near are in different cells of a joint, a boundary lies between them. It
-    is one of one grid only of several that are moved along each other by more than one: of one more
-    than there are joints, one has both in a cell. Where rows are many, most have every cell for
-    themselves.
-    """
-    # Joints of a grid, and how far grids are moved along each other in distances of neighbours:
-    # that, and room for rounding.
-    grid = 3
-    cell_margin = 1.0 + 1e-6
-    candidates = np.arange(len(steps), dtype=np.intp)
-    joints = np.argsort(-np.ptp(steps, axis=0), kind="stable") if len(steps) else candidates
-    if len(candidates) <= FEW:
-        return _not_alone_in_order(steps, joints)
-    for first in range(0, len(joints), grid):
-        # Rows that are compared at once sooner than they are sorted into cells.
-        if len(candidates) <= 100:
-            break
-        looked_at = joints[first : first + grid]
-        grids = len(looked_at) + 1
-        cells = [steps[candidates, joint] / (grids * cell_margin) for joint in looked_at]
-        shared = np.zeros(len(candidates), dtype=np.bool_)
-        for moved in np.arange(grids) / grids:
-            # The cells of all these joints, mixed into one number.
-            number = np.zeros(len(candidates), dtype=np.int64)
-            for cell, mixed in zip(cells, MIXED, strict=False):
-                number += np.floor(cell + moved).astype(np.int64) * mixed
-            ordered = np.sort(number)
-            twice = ordered[1:][ordered[1:] == ordered[:-1]]
-            if len(twice):
-                at = np.minimum(np.searchsorted(twice, number), len(twice) - 1)
-                shared |= twice[at] == number
-        candidates = candidates[shared]
-    return candidates
-
-
-def _not_alone_in_order(steps: FloatArray, joints: IntArray) -> IntArray:
-    """`_not_alone` of few rows: whoever is alone in one joint's order has nobody beside it."""
-    candidates = np.arange(len(steps), dtype=np.intp)
-    for joint in joints:
-        if not len(candidates):
-            break
-        values = steps[candidates, joint]
-        order = np.argsort(values)
-        near = np.diff(values[order]) <= 1.0
-        beside = np.zeros(len(candidates), dtype=np.bool_)
-        beside[order[1:]] = near
-        beside[order[:-1]] |= near
-        candidates = candidates[beside]
-    return candidates
-
-
-def _searched(steps: FloatArray) -> tuple[BoolArray, Callable[[int], IntArray]]:
-    """`_neighbours` where none can be left out."""
-    if not len(steps):
-        return np.zeros(0, dtype=np.bool_), np.flatnonzero
-    if len(steps) <= FEW:
-        # In less time than it takes to import the tree.
-        distances = np.zeros((len(steps), len(steps)))
-        for joint in steps.T:
-            np.maximum(distances, np.abs(joint[:, None] - joint), out=distances)
-        return np.sum(distances < 1.0, axis=1) > 1, lambda row: np.flatnonzero(
-            distances[row] <= 1.0
-        )
-
-    tree = KDTree(steps)
-    # The nearest row of each is itself.
-    nearest, _ = tree.query(steps, k=[2], p=np.inf, distance_upper_bound=1.0)
-    return np.isfinite(nearest[:, 0]), lambda row: np.array(
-        tree.query_ball_point(steps[row], 1.0, p=np.inf)
-    )
-
-
 def resolutions(q: FloatArray) -> FloatArray:
     """Step (joints,) of every encoder that readings (n, joints) show, zero where they show none."""
     # A few readings of a fine encoder show that it is, and many take long to sort.
-    gaps = np.diff(np.sort(q[:FEW], axis=0), axis=0)
+    gaps = np.diff(np.sort(q[:1000], axis=0), axis=0)
     coarse = np.min(gaps, axis=0, where=gaps > 0.0, initial=np.inf) > WANDER
     steps = np.zeros(q.shape[1])
     steps[coarse] = [_resolution(joint) for joint in q.T[coarse]]
@@ -395,5 +307,7 @@ def _resolution(readings: FloatArray) -> float:
     steps = steps[steps > 0.0]
     smallest = float(steps.min(initial=np.inf))
     multiples = steps / smallest
-    coarse = WANDER < smallest < COARSEST and len(steps) > 1
+    # The coarsest step, rad or m: below a thousand to the turn it is the operator who chose round
+    # numbers.
+    coarse = WANDER < smallest < 2e-3 and len(steps) > 1
     return smallest if coarse and np.abs(multiples - np.round(multiples)).max() < 0.01 else 0.0

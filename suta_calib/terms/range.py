@@ -48,13 +48,14 @@ class MeasuredRange(Term):
         noise: scatter and robustness of a distance, m.
     """
 
-    kind: ClassVar[str] = "range"
-    about: ClassVar[str] = (
+    kind = "range"
+    order = 6
+    about = (
         "the distance of the tip from a fixed point that is unknown (draw-wire sensor, ball bar): "
         "column length in m, or length_mm; without it all distances from one anchor are one "
         "unknown radius"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(
+    columns = SampleColumns(
         labels=("anchor",),
         numbers=(NumberColumn("length", "m", required=False, positive=True),),
         about={
@@ -62,13 +63,13 @@ class MeasuredRange(Term):
             "length": "The distance; without the column all from one anchor are one unknown.",
         },
     )
-    has_angles: ClassVar[bool] = False
-    place: ClassVar[str] = "anchor"
-    place_unknown: ClassVar[str] = "anchor"
-    place_more: ClassVar[tuple[str, ...]] = ("radius",)
-    place_turns: ClassVar[bool] = False
+    has_angles = False
+    place = "anchor"
+    place_unknown = "anchor"
+    place_more = ("radius",)
+    place_turns = False
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"anchor": ("anchor",), "row": ()}
-    simulation_keys: ClassVar[tuple[Field, ...]] = (
+    simulation_keys = (
         Field(
             "length_mm",
             Value("mm, or from, to in mm"),

@@ -67,6 +67,7 @@ class Term(ABC):
 
     Attributes:
         kind: its name in files.
+        order: its place among the kinds that are offered; of a sort, the first is taken.
         about: what was measured, for whoever starts a job: follows the kind's name and a colon.
         columns: what its samples hold beside the joints.
         medium: what tells where the arm is.
@@ -102,6 +103,7 @@ class Term(ABC):
     """
 
     kind: ClassVar[str]
+    order: ClassVar[int] = 100
     about: ClassVar[str]
     columns: ClassVar[SampleColumns]
     medium: ClassVar[Medium] = "touch"

@@ -31,7 +31,7 @@ from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import EXACT, NO_OUTLIERS, Simulated, contaminated, named
 from suta_calib.terms.target_start import instrument_and_targets
-from suta_calib.terms.term import Gap, Medium, Mount
+from suta_calib.terms.term import Gap, Mount
 
 if TYPE_CHECKING:
     from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
@@ -79,13 +79,14 @@ class TrackedPoint(InstrumentTerm):
         SamplesError: the samples hold no positions.
     """
 
-    kind: ClassVar[str] = "tracked_point"
-    about: ClassVar[str] = (
+    kind = "tracked_point"
+    order = 7
+    about = (
         "an external instrument saw the tip at x, y, z (m; columns qx, qy, qz, qw may be added); "
         "where the instrument stands is found too; with a column target, what was seen is a "
         "reflector of that name, which sits anywhere on the tip's link and is found as well"
     )
-    columns: ClassVar[SampleColumns] = SampleColumns(
+    columns = SampleColumns(
         position=True,
         position_sigma=True,
         orientation="optional",
@@ -98,10 +99,10 @@ class TrackedPoint(InstrumentTerm):
             "target": "Which reflector was seen; without the column, the tip itself.",
         },
     )
-    medium: ClassVar[Medium] = "instrument"
-    mark: ClassVar[str] = "target"
+    medium = "instrument"
+    mark = "target"
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"target": ("target",), "row": ()}
-    frames: ClassVar[tuple[TrueFrame, ...]] = (
+    frames = (
         TrueFrame(
             "base",
             "base_in_instrument",

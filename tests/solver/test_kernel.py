@@ -1,4 +1,4 @@
-"""Derivatives by pose velocities become those by parameters, gathered or by a sparse product."""
+"""Derivatives by pose velocities become those by parameters."""
 
 from __future__ import annotations
 
@@ -12,59 +12,54 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms import FixedPoint, HandEye, Term
 from suta_calib.terms.block import Block, Noise
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND
-from suta_calib.terms.reprojection import REPROJECTION
+from suta_calib.terms.reprojection import reprojection
 
 SAMPLES, ROWS, SIZE = 7, 40, 2
+# Many rows look at one sample, and one row at the same sample twice.
+LOOKED_AT = np.random.default_rng(3).integers(0, SAMPLES, (ROWS, 2))
+COLUMNS = (6 * LOOKED_AT[:, :, None] + np.arange(3)).reshape(ROWS, 6)
 
 
 @pytest.fixture
 def pattern() -> RowPattern:
-    random = np.random.default_rng(3)
-    # Many rows look at one sample, and one row at the same sample twice.
-    samples = random.integers(0, SAMPLES, (ROWS, 2))
-    columns = (6 * samples[:, :, None] + np.arange(3)).reshape(ROWS, 6)
     none = np.zeros((ROWS, 0), dtype=np.intp)
     block = Block(
         name="distance",
         unit="m",
         size=SIZE,
         residual=lambda tools, *_: (tools[0].p - tools[1].p)[:SIZE],
-        samples=samples,
+        samples=LOOKED_AT,
         own_columns=none,
         data=np.zeros((ROWS, 0)),
         noise=Noise(1e-3),
         known_sigma=np.zeros(ROWS),
         labels=("",) * ROWS,
     )
-    return RowPattern(block, columns.astype(np.intp), none, 6 * SAMPLES, 0)
+    return RowPattern(block, COLUMNS, none, 6 * SAMPLES, 0)
 
 
 @pytest.mark.parametrize("width", [0, 1, 5])
-@pytest.mark.parametrize("at_once", [10, 100, 100_000])
-def test_what_is_gathered_is_the_sparse_product(
-    pattern: RowPattern, width: int, at_once: int, monkeypatch: pytest.MonkeyPatch
+def test_derivatives_by_velocities_become_those_by_parameters(
+    pattern: RowPattern, width: int
 ) -> None:
-    monkeypatch.setattr(kernel, "_AT_ONCE", at_once)
     random = np.random.default_rng(4)
     by_pose = random.normal(size=(ROWS, SIZE, 6))
     velocity = random.normal(size=(6 * SAMPLES, width))
     rows = random.normal(size=(ROWS * SIZE, width))
-    part = slice(10, 25)
-
-    def found() -> list[object]:
-        return [
-            pattern.by_parameters(by_pose, velocity),
-            pattern.by_parameters(by_pose, velocity, part),
-            pattern.summed(by_pose, rows),
-        ]
-
-    gathered = found()
-    monkeypatch.setattr(kernel, "GATHERED", -1)
-    for one, other in zip(gathered, found(), strict=True):
-        np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
-    matrix = pattern.by_velocity(by_pose).toarray()
-    np.testing.assert_allclose(gathered[0], matrix @ velocity, rtol=1e-12, atol=1e-14)
-    np.testing.assert_allclose(gathered[2], matrix.T @ rows, rtol=1e-12, atol=1e-14)
+    wide = np.zeros((ROWS, SIZE, 6 * SAMPLES))
+    for row, columns in enumerate(COLUMNS):
+        for k, column in enumerate(columns):
+            wide[row, :, column] += by_pose[row, :, k]
+    matrix = wide.reshape(ROWS * SIZE, -1)
+    for found, expected in (
+        (pattern.by_parameters(by_pose, velocity), matrix @ velocity),
+        (
+            pattern.by_parameters(by_pose, velocity, slice(10, 25)),
+            matrix[10 * SIZE : 25 * SIZE] @ velocity,
+        ),
+        (pattern.summed(by_pose, rows), matrix.T @ rows),
+    ):
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-14)
 
 
 @pytest.mark.parametrize("numbers", [[], [0, 1, 2], [3, 4], [4, 3], [2, 2, 0], [0, 2]])
@@ -77,7 +72,7 @@ def test_rows_are_taken_whether_they_follow_one_another_or_not(numbers: list[int
 
 @pytest.mark.parametrize("free", [False, True])
 def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) -> None:
-    residual, own = REPROJECTION[EYE_IN_HAND, free, False], 21 if free else 12
+    residual, own = reprojection(EYE_IN_HAND, free, False), 21 if free else 12
     function, *_ = kernel._compiled(residual, 1, own, 15, 2, True, False)
     rule = formula(function, (function.n_in() - 2,))
     assert rule is not None

@@ -15,7 +15,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import Term, pairwise_distance
+from suta_calib.terms import Term
 from suta_calib.terms.block import Block
 
 
@@ -90,16 +90,6 @@ def by_coordinate(block: Block) -> np.ndarray:
         wide[np.arange(n), :, rank[marks[:, k]], :3] += block.certified.derivative[:, :, k]
         wide[np.arange(n), :, rank[marks[:, k]], 3] += block.certified.sigma[marks[:, k], None]
     return wide
-
-
-def test_pairs_of_which_some_are_left_out_are_chosen_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    (term,) = problem_of("pairwise_distance").terms
-    monkeypatch.setattr(pairwise_distance, "MOST_PAIRS", len(term.blocks[0]) // 2)
-    thinned = term.over_poses(term.poses)
-    rows = np.arange(0, len(term.poses), 3)
-    some, every = thinned.take(rows), term.over_poses(term.poses.take(rows))
-    assert len(thinned.blocks[0]) < len(term.blocks[0])
-    np.testing.assert_array_equal(some.blocks[0].samples, every.blocks[0].samples)
 
 
 @each_case
