@@ -33,20 +33,14 @@ from suta_calib.units import text
 
 @dataclass(frozen=True, eq=False)
 class ArmComparison:
-    """Errors of held-out terms with the job's own arm (before) and with another (after).
+    """Errors of held-out terms with the job's own arm (before) and with another (after)."""
 
-    Attributes:
-        terms: one for each held-out term.
-        unsure: mean square that the other arm's covariance adds to their lengths, m²; zero where
-            the covariance is not known.
-        unsure_std: standard deviation of that, m².
-        rows_in_fit: held-out rows that were read where rows of the job's observations were.
-    """
-
-    terms: tuple[TermAccuracy, ...]
+    terms: tuple[TermAccuracy, ...]  # one for each held-out term
+    # Mean square that the other arm's covariance adds to their lengths, m²; zero where the
+    # covariance is not known.
     unsure: float = 0.0
-    unsure_std: float = 0.0
-    rows_in_fit: int = 0
+    unsure_std: float = 0.0  # standard deviation of that, m²
+    rows_in_fit: int = 0  # held-out rows that were read where rows of the job's observations were
 
     @cached_property
     def gain(self) -> Gain:

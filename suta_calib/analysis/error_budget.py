@@ -78,21 +78,15 @@ class EncoderNoise:
 
 @dataclass(frozen=True, eq=False)
 class Linear:
-    """Terms at given parameter values, block by block, and the tip.
+    """Terms at given parameter values, block by block, and the tip."""
 
-    Attributes:
-        residuals: (n, d).
-        by_reading: (n,) variance of a residual's norm that the encoders make, m² or rad².
-        by_parameters: (n, d, p) derivative by the arm's parameters asked for.
-        tip_by_reading: (samples,) variance of the tip's position that the encoders make, m².
-        tip_by_parameters: (samples, 3, p) derivative of the tip's position.
-    """
-
-    residuals: list[FloatArray]
+    residuals: list[FloatArray]  # (n, d)
+    # (n,) variance of a residual's norm that the encoders make, m² or rad².
     by_reading: list[FloatArray]
-    by_parameters: list[FloatArray]
+    by_parameters: list[FloatArray]  # (n, d, p) derivative by the arm's parameters asked for
+    # (samples,) variance of the tip's position that the encoders make, m².
     tip_by_reading: FloatArray
-    tip_by_parameters: FloatArray
+    tip_by_parameters: FloatArray  # (samples, 3, p) derivative of the tip's position
 
 
 def linear(
@@ -160,29 +154,17 @@ class Share:
 
 @dataclass(frozen=True)
 class BlockBudget:
-    """One block of one term.
+    """One block of one term."""
 
-    Attributes:
-        data: ``calibration`` or ``validation``.
-        kind: of the term.
-        block: ``distance``, ``position`` or ``rotation``.
-        unit: m or rad.
-        shares: they add up to ``variance``.
-        variance: mean square of their norms, what was read at one rest counted once.
-        count: of residuals, those of one rest counted once.
-        overstated: whether the encoders' stated noise is more than repeats scatter.
-        per_position: variance of a touched position over that of a residual's norm.
-    """
-
-    data: str
-    kind: str
-    block: str
-    unit: Unit
-    shares: tuple[Share, ...]
-    variance: float
-    count: int
-    overstated: bool = False
-    per_position: float = 1.0
+    data: str  # ``calibration`` or ``validation``
+    kind: str  # of the term
+    block: str  # ``distance``, ``position`` or ``rotation``
+    unit: Unit  # m or rad
+    shares: tuple[Share, ...]  # they add up to ``variance``
+    variance: float  # mean square of their norms, what was read at one rest counted once
+    count: int  # of residuals, those of one rest counted once
+    overstated: bool = False  # whether the encoders' stated noise is more than repeats scatter
+    per_position: float = 1.0  # variance of a touched position over that of a residual's norm
 
     def variance_of(self, *sources: Source) -> float | None:
         """Of exactly these sources, or None where they have no number of their own."""
@@ -202,17 +184,11 @@ class BlockBudget:
 
 @dataclass(frozen=True)
 class TipBudget:
-    """Mean square of the tip's position error at the postures that were visited, m².
+    """Mean square of the tip's position error at the postures that were visited, m²."""
 
-    Attributes:
-        encoders: of a single reading; None where nothing is known of them.
-        parameters: from the covariance of the calibration, relative to what was held.
-        model: as the first block of lengths shows it; None where it has no number.
-    """
-
-    encoders: float | None
-    parameters: float
-    model: float | None
+    encoders: float | None  # of a single reading; None where nothing is known of them
+    parameters: float  # from the covariance of the calibration, relative to what was held
+    model: float | None  # as the first block of lengths shows it; None where it has no number
 
     @property
     def rms(self) -> float:

@@ -96,22 +96,17 @@ class Knowledge(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class Slice:
-    """One section through the workspace.
+    """One section through the workspace."""
 
-    Attributes:
-        name: ``side`` or ``top``.
-        along, up: (3,) unit vectors of the section's axes in the base, the first horizontal.
-        origin: (3,) where both coordinates are zero, m.
-        u, v: coordinates of the grid, m.
-        registered, absolute: (v, u) 3-D standard uncertainty, m; NaN out of reach.
-    """
-
-    name: str
+    name: str  # ``side`` or ``top``
+    # (3,) unit vectors of the section's axes in the base, the first horizontal.
     along: FloatArray
     up: FloatArray
-    origin: FloatArray
+    origin: FloatArray  # (3,) where both coordinates are zero, m
+    # Coordinates of the grid, m.
     u: FloatArray
     v: FloatArray
+    # (v, u) 3-D standard uncertainty, m; NaN out of reach.
     registered: FloatArray
     absolute: FloatArray
 

@@ -19,24 +19,17 @@ QUARTER: Final = np.pi / 2
 
 @dataclass(frozen=True, eq=False)
 class DrawingComparison:
-    """Best superposition of the certified landmarks onto the drawing.
+    """Best superposition of the certified landmarks onto the drawing."""
 
-    Attributes:
-        drawing: what they are compared with.
-        registration: ``T_drawing_artefact``, from the landmarks in both, robustly.
-        deviation: (n, 3) certified less drawn, in the drawing's axes, m; NaN for landmarks that
-            the drawing lacks.
-        turn: (n,) the same of the seated tip's turn about z, rad; NaN where either has none.
-        not_drawn: landmarks that the drawing lacks.
-        not_touched: landmarks of the drawing that were not touched.
-    """
-
-    drawing: Artefact
-    registration: Registration
+    drawing: Artefact  # what they are compared with
+    registration: Registration  # ``T_drawing_artefact``, from the landmarks in both, robustly
+    # (n, 3) certified less drawn, in the drawing's axes, m; NaN for landmarks that the drawing
+    # lacks.
     deviation: FloatArray
+    # (n,) the same of the seated tip's turn about z, rad; NaN where either has none.
     turn: FloatArray
-    not_drawn: tuple[str, ...]
-    not_touched: tuple[str, ...]
+    not_drawn: tuple[str, ...]  # landmarks that the drawing lacks
+    not_touched: tuple[str, ...]  # landmarks of the drawing that were not touched
 
     @property
     def rms(self) -> float:

@@ -31,19 +31,12 @@ ENOUGH: Final = 5
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """One thing judged of every landmark.
+    """One thing judged of every landmark."""
 
-    Attributes:
-        name: what it is, as a reader is told.
-        value: (n, c) lengths, m; NaN where a landmark has none.
-        std: (n, c) their standard deviations, m.
-        nominal: whether zero is right; otherwise what most landmarks have is.
-    """
-
-    name: str
-    value: FloatArray
-    std: FloatArray
-    nominal: bool
+    name: str  # what it is, as a reader is told
+    value: FloatArray  # (n, c) lengths, m; NaN where a landmark has none
+    std: FloatArray  # (n, c) their standard deviations, m
+    nominal: bool  # whether zero is right; otherwise what most landmarks have is
 
 
 def faults(

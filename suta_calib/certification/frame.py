@@ -41,23 +41,14 @@ ORIGIN: Final = "O"
 
 @dataclass(frozen=True, eq=False)
 class Heading:
-    """Direction of the side plane in the ground's frame: the artefact's x axis.
+    """Direction of the side plane in the ground's frame: the artefact's x axis."""
 
-    Attributes:
-        angle: from the ground frame's x axis, rad.
-        by_touch: (3 k) derivative by the side's touches used.
-        by_ground: (3) derivative by the ground's small error.
-        inliers: (n,) touches of the side that are used.
-        residuals: (n,) of all its touches from the plane, m.
-        scatter: of the side's touches about its plane.
-    """
-
-    angle: float
-    by_touch: FloatArray
-    by_ground: FloatArray
-    inliers: BoolArray
-    residuals: FloatArray
-    scatter: Scatter
+    angle: float  # from the ground frame's x axis, rad
+    by_touch: FloatArray  # (3 k) derivative by the side's touches used
+    by_ground: FloatArray  # (3) derivative by the ground's small error
+    inliers: BoolArray  # (n,) touches of the side that are used
+    residuals: FloatArray  # (n,) of all its touches from the plane, m
+    scatter: Scatter  # of the side's touches about its plane
 
     @property
     def rms(self) -> float:
@@ -133,19 +124,12 @@ def _side(count: int, leaning: bool) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Sources:
-    """Everything that was touched and used, as columns of one Jacobian.
+    """Everything that was touched and used, as columns of one Jacobian."""
 
-    Attributes:
-        sigma: (c,) standard deviation of each touched coordinate, m.
-        ground: (3, c) the ground's small error by them: turns about x and y, height.
-        pillars: for each landmark the columns of its touches.
-        side: columns of the side's touches.
-    """
-
-    sigma: FloatArray
-    ground: FloatArray
-    pillars: tuple[slice, ...]
-    side: slice
+    sigma: FloatArray  # (c,) standard deviation of each touched coordinate, m
+    ground: FloatArray  # (3, c) the ground's small error by them: turns about x and y, height
+    pillars: tuple[slice, ...]  # for each landmark the columns of its touches
+    side: slice  # columns of the side's touches
 
     @property
     def touched_ground(self) -> slice:
@@ -198,23 +182,14 @@ def sources_of(measured: MeasuredArtefact, heading: Heading | None, noise: Probi
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """Landmarks in the artefact's frame.
+    """Landmarks in the artefact's frame."""
 
-    Attributes:
-        position: (n, 3), m.
-        by: (n, 3, c) its derivative by everything touched.
-        yaw: (n,) direction of the flats, rad; NaN without.
-        yaw_by: (n, c).
-        heading_by: (c,) derivative of the x axis's direction in the ground's frame.
-        turned: quarter turns from the side to x, where a drawing says so.
-    """
-
-    position: FloatArray
-    by: FloatArray
-    yaw: FloatArray
-    yaw_by: FloatArray
-    heading_by: FloatArray
-    turned: int = 0
+    position: FloatArray  # (n, 3), m
+    by: FloatArray  # (n, 3, c) its derivative by everything touched
+    yaw: FloatArray  # (n,) direction of the flats, rad; NaN without
+    yaw_by: FloatArray  # (n, c)
+    heading_by: FloatArray  # (c,) derivative of the x axis's direction in the ground's frame
+    turned: int = 0  # quarter turns from the side to x, where a drawing says so
 
 
 def placed_in_frame(

@@ -30,30 +30,19 @@ CHANCE: Final = FALSE_ALARM / UNKNOWNS / 2
 
 @dataclass(frozen=True, eq=False)
 class OverGround:
-    """Rise and tilt of all landmarks together, certified less drawn.
+    """Rise and tilt of all landmarks together, certified less drawn."""
 
-    Attributes:
-        height: of the landmarks' middle, m.
-        tilt: (2,) about the artefact's x and y, rad.
-        std: (3,) standard deviations of height and tilt, from the ground's touches and from how
-            well single landmarks are made.
-        by_touch: (3,) those from all touches, however the landmarks are made.
-        beyond: (3,) whether they are no chance.
-        touch_freedom: degrees of freedom of a touch's noise; inf where that is stated.
-        spread: what one landmark's height departs from the drawing's by itself, m.
-        reach: of the landmarks from their middle, m: over it a tilt becomes a length.
-        tolerance: largest acceptable departure, m, if one was given.
-    """
-
-    height: float
-    tilt: FloatArray
+    height: float  # of the landmarks' middle, m
+    tilt: FloatArray  # (2,) about the artefact's x and y, rad
+    # (3,) standard deviations of height and tilt, from the ground's touches and from how well
+    # single landmarks are made.
     std: FloatArray
-    by_touch: FloatArray
-    beyond: BoolArray
-    touch_freedom: float
-    spread: float
-    reach: float
-    tolerance: float | None
+    by_touch: FloatArray  # (3,) those from all touches, however the landmarks are made
+    beyond: BoolArray  # (3,) whether they are no chance
+    touch_freedom: float  # degrees of freedom of a touch's noise; inf where that is stated
+    spread: float  # what one landmark's height departs from the drawing's by itself, m
+    reach: float  # of the landmarks from their middle, m: over it a tilt becomes a length
+    tolerance: float | None  # largest acceptable departure, m, if one was given
 
     @property
     def level(self) -> Level:

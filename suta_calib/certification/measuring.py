@@ -33,19 +33,14 @@ _MM: Final = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class PillarGeometry:
-    """One pillar's numbers, and how they follow its touches and the ground.
+    """One pillar's numbers, and how they follow its touches and the ground."""
 
-    Attributes:
-        values: (9,) or, with flats, (11,): x, y, z of the centre of its top (m), slopes of the top,
-            distance between the middles of the two diagonals (x and y, m), their lengths (m), yaw
-            of the direction from back to front (rad), distance of the flats (m).
-        by_touch: (rows, 3 k) derivative by the touches: top, holes, front, back.
-        by_ground: (rows, 3) by the ground's turn about x and y and its height.
-    """
-
+    # (9,) or, with flats, (11,): x, y, z of the centre of its top (m), slopes of the top, distance
+    # between the middles of the two diagonals (x and y, m), their lengths (m), yaw of the direction
+    # from back to front (rad), distance of the flats (m).
     values: FloatArray
-    by_touch: FloatArray
-    by_ground: FloatArray
+    by_touch: FloatArray  # (rows, 3 k) derivative by the touches: top, holes, front, back
+    by_ground: FloatArray  # (rows, 3) by the ground's turn about x and y and its height
 
 
 @lru_cache(maxsize=32)
@@ -110,21 +105,13 @@ def order_around(holes: FloatArray) -> tuple[int, ...]:
 
 @dataclass(frozen=True, eq=False)
 class MeasuredArtefact:
-    """Everything before a frame is chosen.
+    """Everything before a frame is chosen."""
 
-    Attributes:
-        ground: the plane; its axes and centre are the ground's frame.
-        ground_points: (n, 3) its touches in use, in that frame, m.
-        pillars: what was touched, in the file's order.
-        tops: each top, judged.
-        geometry: each pillar's numbers, in that frame.
-    """
-
-    ground: Plane
-    ground_points: FloatArray
-    pillars: tuple[Pillar, ...]
-    tops: tuple[Top, ...]
-    geometry: tuple[PillarGeometry, ...]
+    ground: Plane  # the plane; its axes and centre are the ground's frame
+    ground_points: FloatArray  # (n, 3) its touches in use, in that frame, m
+    pillars: tuple[Pillar, ...]  # what was touched, in the file's order
+    tops: tuple[Top, ...]  # each top, judged
+    geometry: tuple[PillarGeometry, ...]  # each pillar's numbers, in that frame
 
 
 def measure(raw: RawPoints, sigma: float | None) -> MeasuredArtefact:

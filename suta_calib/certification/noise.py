@@ -43,19 +43,14 @@ class Scatter:
 
 @dataclass(frozen=True)
 class ProbingNoise:
-    """What a touch is worth.
+    """What a touch is worth."""
 
-    Attributes:
-        touch: standard deviation of a coordinate on tops and flats, m; on holes and side too,
-            unless these have one of their `by_kind`.
-        ground: of one on the ground, which may be rougher, m.
-        freedom: degrees of freedom of these; inf where they are stated.
-        own: of features whose touches scatter more than those of the planes, beyond chance.
-    """
-
+    # Standard deviation of a coordinate on tops and flats, m; on holes and side too, unless these
+    # have one of their `by_kind`.
     touch: float
-    ground: float
-    freedom: float
+    ground: float  # of one on the ground, which may be rougher, m
+    freedom: float  # degrees of freedom of these; inf where they are stated
+    # Of features whose touches scatter more than those of the planes, beyond chance.
     by_kind: Mapping[Kind, Scatter] = field(default_factory=dict)
 
     def of(self, kind: Kind) -> float:

@@ -27,19 +27,12 @@ MAD: Final = float(1.0 / ndtri(0.75))
 
 @dataclass(frozen=True, eq=False)
 class Plane:
-    """A plane through points by orthogonal least squares.
+    """A plane through points by orthogonal least squares."""
 
-    Attributes:
-        centre: (3,) mean of the points used, m.
-        axes: (3, 3) rows: the plane's principal directions, then its normal.
-        inliers: (n,) points used.
-        residuals: (n,) signed distances of all points, along the normal, m.
-    """
-
-    centre: FloatArray
-    axes: FloatArray
-    inliers: BoolArray
-    residuals: FloatArray
+    centre: FloatArray  # (3,) mean of the points used, m
+    axes: FloatArray  # (3, 3) rows: the plane's principal directions, then its normal
+    inliers: BoolArray  # (n,) points used
+    residuals: FloatArray  # (n,) signed distances of all points, along the normal, m
 
     @property
     def freedom(self) -> int:
@@ -136,21 +129,13 @@ def _principal(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, eq=False)
 class Top:
-    """One top against a plane.
+    """One top against a plane."""
 
-    Attributes:
-        inliers: (k,) touches that are used.
-        residuals: (k,) of all touches from the plane through those used, m.
-        squared: sum of squared residuals of those used, m².
-        freedom: used touches less three.
-        even: whether those used are a plane within the noise.
-    """
-
-    inliers: BoolArray
-    residuals: FloatArray
-    squared: float
-    freedom: int
-    even: bool = True
+    inliers: BoolArray  # (k,) touches that are used
+    residuals: FloatArray  # (k,) of all touches from the plane through those used, m
+    squared: float  # sum of squared residuals of those used, m²
+    freedom: int  # used touches less three
+    even: bool = True  # whether those used are a plane within the noise
 
 
 def judge_tops(tops: Sequence[FloatArray], noise: float | None, fallback: float) -> tuple[Top, ...]:

@@ -42,22 +42,15 @@ class ProbedPoints:
 
 @dataclass(frozen=True, eq=False)
 class Pillar:
-    """What was touched on one landmark.
+    """What was touched on one landmark."""
 
-    Attributes:
-        name: of the landmark.
-        top: three touches or more on its top.
-        holes: (4, 3), in order around the pillar, m.
-        front, back: (3,) mean touch of each flat, m; None where the flats were not touched.
-        flat_counts: touches on front and back.
-    """
-
-    name: str
-    top: ProbedPoints
-    holes: ProbedPoints
+    name: str  # of the landmark
+    top: ProbedPoints  # three touches or more on its top
+    holes: ProbedPoints  # (4, 3), in order around the pillar, m
+    # (3,) mean touch of each flat, m; None where the flats were not touched.
     front: FloatArray | None
     back: FloatArray | None
-    flat_counts: tuple[int, int] = (1, 1)
+    flat_counts: tuple[int, int] = (1, 1)  # touches on front and back
 
 
 @dataclass(frozen=True, eq=False)

@@ -96,21 +96,13 @@ class CertifiedLandmark(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class PlaneQuality:
-    """How well touches make a plane.
+    """How well touches make a plane."""
 
-    Attributes:
-        count: touches in use.
-        rms: scatter of a touch about the plane, m.
-        flatness: of those in use from the lowest to the highest, m.
-        tilt_std: standard deviation of its direction, rad: its largest component.
-        wrong_touches: lines of touches that are not used.
-    """
-
-    count: int
-    rms: float
-    flatness: float
-    tilt_std: float
-    wrong_touches: tuple[int, ...]
+    count: int  # touches in use
+    rms: float  # scatter of a touch about the plane, m
+    flatness: float  # of those in use from the lowest to the highest, m
+    tilt_std: float  # standard deviation of its direction, rad: its largest component
+    wrong_touches: tuple[int, ...]  # lines of touches that are not used
 
 
 @dataclass(frozen=True, eq=False)

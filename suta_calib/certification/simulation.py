@@ -22,26 +22,16 @@ Row = tuple[str, str, int, FloatArray]
 
 @dataclass(frozen=True, eq=False)
 class ProbingPattern:
-    """Where the instrument touches, m.
+    """Where the instrument touches, m."""
 
-    Attributes:
-        half: half of the plate's edge.
-        ground: touches of the ground along either edge of a square grid.
-        top: distance of the four outer touches of a top from its centre.
-        hole: distance of a reference hole from the pillar's axis.
-        hole_depth: of the holes under the top.
-        flat: distance of a flat from the pillar's axis.
-        side: touches of the side plane, at y = -half, in two rows.
-        spacers: lengths by name.
-    """
-
-    half: float = 0.09
-    ground: int = 5
-    top: float = 0.004
-    hole: float = 0.007
-    hole_depth: float = 0.012
-    flat: float = 0.005
-    side: int = 12
+    half: float = 0.09  # half of the plate's edge
+    ground: int = 5  # touches of the ground along either edge of a square grid
+    top: float = 0.004  # distance of the four outer touches of a top from its centre
+    hole: float = 0.007  # distance of a reference hole from the pillar's axis
+    hole_depth: float = 0.012  # of the holes under the top
+    flat: float = 0.005  # distance of a flat from the pillar's axis
+    side: int = 12  # touches of the side plane, at y = -half, in two rows
+    # Lengths by name.
     spacers: Mapping[str, float] = field(default_factory=lambda: {"A": 0.04, "B": 0.1})
 
 

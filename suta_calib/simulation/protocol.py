@@ -20,24 +20,15 @@ from suta_calib.units import deg, mm
 
 @dataclass(frozen=True, eq=False)
 class Visits:
-    """The touches of one file, in order, and a posture for each.
+    """The touches of one file, in order, and a posture for each."""
 
-    Attributes:
-        name: of the placement or point, and of the file.
-        labels: label columns, each (n,).
-        targets: true poses of the tip before any noise, n of them.
-        oriented: (n,) whether what is touched fixes the tip's orientation too.
-        start: (n, joints) readings that reach the targets.
-        line: where the placement or point stands in the simulation's file.
-        numbers: what is measured beside the touches, each (n,), in SI, before any noise.
-    """
-
-    name: str
-    labels: dict[str, list[str]]
-    targets: Targets
-    oriented: BoolArray
-    start: FloatArray
-    line: int | None = None
+    name: str  # of the placement or point, and of the file
+    labels: dict[str, list[str]]  # label columns, each (n,)
+    targets: Targets  # true poses of the tip before any noise, n of them
+    oriented: BoolArray  # (n,) whether what is touched fixes the tip's orientation too
+    start: FloatArray  # (n, joints) readings that reach the targets
+    line: int | None = None  # where the placement or point stands in the simulation's file
+    # What is measured beside the touches, each (n,), in SI, before any noise.
     numbers: dict[str, FloatArray] = field(default_factory=dict)
 
     def what(self, row: int) -> str:
@@ -50,19 +41,12 @@ class Visits:
 
 @dataclass(frozen=True, eq=False)
 class Visitor:
-    """The true arm and where its postures are searched.
+    """The true arm and where its postures are searched."""
 
-    Attributes:
-        spec: the whole simulation, for its messages.
-        kinematics: of the true arm.
-        posture: (joints,) readings from which the search starts.
-        seed: of the starts and directions.
-    """
-
-    spec: SimulationSpec
-    kinematics: InverseKinematics
-    posture: FloatArray
-    seed: int
+    spec: SimulationSpec  # the whole simulation, for its messages
+    kinematics: InverseKinematics  # of the true arm
+    posture: FloatArray  # (joints,) readings from which the search starts
+    seed: int  # of the starts and directions
 
     def artefact(self, plan: SetSpec, label: str, pose: PoseSpec, truth: Artefact) -> Visits:
         """All landmarks of one placement, ``plan.repeats`` times.

@@ -46,19 +46,12 @@ class ErrorRow(Displayable):
 
 @dataclass(frozen=True)
 class PostureRow:
-    """A joint's reading from which the search for a posture starts.
+    """A joint's reading from which the search for a posture starts."""
 
-    Attributes:
-        joint: its name.
-        reading: rad, or m for a prismatic joint.
-        unit: of the reading.
-        line: line of the row in the file.
-    """
-
-    joint: str
-    reading: float
-    unit: Unit
-    line: int | None = None
+    joint: str  # its name
+    reading: float  # rad, or m for a prismatic joint
+    unit: Unit  # of the reading
+    line: int | None = None  # line of the row in the file
 
     @property
     def key(self) -> str:

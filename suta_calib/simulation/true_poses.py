@@ -18,17 +18,11 @@ from suta_calib.terms.given_pose import GivenPose
 
 @dataclass(frozen=True, eq=False)
 class TruePose:
-    """A frame, or a point, outside the arm.
+    """A frame, or a point, outside the arm."""
 
-    Attributes:
-        frame: which.
-        rotation: (3, 3) of ``T_within_what``; None for a point.
-        position: (3,) m.
-    """
-
-    frame: ExternalFrame
-    rotation: FloatArray | None
-    position: FloatArray
+    frame: ExternalFrame  # which
+    rotation: FloatArray | None  # (3, 3) of ``T_within_what``; None for a point
+    position: FloatArray  # (3,) m
 
 
 def true_poses(

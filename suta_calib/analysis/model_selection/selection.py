@@ -271,21 +271,17 @@ class _Extension:
 
 @dataclass(eq=False)
 class _Search:
-    """Tries what it is asked to, once.
-
-    Attributes:
-        tried: by the name of the model.
-        solutions: of what was fitted as such, likewise.
-        untold: names that seemed worth having and that a fit could not tell.
-    """
+    """Tries what it is asked to, once."""
 
     terms: tuple[Term, ...]
     parameters: ParameterSet
     folds: tuple[Fold, ...]
     families: bool
     progress: Progress | None
-    tried: dict[str, ModelCandidate] = field(default_factory=dict)
+    tried: dict[str, ModelCandidate] = field(default_factory=dict)  # by the name of the model
+    # Of what was fitted as such, likewise.
     solutions: dict[str, Solution] = field(default_factory=dict)
+    # Names that seemed worth having and that a fit could not tell.
     untold: set[str] = field(default_factory=set)
     _linearised: dict[bool, LinearModels] = field(default_factory=dict)
     _noise: tuple[float, ...] = ()

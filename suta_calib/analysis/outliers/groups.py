@@ -77,20 +77,14 @@ def touch_name(term: Term, row: int) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Registered:
-    """The touches of a term that knows an artefact, by placement.
+    """The touches of a term that knows an artefact, by placement."""
 
-    Attributes:
-        term: the touches.
-        certified: (n, 3) positions of the touched landmarks in the artefact, m.
-        placement, cell: (n,) number of each touch's placement; of placement and landmark.
-        used: (n,) touches that decide the registration.
-    """
-
-    term: Term
-    certified: FloatArray
+    term: Term  # the touches
+    certified: FloatArray  # (n, 3) positions of the touched landmarks in the artefact, m
+    # (n,) number of each touch's placement; of placement and landmark.
     placement: IntArray
     cell: IntArray
-    used: BoolArray
+    used: BoolArray  # (n,) touches that decide the registration
 
     @classmethod
     def of(cls, term: Term, used: BoolArray) -> Registered | None:

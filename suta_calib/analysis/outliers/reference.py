@@ -59,25 +59,17 @@ _Linear = tuple[tuple[str, ...], IntArray, FloatArray, FloatArray, list[_RowPart
 
 @dataclass(frozen=True, eq=False)
 class Refit:
-    """A fit over some of a term's samples.
+    """A fit over some of a term's samples."""
 
-    Attributes:
-        used: (samples,) which were fitted.
-        values, problem, x: parameters by name; what was solved, and where.
-        residual: (n, d) of the term's first block, m.
-        sigma: (n,) assumed standard deviation of a component.
-        samples: (n, k) which samples each residual looks at, numbered as in the whole term.
-        converged: whether the solver says so.
-    """
-
-    used: BoolArray
+    used: BoolArray  # (samples,) which were fitted
+    # Parameters by name; what was solved, and where.
     values: Mapping[str, float]
     problem: Problem
     x: FloatArray
-    residual: FloatArray
-    sigma: FloatArray
-    samples: IntArray
-    converged: bool
+    residual: FloatArray  # (n, d) of the term's first block, m
+    sigma: FloatArray  # (n,) assumed standard deviation of a component
+    samples: IntArray  # (n, k) which samples each residual looks at, numbered as in the whole term
+    converged: bool  # whether the solver says so
 
     @property
     def squared(self) -> FloatArray:
@@ -92,23 +84,14 @@ class Refit:
 
 @dataclass(eq=False)
 class ReferenceFit:
-    """Terms, of which one is looked at, and the fit of all of them.
+    """Terms, of which one is looked at, and the fit of all of them."""
 
-    Attributes:
-        terms: of the job, or of the job over some samples.
-        index: the term that is looked at.
-        parameters: the arm's.
-        estimated: names of the parameters that may move.
-        values: where every refit starts.
-        sigmas: assumed noise by term and block.
-    """
-
-    terms: tuple[Term, ...]
-    index: int
-    parameters: ParameterSet
-    estimated: frozenset[str]
-    values: Mapping[str, float]
-    sigmas: Mapping[tuple[int, str], float]
+    terms: tuple[Term, ...]  # of the job, or of the job over some samples
+    index: int  # the term that is looked at
+    parameters: ParameterSet  # the arm's
+    estimated: frozenset[str]  # names of the parameters that may move
+    values: Mapping[str, float]  # where every refit starts
+    sigmas: Mapping[tuple[int, str], float]  # assumed noise by term and block
     _fits: dict[bytes, Refit | None] = field(default_factory=dict)
 
     @classmethod

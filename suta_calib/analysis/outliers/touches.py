@@ -31,21 +31,15 @@ SMALLEST: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class Touches:
-    """The touches of one term.
+    """The touches of one term."""
 
-    Attributes:
-        rest: (n, d) what is left of each residual, m.
-        sigma, shared: standard deviation of one component of one touch, m; the part of it that
-            touches of one witness have in common.
-        gross: (n,) touches far beyond that.
-        displaced: landmarks by number.
-    """
-
-    rest: FloatArray
+    rest: FloatArray  # (n, d) what is left of each residual, m
+    # Standard deviation of one component of one touch, m; the part of it that touches of one
+    # witness have in common.
     sigma: float
     shared: float
-    gross: BoolArray
-    displaced: Mapping[int, Displacement] = field(default_factory=dict)
+    gross: BoolArray  # (n,) touches far beyond that
+    displaced: Mapping[int, Displacement] = field(default_factory=dict)  # landmarks by number
 
 
 def linearised(

@@ -37,17 +37,11 @@ _FEW: Final = 500
 
 @dataclass(frozen=True, eq=False)
 class DirectionGroups:
-    """Visits by direction.
+    """Visits by direction."""
 
-    Attributes:
-        names: of the k directions, in order of first appearance.
-        member: (n, k) one where a visit has the direction, else zero.
-        strata: rows of each protocol: labels change places within one only.
-    """
-
-    names: Sequence[str]
-    member: FloatArray
-    strata: Sequence[IntArray]
+    names: Sequence[str]  # of the k directions, in order of first appearance
+    member: FloatArray  # (n, k) one where a visit has the direction, else zero
+    strata: Sequence[IntArray]  # rows of each protocol: labels change places within one only
 
     @classmethod
     def of(
@@ -82,20 +76,14 @@ class DirectionGroups:
 
 @dataclass(frozen=True, eq=False)
 class BacklashSearch:
-    """What was found.
+    """What was found."""
 
-    Attributes:
-        joints: indices of the joints that have it, in the order they were found.
-        as_well: for each of these, the joints that would have explained it nearly as well.
-        backlash: (k, joints) what each joint does out of step, by direction, rad or m.
-        p_values: (joints,) chance of so much out of step with any joint.
-        by_chance: (joints,) peak to peak of the backlash that noise exceeds once in twenty.
-    """
-
-    joints: tuple[int, ...]
+    joints: tuple[int, ...]  # indices of the joints that have it, in the order they were found
+    # For each of these, the joints that would have explained it nearly as well.
     as_well: Mapping[int, tuple[int, ...]]
-    backlash: FloatArray
-    p_values: FloatArray
+    backlash: FloatArray  # (k, joints) what each joint does out of step, by direction, rad or m
+    p_values: FloatArray  # (joints,) chance of so much out of step with any joint
+    # (joints,) peak to peak of the backlash that noise exceeds once in twenty.
     by_chance: FloatArray
 
 

@@ -32,23 +32,14 @@ _ROUNDS: Final = 8
 
 @dataclass(frozen=True)
 class Stuck:
-    """A joint whose readings lack what it did.
+    """A joint whose readings lack what it did."""
 
-    Attributes:
-        joint: its name.
-        readings: how many different ones there are.
-        few: whether those are few beside the other joints'.
-        along: what is missing moves the tip by so much, RMS, m.
-        scatter: of the tip as it is read, RMS in space, m.
-        without: the same with this joint where it would have to be, m.
-    """
-
-    joint: str
-    readings: int
-    few: bool
-    along: float
-    scatter: float
-    without: float
+    joint: str  # its name
+    readings: int  # how many different ones there are
+    few: bool  # whether those are few beside the other joints'
+    along: float  # what is missing moves the tip by so much, RMS, m
+    scatter: float  # of the tip as it is read, RMS in space, m
+    without: float  # the same with this joint where it would have to be, m
 
     @property
     def sentence(self) -> str:

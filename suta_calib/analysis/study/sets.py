@@ -33,17 +33,12 @@ UNITS: Final[dict[str, tuple[str, ...]]] = {
 
 @dataclass(frozen=True, eq=False)
 class Sets:
-    """What is drawn, and which samples it takes along.
+    """What is drawn, and which samples it takes along."""
 
-    Attributes:
-        unit: what one set is, of `UNITS`.
-        names: of the sets, in order of first appearance.
-        members: for each term the set (samples,) of each sample; None for a term without such
-            sets, which is kept whole.
-    """
-
-    unit: str
-    names: tuple[str, ...]
+    unit: str  # what one set is, of `UNITS`
+    names: tuple[str, ...]  # of the sets, in order of first appearance
+    # For each term the set (samples,) of each sample; None for a term without such sets, which is
+    # kept whole.
     members: tuple[IntArray | None, ...]
 
     def __len__(self) -> int:
