@@ -20,10 +20,10 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Sources
-from suta_calib.certification.limits import FALSE_ALARM, RISK, STANDS_OUT, deviates
 from suta_calib.certification.measuring import DIAGONALS, SLOPES, UNEVEN, WIDTH, MeasuredArtefact
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
+from suta_calib.certification.scatter import FALSE_ALARM, RISK, STANDS_OUT, deviates
 
 # Pillars from which on the others say what is usual.
 ENOUGH: Final = 5

@@ -26,9 +26,10 @@ from suta_calib.certification.measuring import (
     PillarGeometry,
     levelled,
 )
-from suta_calib.certification.noise import ProbingNoise, Scatter
+from suta_calib.certification.noise import ProbingNoise
 from suta_calib.certification.plane import agreeing
 from suta_calib.certification.points import CertificationOptions, RawPoints
+from suta_calib.certification.scatter import Scatter
 from suta_calib.errors import ArtefactError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import right_singular, skew, wrap
 from suta_calib.measurements import Artefact
@@ -49,11 +50,6 @@ class Heading:
     inliers: BoolArray  # (n,) touches of the side that are used
     residuals: FloatArray  # (n,) of all its touches from the plane, m
     scatter: Scatter  # of the side's touches about its plane
-
-    @property
-    def rms(self) -> float:
-        """Standard deviation of one residual, m; 0 where the touches are as few as a line takes."""
-        return self.scatter.sigma
 
 
 def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Heading | None:

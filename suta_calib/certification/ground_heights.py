@@ -17,9 +17,15 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Level
 from suta_calib.certification.comparison import DrawingComparison
-from suta_calib.certification.limits import FALSE_ALARM, RISK, STANDS_OUT, deviates
-from suta_calib.certification.noise import ENOUGH_FREEDOM, Scatter
-from suta_calib.certification.plane import FINEST
+from suta_calib.certification.noise import ENOUGH_FREEDOM
+from suta_calib.certification.scatter import (
+    FALSE_ALARM,
+    FINEST,
+    RISK,
+    STANDS_OUT,
+    Scatter,
+    deviates,
+)
 from suta_calib.units import deg, mm
 
 # Rise, and tilt about x and y.

@@ -129,7 +129,7 @@ def measure(raw: RawPoints, sigma: float | None) -> MeasuredArtefact:
     holes = [local(p.holes.position) for p in raw.pillars]
     for pillar, top, hole in zip(raw.pillars, tops, holes, strict=True):
         _check_pillar(raw, pillar, top, hole)
-    judged = judge_tops(tops, sigma, ground.rms)
+    judged = judge_tops(tops, sigma, ground.scatter.sigma)
     geometry = []
     for pillar, points, hole, verdict in zip(raw.pillars, tops, holes, judged, strict=True):
         flats = [local(flat) for flat in (pillar.front, pillar.back) if flat is not None]

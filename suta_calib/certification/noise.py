@@ -17,8 +17,8 @@ from scipy.special import chdtri, fdtri
 
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.measuring import UNEVEN, MeasuredArtefact
-from suta_calib.certification.plane import FINEST
 from suta_calib.certification.points import RawPoints
+from suta_calib.certification.scatter import FINEST, Scatter
 from suta_calib.errors import SamplesError
 
 Kind = Literal["hole", "side"]
@@ -26,19 +26,6 @@ Kind = Literal["hole", "side"]
 ENOUGH_FREEDOM: Final = 4
 # Pillars from which on their holes say what a touch of a hole is worth, though one may be damaged.
 ENOUGH_PILLARS: Final = 5
-
-
-@dataclass(frozen=True)
-class Scatter:
-    """What touches of one kind of feature scatter: sum of squares, m², and degrees of freedom."""
-
-    squared: float
-    freedom: int
-
-    @property
-    def sigma(self) -> float:
-        """Standard deviation of one coordinate, m."""
-        return float(np.sqrt(self.squared / self.freedom)) if self.freedom > 0 else 0.0
 
 
 @dataclass(frozen=True)
@@ -67,14 +54,8 @@ class ProbingNoise:
         """The same, with what such a feature's touches scatter where that is more beyond chance."""
         # Chance that holes or side as good as the tops get a noise of their own: no word is said of
         # it, and were it smaller, touches half as bad again would not be told.
-        worse_feature = 0.05
-        if scatter.freedom < ENOUGH_FREEDOM:
-            return self
-        if np.isinf(self.freedom):
-            most = chdtri(scatter.freedom, worse_feature) / scatter.freedom
-        else:
-            most = fdtri(scatter.freedom, self.freedom, 1.0 - worse_feature)
-        if scatter.sigma**2 <= most * self.touch**2:
+        worse = scatter.exceeds(self.touch, self.freedom, 0.05)
+        if scatter.freedom < ENOUGH_FREEDOM or not worse:
             return self
         return replace(self, by_kind={**self.by_kind, kind: scatter})
 
@@ -115,32 +96,23 @@ def _noise_of_planes(
 ) -> ProbingNoise:
     # Chance that a stated noise, or a ground as smooth as the tops, is doubted wrongly.
     doubt = 0.001
-    even = [top for top in measured.tops if top.even]
-    squared, freedom = sum(t.squared for t in even), sum(t.freedom for t in even)
-    ground, ground_freedom = measured.ground, max(measured.ground.freedom, 0)
+    tops = sum((top.scatter for top in measured.tops if top.even), Scatter(0.0, 0))
+    ground = measured.ground.scatter
     if stated is not None:
-        scatter = max(float(np.sqrt(squared / freedom)) if freedom else 0.0, FINEST)
-        doubted = freedom > 0 and squared > stated**2 * chdtri(freedom, doubt)
-        touch, touch_freedom = (scatter, float(freedom)) if doubted else (stated, np.inf)
-        rough = ground_freedom > 0 and ground_freedom * ground.rms**2 > touch**2 * chdtri(
-            ground_freedom, doubt
-        )
-        return ProbingNoise(touch, max(ground.rms, touch) if rough else touch, touch_freedom)
-    if freedom + ground_freedom < ENOUGH_FREEDOM:
+        touch, freedom = stated, np.inf
+        if tops.exceeds(stated, np.inf, doubt):
+            touch, freedom = max(tops.sigma, FINEST), float(tops.freedom)
+        rough = ground.exceeds(touch, np.inf, doubt)
+        return ProbingNoise(touch, max(ground.sigma, touch) if rough else touch, freedom)
+    if (freedom := (tops + ground).freedom) < ENOUGH_FREEDOM:
         raise SamplesError(
-            f"{freedom + ground_freedom} touches more than planes need, too few to learn their "
-            "noise from",
+            f"{freedom} touches more than planes need, too few to learn their noise from",
             "five touches on each top, or the noise of a touch",
             file=raw.path,
             hint="state it with --sigma-um",
         )
     # A ground rougher than the tops is no worse an instrument.
-    same_noise = (
-        freedom == 0
-        or ground_freedom == 0
-        or (ground.rms**2 * freedom <= squared * fdtri(ground_freedom, freedom, 1.0 - doubt))
-    )
-    if same_noise:
-        squared, freedom = squared + ground_freedom * ground.rms**2, freedom + ground_freedom
-    touch = max(float(np.sqrt(squared / freedom)), FINEST)
-    return ProbingNoise(touch, touch if same_noise else ground.rms, float(freedom))
+    same = not tops.freedom or not ground.exceeds(tops.sigma, tops.freedom, doubt)
+    learnt = tops + ground if same else tops
+    touch = max(learnt.sigma, FINEST)
+    return ProbingNoise(touch, touch if same else ground.sigma, float(learnt.freedom))

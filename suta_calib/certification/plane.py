@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri, fdtri, ndtri, stdtrit
+from scipy.special import chdtri, ndtri
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.certification.scatter import FINEST, Scatter, deviates
 from suta_calib.geometry.numbers import right_singular
 
-# Finer than any instrument: what exact, made-up points scatter (m).
-FINEST: Final = 1e-8
 # From MAD to standard deviation of a normal distribution.
 MAD: Final = float(1.0 / ndtri(0.75))
 
@@ -35,15 +34,10 @@ class Plane:
     residuals: FloatArray  # (n,) signed distances of all points, along the normal, m
 
     @property
-    def freedom(self) -> int:
-        """Residuals less parameters."""
-        return int(self.inliers.sum()) - 3
-
-    @property
-    def rms(self) -> float:
-        """Standard deviation of one residual, m; 0 where three points make the plane."""
-        squared = float(np.sum(self.residuals[self.inliers] ** 2))
-        return float(np.sqrt(squared / self.freedom)) if self.freedom > 0 else 0.0
+    def scatter(self) -> Scatter:
+        """Of the points used; three make the plane."""
+        used = self.residuals[self.inliers]
+        return Scatter(float(np.sum(used**2)), max(len(used) - 3, 0))
 
 
 def fit_plane(points: FloatArray, noise: float | None = None) -> Plane:
@@ -98,7 +92,7 @@ def agreeing(
         freedom = int(used.sum()) - parameters - 1
         # Chance that any touch of a feature without a wrong one is called wrong.
         chance = 0.001 / int(used.sum()) / 2
-        limit = (-ndtri(chance)) if scale_known else (-stdtrit(freedom, chance))
+        limit = deviates(chance, np.inf if scale_known else freedom)
         used[np.flatnonzero(used)[worst]] = False
         if ratio[worst] > limit:
             inliers = used.copy()
@@ -133,8 +127,7 @@ class Top:
 
     inliers: BoolArray  # (k,) touches that are used
     residuals: FloatArray  # (k,) of all touches from the plane through those used, m
-    squared: float  # sum of squared residuals of those used, m²
-    freedom: int  # used touches less three
+    scatter: Scatter  # of those used; three make the plane
     even: bool = True  # whether those used are a plane within the noise
 
 
@@ -147,29 +140,25 @@ def judge_tops(tops: Sequence[FloatArray], noise: float | None, fallback: float)
         fallback: for it where the tops cannot tell: the scatter of the ground, m.
     """
     fits = [_fit(points, np.ones(len(points), dtype=np.bool_)) for points in tops]
-    level, freedom = fallback, len(tops)
-    free = [fit for fit in fits if fit.freedom > 0]
+    level, freedom = fallback, float(len(tops))
+    free = [fit.scatter for fit in fits if fit.scatter.freedom > 0]
     if len(free) >= 3:
         # The median top, which no few bad ones can move; it is worth about half of the tops.
-        level = float(np.sqrt(np.median([fit.squared / chdtri(fit.freedom, 0.5) for fit in free])))
-        freedom = sum(fit.freedom for fit in free) // 2
+        usual = np.median([top.squared / chdtri(top.freedom, 0.5) for top in free])
+        level, freedom = float(np.sqrt(usual)), float(sum(top.freedom for top in free) // 2)
     scale = max(level, noise or 0.0, FINEST)
-    given = noise is not None and scale == noise
+    if noise is not None and scale == noise:
+        freedom = np.inf
     return tuple(
-        _judge(points, fit, scale, None if given else freedom, len(tops))
+        _judge(points, fit, scale, freedom, len(tops))
         for points, fit in zip(tops, fits, strict=True)
     )
 
 
-def _judge(points: FloatArray, fit: Top, scale: float, freedom: int | None, count: int) -> Top:
+def _judge(points: FloatArray, fit: Top, scale: float, freedom: float, count: int) -> Top:
     def even(top: Top) -> bool:
-        if not top.freedom:
-            return True
         # Chance that any top of an artefact with nothing wrong is called uneven.
-        statistic, chance = top.squared / scale**2, 0.01 / count
-        if freedom is None:
-            return bool(statistic <= chdtri(top.freedom, chance))
-        return bool(statistic / top.freedom <= fdtri(top.freedom, freedom, 1.0 - chance))
+        return not top.scatter.exceeds(scale, freedom, 0.01 / count)
 
     if even(fit):
         return fit
@@ -184,8 +173,8 @@ def _judge(points: FloatArray, fit: Top, scale: float, freedom: int | None, coun
 def _fit(points: FloatArray, used: BoolArray) -> Top:
     coefficients = _plane(points[used])
     residuals = points[:, 2] - _design(points, points[used]) @ coefficients
-    squared = float(np.sum(residuals[used] ** 2))
-    return Top(used, residuals, squared, max(int(used.sum()) - 3, 0))
+    scatter = Scatter(float(np.sum(residuals[used] ** 2)), max(int(used.sum()) - 3, 0))
+    return Top(used, residuals, scatter)
 
 
 def _design(points: FloatArray, about: FloatArray) -> FloatArray:

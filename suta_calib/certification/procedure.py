@@ -165,7 +165,7 @@ def _landmarks(
 def _quality(touches: ProbedPoints, plane: Plane | Heading, tilt_std: float) -> PlaneQuality:
     used = plane.residuals[plane.inliers]
     wrong = touches.lines_without(plane.inliers)
-    return PlaneQuality(len(used), plane.rms, float(np.ptp(used)), tilt_std, wrong)
+    return PlaneQuality(len(used), plane.scatter.sigma, float(np.ptp(used)), tilt_std, wrong)
 
 
 def _spacers(

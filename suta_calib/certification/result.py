@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
-from scipy.special import ndtri, stdtrit
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
@@ -18,6 +17,7 @@ from suta_calib.certification.comparison import DrawingComparison
 from suta_calib.certification.frame import Source
 from suta_calib.certification.ground_heights import OverGround
 from suta_calib.certification.noise import ProbingNoise
+from suta_calib.certification.scatter import deviates
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text
@@ -183,8 +183,7 @@ class Certification(Displayable):
     @property
     def coverage_factor(self) -> float:
         """Standard deviations on either side that cover 95 %."""
-        freedom = self.probing.freedom_of("hole", "side")
-        return float((-ndtri(0.025)) if np.isinf(freedom) else (-stdtrit(freedom, 0.025)))
+        return deviates(0.025, self.probing.freedom_of("hole", "side"))
 
     @cached_property
     def wrong_touches(self) -> tuple[int, ...]:

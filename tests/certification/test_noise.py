@@ -9,9 +9,10 @@ import pytest
 from certified_artefact import NOISE, TRUE_POSITIONS, Change, certified, positions, truth
 
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.noise import ProbingNoise, Scatter, scatter_of_holes
+from suta_calib.certification.noise import ProbingNoise, scatter_of_holes
 from suta_calib.certification.points import PLAIN, CertificationOptions
 from suta_calib.certification.result import Certification
+from suta_calib.certification.scatter import Scatter
 
 STATED = CertificationOptions(sigma=NOISE)
 MANY = 40
