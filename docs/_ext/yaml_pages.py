@@ -17,7 +17,7 @@ from suta_calib.measurements.board import BOARD_KEYS
 from suta_calib.measurements.camera import CAMERA_KEYS
 from suta_calib.measurements.fields import Fields
 from suta_calib.registry import shipped
-from suta_calib.simulation.keys import SIMULATION_KEYS, set_keys
+from suta_calib.simulation.schema import SIMULATION_KEYS, set_keys
 from suta_calib.terms import KINDS
 
 

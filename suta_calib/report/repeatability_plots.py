@@ -16,7 +16,7 @@ from suta_calib.analysis.repeatability import (
     RepeatedTouches,
     Stationary,
 )
-from suta_calib.analysis.repeatability.scatter import Scattering, distances
+from suta_calib.analysis.repeatability.scatter import JointSpread, distances
 from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.plotting.style import plain_log
 from suta_calib.report.svg import picture, svg_text
@@ -107,7 +107,7 @@ def touches_plot(touches: RepeatedTouches) -> str:
         return svg_text(figure, name, "Scatter of each joint among repeats of a touch")
 
 
-def _joints(axes: Axes, named: Mapping[str, Sequence[Scattering]]) -> None:
+def _joints(axes: Axes, named: Mapping[str, Sequence[JointSpread]]) -> None:
     """Each joint's scatter, by what it is of, as what it moves the tip by."""
     chain = next(iter(named.values()))
     places, width = np.arange(len(chain)), 0.8 / len(named)

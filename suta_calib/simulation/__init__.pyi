@@ -1,13 +1,13 @@
 from .inverse_kinematics import InverseKinematics as InverseKinematics
 from .inverse_kinematics import Postures as Postures
 from .inverse_kinematics import Targets as Targets
-from .keys import PoseSpec as PoseSpec
 from .noise import NoiseLevels as NoiseLevels
 from .noise import OutlierSpec as OutlierSpec
 from .output import still_empty as still_empty
 from .output import truth_text as truth_text
 from .output import write_simulation as write_simulation
 from .schema import ErrorRow as ErrorRow
+from .schema import PoseSpec as PoseSpec
 from .schema import SetSpec as SetSpec
 from .schema import SimulationSpec as SimulationSpec
 from .schema import read_simulation as read_simulation

@@ -1,4 +1,4 @@
-"""Where randomness comes from, and how large it is.
+"""Where randomness comes from, how large it is, and which side of its play a joint is on.
 
 Every random number belongs to a named stream, so that changing one thing (another level of noise,
 one more placement) leaves all others as they were.
@@ -6,7 +6,9 @@ one more placement) leaves all others as they were.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from zlib import crc32
 
 import numpy as np
@@ -25,7 +27,7 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import GAIN
+from suta_calib.model.parameters import BACKLASH, GAIN
 from suta_calib.showing import Displayable
 from suta_calib.terms.synthetic import random_directions
 from suta_calib.units import Unit, from_mm
@@ -117,17 +119,7 @@ def outlier_displacements(rng: np.random.Generator, spec: OutlierSpec, n: int) -
 def encoder_readings(
     rng: np.random.Generator, noise: NoiseLevels, arm: ArmModel, q: FloatArray
 ) -> FloatArray:
-    """What the encoders report where they ought to report ``q``.
-
-    Args:
-        rng: random numbers.
-        noise: levels; those of the encoders are used.
-        arm: whose readings these are.
-        q: (n, joints) exact readings, rad (m for prismatic joints).
-
-    Returns:
-        (n, joints) noisy, wrapped and then quantised readings.
-    """
+    """Noisy, wrapped, then quantised readings of encoders that ought to report ``q`` (n, joints)."""
     prismatic = np.array([joint.type == "prismatic" for joint in arm.chain.moving])
     std = np.where(prismatic, noise.encoder_length, noise.encoder_angle)
     readings = wrapped(arm, q + std * rng.standard_normal(q.shape))
@@ -162,3 +154,40 @@ def full_circle(arm: ArmModel) -> NDArray[np.bool_]:
         if mover.motion != "revolute" or arm.nongeometric[gain].nominal:
             turning[mover.column] = False
     return turning
+
+
+def last_motions(
+    arm: ArmModel, values: Mapping[str, float], q: FloatArray, rng: np.random.Generator
+) -> FloatArray | None:
+    """Each joint's last motion before it was read, as a samples file has it.
+
+    The arm goes from one row to the next straight away, so a joint's last motion is the difference;
+    one that stands still keeps its side. Where it came from before the first row is drawn.
+    Of readings q (n, joints) in their order -1 and 1 (n, joints); None where no joint has backlash.
+    """
+    if not backlashes(arm, values).any():
+        return None
+    sides = np.sign(np.diff(q, axis=0, prepend=q[:1]))
+    sides[0] = rng.choice([-1.0, 1.0], q.shape[1])
+    for before, now in pairwise(sides):
+        now[now == 0.0] = before[now == 0.0]
+    return sides
+
+
+def backlashes(arm: ArmModel, values: Mapping[str, float]) -> FloatArray:
+    """(joints,) backlash of each joint that is read, rad."""
+    return np.array([values.get(f"{joint}.{BACKLASH}", 0.0) for joint in arm.joints])
+
+
+def readings_beside(
+    arm: ArmModel, values: Mapping[str, float], q: FloatArray, sides: FloatArray | None
+) -> FloatArray:
+    """Readings (n, joints) of joints that stand as they would at readings ``q`` without play.
+
+    ``(1 + gain) q + … - ½ backlash · side`` is the joint's angle: the reading runs ahead of the
+    link by half of the play.
+    """
+    if sides is None:
+        return q
+    gains = np.array([values.get(f"{joint}.gain", 0.0) for joint in arm.joints])
+    return np.asarray(q + 0.5 * backlashes(arm, values) * sides / (1.0 + gains))

@@ -11,9 +11,8 @@ from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.measurements import Artefact
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Matching, Targets
-from suta_calib.simulation.keys import PoseSpec
 from suta_calib.simulation.noise import stream
-from suta_calib.simulation.schema import SetSpec, SimulationSpec
+from suta_calib.simulation.schema import PoseSpec, SetSpec, SimulationSpec
 from suta_calib.terms.landmark import seated
 from suta_calib.units import deg, mm
 

@@ -1,30 +1,68 @@
-"""``simulation.yaml`` as typed data: SI units, paths resolved, every key checked."""
+"""``simulation.yaml`` as typed data: its keys, SI units, paths resolved, everything checked."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final, TypeVar
+
+import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements.fields import (
+    BASE,
+    DIRECTION,
+    FILE,
+    FLAG,
+    POSE,
+    POSITION,
+    TEXTS,
+    TIP,
+    URDF,
+    XYZ_MM,
+    Field,
+    Fields,
+    Value,
+    choice,
+    cone,
+    mapping,
+    quantity,
+    rows,
+    whole_number,
+)
+from suta_calib.measurements.samples import TEMPERATURES
+from suta_calib.measurements.yaml_file import Sign
 from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
-from suta_calib.simulation.keys import (
-    ARM_UNITS,
-    ERROR_KEYS,
-    SIMULATION_KEYS,
-    PoseSpec,
-    common_set_keys,
-    named,
-    set_keys,
-)
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
-from suta_calib.units import Unit, key, stored
+from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key, stored
+
+T = TypeVar("T")
+
+# What takes some ten seconds: 8,000 rows a second are simulated of what is seen, and 1,400 of what
+# is touched, for each of which a posture is sought.
+MOST_SAMPLES: Final = 100_000
+# Hundreds of corners each: 120 a second.
+MOST_PICTURES: Final = 2000
+MOST_DIRECTIONS: Final = 10_000
+MOST_REPEATS: Final = 200
+# A name becomes a file's or a folder's, on any system.
+_PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSpec(Displayable):
+    """A rigid transform: rotation (3, 3) and position (3,), m; ``line`` says where it stands."""
+
+    rotation: FloatArray
+    position: FloatArray
+    line: int | None = None
 
 
 @dataclass(frozen=True)
@@ -61,7 +99,7 @@ class PostureRow:
 
 @dataclass(frozen=True, eq=False)
 class SetSpec(Displayable):
-    """One folder of simulated samples: the keys of a set (`keys.set_keys`), in SI.
+    """One folder of simulated samples: the keys of a set (`set_keys`), in SI.
 
     Attributes:
         name: of the set and of its folder.
@@ -145,6 +183,203 @@ class SimulationSpec(Displayable):
             raise JobError.of(problem, self.path, None) from None
 
 
+def named(parent: YamlSection, under: str, read: Callable[[str, YamlSection], T]) -> dict[str, T]:
+    """What ``read`` makes of every mapping under a key, by names that files can have."""
+    listed = parent.section(under)
+    for name in listed.data:
+        if not _PORTABLE_NAME.fullmatch(name):
+            raise listed.refuse(repr(name), "letters, digits, '_', '-' and '.'", at=(name,))
+    return {name: read(name, listed.section(name)) for name in listed.data}
+
+
+def _read_pose(section: YamlSection, keys: Fields = POSE) -> PoseSpec:
+    return PoseSpec(**{"rotation": np.eye(3), **keys.read(section)}, line=section.line)
+
+
+def _poses(keys: Fields = POSE) -> Value:
+    """Poses by label."""
+    return Value(
+        "by label",
+        lambda section, name: named(section, name, lambda _, entry: _read_pose(entry, keys)),
+        keys,
+    )
+
+
+def _read_temperature(section: YamlSection, name: str) -> tuple[float, float]:
+    """Of a set, °C; refused where no samples file could say it."""
+    low, high = section.numbers(name, 2)
+    coldest, hottest = TEMPERATURES
+    if not coldest <= low <= high <= hottest:
+        expected = f"[lowest, highest] in °C, from {coldest:g} to {hottest:g}"
+        raise section.refuse(f"[{low:g}, {high:g}]", expected, at=(name,))
+    return low, high
+
+
+def _read_seat(section: YamlSection, name: str) -> tuple[float, ...]:
+    offsets = SEAT_KEYS.read(section.section(name))
+    return tuple(offsets.get(field.attribute, 0.0) for field in SEAT_KEYS)
+
+
+ARM_KEYS: Final = Fields(
+    URDF,
+    TIP,
+    BASE,
+    Field("tip_offset_mm", XYZ_MM, "A probe at the tip, in its frame; a job may seek it."),
+)
+# A point has no orientation.
+POINT_KEYS: Final = Fields(POSITION)
+# Of what an arm's parameters may be.
+ARM_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1/K", "1")
+_SIZES: Final[tuple[tuple[str, Sign, str], ...]] = (
+    ("value", "any", "The departure itself."),
+    ("std", "non-negative", "Standard deviation that departures are drawn with."),
+)
+ERROR_KEYS: Final = Fields(
+    Field(
+        "select",
+        TEXTS,
+        "The parameters that depart from nominal; the word geometric as in calibration.yaml. "
+        "Later rows win.",
+        required=True,
+    ),
+    *(
+        Field(key(name, unit), quantity(unit, sign), about, given_attribute=key(name, unit))
+        for name, sign, about in _SIZES
+        for unit in ARM_UNITS
+    ),
+)
+
+
+def _error_row(row: YamlSection) -> ErrorRow:
+    numbers = ERROR_KEYS.read(row)
+    value, std = (
+        {str(unit): numbers[key(name, unit)] for unit in ARM_UNITS if key(name, unit) in numbers}
+        for name in ("value", "std")
+    )
+    if both := value.keys() & std.keys():
+        raise row.refuse(f"a value and a std in {'/'.join(sorted(both))}", "one of them")
+    if not value and not std:
+        sizes = ", ".join(ERROR_KEYS.names[1:])
+        raise row.refuse("no size of the error", f"at least one of {sizes}")
+    return ErrorRow(numbers["select"], value, std, row.line)
+
+
+SEAT_KEYS: Final = Fields(
+    Field("x_mm", quantity("m"), "How far the tip always sits off the socket's axis, along x."),
+    Field("y_mm", quantity("m"), "The same along y."),
+    Field("rz_deg", quantity("rad"), "How far it is always turned about the tool's axis."),
+)
+_NOISE: Final = "Standard deviations of what scatters, zero without them"
+
+
+def set_keys(kind: type[Term]) -> Fields:
+    """The keys of a set of one kind of observation."""
+    measured = {*kind.measured_keys}
+    kind_keys = (*(key for key in kind.keys if key.name not in measured), *kind.simulation_keys)
+    return Fields(*common_set_keys(kind), *kind_keys)
+
+
+def common_set_keys(kind: type[Term]) -> Fields:
+    """The keys of a set beside those that the kind itself reads."""
+    return Fields(
+        Field("kind", choice(KINDS), "Which kind of observation it is.", required=True),
+        Field("noise", mapping(NoiseLevels), f"{_NOISE}; in place of the file's."),
+        Field("outliers", mapping(OutlierSpec), "What is grossly wrong; nothing without."),
+        *_medium_keys(kind),
+    )
+
+
+def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
+    """What follows from whether a tip touches or something sees."""
+    if kind.medium != "touch":
+        pose = Value("mapping", lambda section, name: _read_pose(section.section(name)), POSE)
+        frames = (
+            Field(frame.key, pose, f"{frame.about[0].upper()}{frame.about[1:]}.", frame.required)
+            for frame in kind.frames
+        )
+        optional = kind.columns.orientation == "optional"
+        turned = "Whether orientations are seen too."
+        marks = f"Where on the tip's link each {kind.mark} sits; the tip itself without it."
+        most = MOST_PICTURES if "image" in kind.columns.labels else MOST_SAMPLES
+        return (
+            Field("samples", whole_number(1, most), "How many samples are taken.", required=True),
+            Field(
+                "temperature",
+                Value("lowest, highest in °C", _read_temperature),
+                "How warm the arm is, drawn anew for every sample and written in its column; "
+                f"{REFERENCE_TEMPERATURE:g}, and no such column, without it.",
+            ),
+            *frames,
+            *([Field("orientation", FLAG, turned)] if optional else []),
+            *(
+                [Field(f"{kind.mark}s", _poses(), marks, given_attribute="marks")]
+                if kind.mark
+                else []
+            ),
+        )
+    where = Field(
+        f"{kind.place}s",
+        _poses(POSE if kind.place_turns else POINT_KEYS),
+        f"Where each {kind.place} stands in the base.",
+        required=True,
+        given_attribute="places",
+    )
+    if kind.needs_artefact:
+        return (
+            Field("artefact", FILE, "The artefact.yaml of what is touched.", required=True),
+            where,
+            Field(
+                "repeats",
+                whole_number(1, MOST_REPEATS),
+                "How often each placement is gone through; 1 without.",
+            ),
+            Field(
+                "seating",
+                Value("mapping", _read_seat, SEAT_KEYS),
+                "How the tip always sits in its sockets.",
+            ),
+        )
+    return (
+        where,
+        Field(
+            "directions",
+            whole_number(1, MOST_DIRECTIONS),
+            "From how many directions each is touched; 20 without.",
+        ),
+        Field(
+            "axis",
+            DIRECTION,
+            "Middle of the tip's z axes, in the base; against the place's own z axis without it.",
+        ),
+        Field(
+            "cone_deg",
+            cone("non-negative"),
+            "Largest angle between a tip's z axis and the axis; 60 without it.",
+        ),
+    )
+
+
+SIMULATION_KEYS: Final = Fields(
+    Field("arm", mapping(ARM_KEYS), "The nominal arm, and the ends of its chain.", required=True),
+    Field("seed", whole_number(0), "Of every random number; 0 without it."),
+    Field(
+        "posture_deg",
+        Value("by joint, deg"),
+        "Where the first search for a posture starts; the middle of a joint's range without it.",
+    ),
+    Field("posture_mm", Value("by joint, mm"), "The same for prismatic joints."),
+    Field("errors", rows(_error_row, ERROR_KEYS), "How the true arm departs from the nominal one."),
+    Field("noise", mapping(NoiseLevels), f"{_NOISE}."),
+    Field(
+        "sets",
+        Value("by name"),
+        "What is measured: each set becomes a folder of samples of its name. Its keys follow from "
+        "its kind.",
+        required=True,
+    ),
+)
+
+
 def read_simulation(path: str | Path) -> SimulationSpec:
     """Read and check ``simulation.yaml``; paths in it are relative to the file.
 
@@ -160,7 +395,7 @@ def read_simulation(path: str | Path) -> SimulationSpec:
         **{"base": None, **values["arm"]},
         seed=values.get("seed", 0),
         posture=_posture(top),
-        errors=tuple(map(_error_row, top.sections("errors"))) if "errors" in top else (),
+        errors=values.get("errors", ()),
         sets=tuple(named(top, "sets", lambda name, section: _set(name, section, noise)).values()),
     )
 
@@ -177,20 +412,6 @@ def _posture(top: YamlSection) -> tuple[PostureRow, ...]:
             reading = stored(section.number(joint), unit)
             rows.append(PostureRow(joint, reading, unit, top.document.line_of(where, joint)))
     return tuple(rows)
-
-
-def _error_row(row: YamlSection) -> ErrorRow:
-    numbers = ERROR_KEYS.read(row)
-    value, std = (
-        {str(unit): numbers[key(name, unit)] for unit in ARM_UNITS if key(name, unit) in numbers}
-        for name in ("value", "std")
-    )
-    if both := value.keys() & std.keys():
-        raise row.refuse(f"a value and a std in {'/'.join(sorted(both))}", "one of them")
-    if not value and not std:
-        sizes = ", ".join(ERROR_KEYS.names[1:])
-        raise row.refuse("no size of the error", f"at least one of {sizes}")
-    return ErrorRow(numbers["select"], value, std, row.line)
 
 
 def _set(name: str, section: YamlSection, noise: NoiseLevels) -> SetSpec:

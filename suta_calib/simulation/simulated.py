@@ -26,11 +26,12 @@ from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
 from suta_calib.showing import Displayable
-from suta_calib.simulation.backlash import last_motions, readings_beside
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
     encoder_readings,
+    last_motions,
     outlier_displacements,
+    readings_beside,
     scattered_rotations,
     stream,
     wrapped,

@@ -9,8 +9,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.simulation.keys import PoseSpec
-from suta_calib.simulation.schema import SetSpec
+from suta_calib.simulation.schema import PoseSpec, SetSpec
 from suta_calib.terms import ArmPoses, Setup, Term
 from suta_calib.terms.external_frame import ExternalFrame, pose_parameters, pose_values
 from suta_calib.terms.given_pose import GivenPose
@@ -28,14 +27,7 @@ class TruePose:
 def true_poses(
     plan: SetSpec, arm: ArmModel, samples: Samples, artefact: Artefact | None = None
 ) -> tuple[TruePose, ...]:
-    """Of all whose pose a calibration with the samples of a set has to find.
-
-    Args:
-        plan: the set.
-        arm: whose samples they are.
-        samples: of all the files of the set.
-        artefact: that was touched, or None.
-    """
+    """Of all whose pose a calibration with the samples, of all files of a set, has to find."""
     setup = Setup(artefact=artefact, settings=plan.settings)
     term = plan.term.over(ArmPoses(arm, samples), setup)
     values = own_values(plan, term)
@@ -46,10 +38,6 @@ def own_values(plan: SetSpec, term: Term) -> dict[str, float]:
     """True values, m or rad, of the own unknowns; frames that are not stated coincide.
 
     An unknown that no key states is at its nominal value.
-
-    Args:
-        plan: the set.
-        term: over samples of it.
     """
     here = PoseSpec(np.eye(3), np.zeros(3))
     stated = {frame.owner: plan.frames.get(frame.key, here) for frame in term.frames}

@@ -8,7 +8,7 @@ from simulated import arm_named
 from visits import visits
 
 from suta_calib.analysis.repeatability import Repeatability, repeatability
-from suta_calib.analysis.repeatability.copies import first_written
+from suta_calib.analysis.repeatability.suspicions import first_written
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples

@@ -1,4 +1,3 @@
-from .answer import RepeatabilityTest as RepeatabilityTest
 from .at_rest import AllanDeviation as AllanDeviation
 from .at_rest import JointNoise as JointNoise
 from .at_rest import Stationary as Stationary
@@ -20,6 +19,7 @@ from .scatter import joints_rms as joints_rms
 from .scatter import tip_levers as tip_levers
 from .touches import POINT as POINT
 from .touches import JointRepeats as JointRepeats
+from .touches import RepeatabilityTest as RepeatabilityTest
 from .touches import RepeatedTouches as RepeatedTouches
 from .touches import repeated_touches as repeated_touches
 from .visits import DIRECTION as DIRECTION

@@ -289,15 +289,10 @@ def _drift(time: FloatArray, away: FloatArray) -> tuple[float, float, float]:
     how its mean scatters, so that correlated noise makes the interval as wide as it should be.
     """
     batches = np.array_split(np.arange(len(time)), _BATCHES)
-    moment = np.array([time[rows].mean() for rows in batches])
-    mean = np.array([away[rows].mean() for rows in batches])
-    moment = moment - moment.mean()
-    power = float(moment @ moment)
-    slope = float(moment @ mean) / power
-    left = mean - mean.mean() - slope * moment
-    std = np.sqrt(float(left @ left) / (_BATCHES - 2) / power)
-    half = float(stdtrit(_BATCHES - 2, 0.5 + _CONFIDENCE / 2) * std)
-    return slope, half, float(np.ptp(mean))
+    moment, mean = (np.array([v[rows].mean() for rows in batches]) for v in (time, away))
+    (slope, _), covariance = np.polyfit(moment - moment.mean(), mean, 1, cov=True)
+    half = stdtrit(_BATCHES - 2, 0.5 + _CONFIDENCE / 2) * np.sqrt(covariance[0, 0])
+    return float(slope), float(half), float(np.ptp(mean))
 
 
 @dataclass(frozen=True, eq=False)

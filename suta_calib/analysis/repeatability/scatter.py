@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -213,31 +213,37 @@ class OrientationScatter:
 
 
 @dataclass(frozen=True)
-class JointScatter(Displayable):
+class JointSpread(Displayable):
     """How far one joint's readings scatter, rad (m for a prismatic joint).
 
     Attributes:
         joint: its name.
         unit: rad or m.
-        mean: on the circle.
-        std: with n - 1; three of them are its repeatability.
-        peak_to_peak: from the smallest to the largest.
+        std: with n - 1, pooled over points where there are several; three of them are its
+            repeatability.
+        peak_to_peak: from the smallest to the largest; mean over points where there are several.
         tip: what one standard deviation moves the tip, m.
     """
 
     joint: str
     unit: Unit
-    mean: float
     std: ScatterEstimate
     peak_to_peak: float
     tip: float
+
+
+@dataclass(frozen=True)
+class JointScatter(JointSpread):
+    """The same at one point, with the mean reading on the circle."""
+
+    mean: float
 
 
 def joint_scatter(joint: str, unit: Unit, readings: FloatArray, lever: float) -> JointScatter:
     """Of readings (n,), n at least three; ``lever`` is how far a unit moves the tip, m."""
     mean, away = deviations(readings, unit)
     std = spread(lambda sample: float(sample.std(ddof=1)), away)
-    return JointScatter(joint, unit, mean, std, float(np.ptp(away)), lever * std.value)
+    return JointScatter(joint, unit, std, float(np.ptp(away)), lever * std.value, mean)
 
 
 def tip_levers(arm: ArmModel, q: FloatArray) -> FloatArray:
@@ -260,6 +266,12 @@ def deviations(readings: FloatArray, unit: Unit) -> tuple[float, FloatArray]:
     middle = float(np.angle(np.mean(np.exp(1j * readings))))
     away = np.angle(np.exp(1j * (readings - middle)))
     return float(np.angle(np.exp(1j * (middle + away.mean())))), away - away.mean()
+
+
+def departures(q: FloatArray, units: Iterable[Unit]) -> FloatArray:
+    """(n, joints) what readings (n, joints) deviate from the means of their columns."""
+    columns = zip(q.T, units, strict=True)
+    return np.stack([deviations(readings, unit)[1] for readings, unit in columns], axis=1)
 
 
 def median_angle(readings: FloatArray) -> float:
@@ -335,31 +347,11 @@ def compare_protocols(
     )
 
 
-class Scattering(Protocol):
-    """A joint of which it is known how far its readings scatter."""
-
-    @property
-    def joint(self) -> str:
-        """Its name."""
-
-    @property
-    def unit(self) -> Unit:
-        """Of its readings."""
-
-    @property
-    def std(self) -> ScatterEstimate:
-        """Of its readings."""
-
-    @property
-    def tip(self) -> float:
-        """What one standard deviation moves the tip, m."""
-
-
-def joints_rms(joints: Iterable[Scattering]) -> float | None:
+def joints_rms(joints: Iterable[JointSpread]) -> float | None:
     """Root mean square over the joints that turn of their standard deviations, rad; None for none.
 
     One figure for a whole arm, as reports of measuring arms give it. It weighs a joint near the tip
-    like one at the base: what scatter does to the tip is in `JointScatter.tip`.
+    like one at the base: what scatter does to the tip is in `JointSpread.tip`.
     """
     turning = [joint.std.value for joint in joints if joint.unit == "rad"]
     return float(np.sqrt(np.mean(np.square(turning)))) if turning else None

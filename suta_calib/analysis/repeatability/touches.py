@@ -8,19 +8,22 @@ section 7.4). Points count as wholes in the intervals.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
 
+from suta_calib.analysis.repeatability.at_rest import Stationary
 from suta_calib.analysis.repeatability.scatter import (
     CONFIDENCE,
     LEAST_VISITS,
+    JointSpread,
     ScatterEstimate,
     deviations,
     spread,
     tip_levers,
 )
-from suta_calib.analysis.repeatability.visits import ELSEWHERE
+from suta_calib.analysis.repeatability.visits import ELSEWHERE, Repeatability
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import SamplesError
@@ -31,7 +34,7 @@ from suta_calib.showing import Displayable
 from suta_calib.terms import ArmPoses
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
-from suta_calib.units import Unit, mm
+from suta_calib.units import mm
 from suta_calib.words import listed
 
 # Labels that together name a point.
@@ -39,26 +42,17 @@ POINT: Final = ("placement", "landmark")
 
 
 @dataclass(frozen=True)
-class JointRepeats(Displayable):
-    """How far one joint's readings scatter among repeats of a touch, rad (m if prismatic).
+class JointRepeats(JointSpread):
+    """The same among repeats of many points.
 
     Attributes:
-        joint: its name.
-        unit: rad or m.
-        std: pooled over the points.
-        peak_to_peak: from the smallest to the largest reading at a point, mean over the points.
-        largest: the same where it is largest.
-        largest_at: and which point that is, such as ``P1/M2``.
-        tip: what one standard deviation moves the tip, m.
+        largest: from the smallest to the largest reading at the point where they lie farthest
+            apart.
+        largest_at: which point that is, such as ``P1/M2``.
     """
 
-    joint: str
-    unit: Unit
-    std: ScatterEstimate
-    peak_to_peak: float
     largest: float
     largest_at: str
-    tip: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +140,12 @@ def repeated_touches(
     joints = []
     for (joint, unit), q, lever in zip(arm.units.items(), once.q.T, levers, strict=True):
         off = [deviations(q[rows], unit)[1] for rows in again]
-        std, widths = _pooled(off, freedom), [float(np.ptp(departures)) for departures in off]
-        widest = int(np.argmax(widths))
-        mean = float(np.mean(widths))
-        joints.append(
-            JointRepeats(joint, unit, std, mean, widths[widest], labels[widest], lever * std.value)
+        std, widths = _pooled(off, freedom), [float(np.ptp(away)) for away in off]
+        mean, (widest, at) = (
+            float(np.mean(widths)),
+            max(zip(widths, labels, strict=True), key=itemgetter(0)),
         )
+        joints.append(JointRepeats(joint, unit, std, mean, lever * std.value, widest, at))
     return RepeatedTouches(
         sum(map(len, again)),
         labels,
@@ -172,3 +166,22 @@ def _pooled(off: list[FloatArray], freedom: FloatArray) -> ScatterEstimate:
         return float(np.sqrt(squares / free))
 
     return spread(root, points)
+
+
+@dataclass(frozen=True, eq=False)
+class RepeatabilityTest(Displayable):
+    """Visits to one point, repeats of many, encoders at rest; None for what was not looked at."""
+
+    visits: Repeatability | None = None
+    rest: Stationary | None = None
+    touches: RepeatedTouches | None = None
+
+    @property
+    @judged
+    def assessment(self) -> Assessment:
+        """The worst of them, with the notes of all."""
+        looked_at = (self.visits, self.touches, self.rest)
+        given = [judgement.assessment for judgement in looked_at if judgement is not None]
+        bad = [note for judgement in given if not judgement.usable for note in judgement.notes]
+        care = [note for judgement in given if judgement.usable for note in judgement.notes]
+        return Assessment.of("; ".join(item.sentence for item in given), bad=bad, care=care)

@@ -12,9 +12,7 @@ from numpy.typing import NDArray
 from scipy.cluster.hierarchy import fcluster, linkage
 from scipy.spatial.distance import pdist
 
-from suta_calib.analysis.repeatability.copies import first_written
 from suta_calib.analysis.repeatability.directions import DirectionalForce, directional_force
-from suta_calib.analysis.repeatability.misread import misread
 from suta_calib.analysis.repeatability.scatter import (
     CONFIDENCE,
     CYCLES,
@@ -24,12 +22,18 @@ from suta_calib.analysis.repeatability.scatter import (
     PositionScatter,
     ProtocolComparison,
     compare_protocols,
-    deviations,
+    departures,
     joint_scatter,
     median_angle,
     tip_levers,
 )
-from suta_calib.analysis.repeatability.stuck import Stuck, stuck
+from suta_calib.analysis.repeatability.suspicions import (
+    Stuck,
+    first_written,
+    misread,
+    stuck,
+    within_groups,
+)
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import SamplesError
@@ -284,23 +288,22 @@ def repeatability(
     pushed = None
     if direction is not None:
         named = list(zip(arm.joints, units, levers, strict=True))
-        off = np.stack([deviations(q, unit)[1] for _, unit, q, _ in columns], axis=1)
-        pushed = directional_force(named, off, position, direction, protocol, seed)
+        away = departures(samples.q, units)
+        pushed = directional_force(named, away, position, direction, protocol, seed)
     groups = np.zeros(len(samples), np.intp) if protocol is None else grouped(protocol)[1]
     protocols, by_joint = {}, {}
-    within: FloatArray = position - position.mean(axis=0)
+    within = within_groups(position, groups)
     if protocol is not None:
         for name in grouped(protocol)[0]:
             rows = protocol == name
             protocols[name] = PositionScatter.of(position[rows])
             by_joint[name] = tuple(joint_scatter(n, u, q[rows], by) for n, u, q, by in columns)
-            within[rows] -= within[rows].mean(axis=0)
     first, *further = protocols or [""]
     # Of the principal axis along which successive visits resemble each other most.
-    away = within if pushed is None else pushed.within[:, -3:]
-    away = away - away.mean(axis=0)
-    several = places(away)
-    axes, sizes, _ = np.linalg.svd(away, full_matrices=False)
+    about = within if pushed is None else pushed.within[:, -3:]
+    about = about - about.mean(axis=0)
+    several = places(about)
+    axes, sizes, _ = np.linalg.svd(about, full_matrices=False)
     axes = axes[:, sizes > 1e-9 * max(float(sizes[0]), 1e-300)]
     correlation = max((correlation_length(axis[:, None]) for axis in axes.T), default=1.0)
     return Repeatability(
@@ -330,7 +333,7 @@ def repeatability(
         # From one point to another the joints need not undo each other.
         None if several else misread(arm, samples, position),
         () if several else stuck(arm, samples.q, groups),
-        rms_length(away),
+        rms_length(about),
         correlation,
         confidence,
     )
