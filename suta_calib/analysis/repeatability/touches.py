@@ -141,10 +141,8 @@ def repeated_touches(
     for (joint, unit), q, lever in zip(arm.units.items(), once.q.T, levers, strict=True):
         off = [deviations(q[rows], unit)[1] for rows in again]
         std, widths = _pooled(off, freedom), [float(np.ptp(away)) for away in off]
-        mean, (widest, at) = (
-            float(np.mean(widths)),
-            max(zip(widths, labels, strict=True), key=itemgetter(0)),
-        )
+        widest, at = max(zip(widths, labels, strict=True), key=itemgetter(0))
+        mean = float(np.mean(widths))
         joints.append(JointRepeats(joint, unit, std, mean, lever * std.value, widest, at))
     return RepeatedTouches(
         sum(map(len, again)),
