@@ -119,7 +119,7 @@ def outlier_displacements(rng: np.random.Generator, spec: OutlierSpec, n: int) -
 def encoder_readings(
     rng: np.random.Generator, noise: NoiseLevels, arm: ArmModel, q: FloatArray
 ) -> FloatArray:
-    """Noisy, wrapped, then quantised readings of encoders that ought to report ``q`` (n, joints)."""
+    """Noisy, wrapped, then quantised readings (n, joints) of encoders that ought to report q."""
     prismatic = np.array([joint.type == "prismatic" for joint in arm.chain.moving])
     std = np.where(prismatic, noise.encoder_length, noise.encoder_angle)
     readings = wrapped(arm, q + std * rng.standard_normal(q.shape))
