@@ -53,8 +53,8 @@ class ContradictionOptions:
         scale_significance: standard deviations that it must be off.
         scale_by_priors: the same to refuse an answer where priors alone speak against it: of 42
             sound sets one had an arm that was four prior standard deviations long.
-        scale_of_arm: the same of the arm's lengths, which say it only by growing evenly: one chance
-            in twenty, of arms whose lengths are off by ``scale``.
+        scale_of_arm: the same of the arm's lengths, which say it only by growing evenly; so many
+            below the estimate, the factor must still be more than ``scale_care``.
         scale_gain: share of the priors' pulls or the residuals that it must explain.
         starts: share of the starts that must end in the same minimum.
     """
@@ -110,7 +110,7 @@ def contradictions(
     residuals = list(_residuals(solution, options))
     disagreements = [
         *residuals,
-        *_held_out(held_out, options),
+        *_held_out(solution, held_out, options),
         # What does not fit at all has no scale.
         *([] if any(residual.bad for residual in residuals) else _scales(solution, options)),
         *_priors(solution, options),
@@ -239,12 +239,17 @@ def _gross(line: Linearised, unit: str, options: ContradictionOptions) -> Iterat
 
 
 def _held_out(
-    errors: Sequence[HeldOutErrors], options: ContradictionOptions
+    solution: Solution, errors: Sequence[HeldOutErrors], options: ContradictionOptions
 ) -> Iterator[Contradiction]:
     for e in errors:
         larger = math.log(max(e.ratio, 1e-9))
         if abs(larger) < options.significance * e.ratio_std:
             continue
+        if e.ratio > options.held_out_care:
+            # A machine's tip may scatter by its encoders: more where it reaches farther.
+            by_joints = e.ratio_by_joint_noise(solution)
+            if by_joints < options.held_out_care:
+                continue
         if e.ratio * options.held_out < 1.0:
             yield Contradiction(
                 False,
@@ -281,6 +286,8 @@ def _scales(solution: Solution, options: ContradictionOptions) -> Iterator[Contr
             scale.significance < least
             or scale.gain < options.scale_gain
             or not options.scale_care < size < options.scale_most
+            # An arm may by chance be a little long in most of its lengths.
+            or (of_arm and size - least * scale.std < options.scale_care)
         ):
             continue
         named = True

@@ -20,7 +20,7 @@ Generalized Linear Models, section 4.5).
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -34,6 +34,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.terms.block import Block, grouped
 from suta_calib.trust.accuracy import Accuracy, fit_own
+from suta_calib.trust.extended_problem import effective_unknowns
 from suta_calib.units import Unit
 
 # Robust levels beyond which a residual counts no further in the scatter: normal noise has none.
@@ -123,6 +124,26 @@ class HeldOutErrors:
         size = self.residual.shape[1]
         return float(np.sqrt(np.median(self.normalised**2) / normal_squared(size)))
 
+    def ratio_by_joint_noise(self, solution: Solution) -> float:
+        """The ratio if what scatters is the joint readings: noise then grows with the reach.
+
+        Args:
+            solution: of the fitted terms.
+        """
+        fitted = [
+            reach
+            for term, block, reach in _reaches(solution, solution.problem.terms)
+            if (term.kind, block.name) == (self.term.kind, self.name)
+        ]
+        (here,) = (r for _, b, r in _reaches(solution, [self.term]) if b.name == self.name)
+        level = float(np.mean(np.concatenate([*fitted]) ** 2)) if fitted else 0.0
+        if level == 0.0:
+            return self.ratio
+        noise = np.maximum(self.predicted**2 - self.by_parameters**2, 0.0)
+        predicted = self.by_parameters**2 + noise * here**2 / level
+        squared = np.einsum("nd,nd->n", self.residual, self.residual) / predicted
+        return float(np.sqrt(np.median(squared) / normal_squared(self.residual.shape[1])))
+
     @property
     def ratio_std(self) -> float:
         """Relative standard error of the ratio: that of a median over the witnesses."""
@@ -196,6 +217,23 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
     return tuple(answer)
 
 
+def _reaches(solution: Solution, terms: Sequence[Term]) -> Iterator[tuple[Term, Block, FloatArray]]:
+    """How far (n,) one component of each row of every block moves with all joint readings."""
+    arm = solution.problem.arm
+    turning = [name for name in arm.offsets if arm.offered[name].unit == "rad"] if arm else []
+    if not turning or arm is None:
+        return
+    problem = Problem(terms, arm.select(*turning))
+    at = problem.start(solution.values)
+    rows = iter(whitened_rows(problem, at, [1.0] * len(problem.blocks)))
+    for term in problem.terms:
+        for block in term.blocks:
+            of = next(rows)
+            by_joints = of.jacobian[:, : len(turning)].reshape(*of.line.residual.shape, -1)
+            reach = np.sqrt(np.sum(by_joints**2, axis=(1, 2)) / block.size)
+            yield term, block, of.line.sigma * reach
+
+
 def _sort(term: Term, block: Block) -> tuple[str, str, bool]:
     """What blocks must have in common to scatter alike: rows that state how they do, or do not."""
     return term.kind, block.name, block.relative.size > 1
@@ -217,7 +255,7 @@ def _fitted_levels(solution: Solution) -> dict[tuple[str, str, bool], float]:
             residual = next(lines).residual / block.typical
             together.setdefault(_sort(term, block), []).append(residual)
     rows = sum(r.size for parts in together.values() for r in parts)
-    left = max(rows - len(solution.free), rows / 10) / rows
+    left = max(rows - effective_unknowns(solution), rows / 10) / rows
     levels = {}
     for sort, parts in together.items():
         residual = np.concatenate(parts)

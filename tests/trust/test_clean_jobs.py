@@ -53,3 +53,24 @@ def test_what_priors_hold_is_good(kind: str, oriented: bool) -> None:
 def test_another_arm_is_good_too(kind: str, oriented: bool) -> None:
     arm = arm_named("ur5")
     assert is_good(judged(arm, as_init_frees(arm), kind, oriented, seed=2), kind)
+
+
+@pytest.mark.parametrize(("kind", "seed"), [("line", 7), ("range", 10), ("landmark", 16)])
+def test_encoder_noise_that_grows_with_the_reach_is_no_contradiction(kind: str, seed: int) -> None:
+    """The rows held out lie farther away than those that were fitted."""
+    arm = arm_named("suta")
+    found = judged(arm, as_init_frees(arm), kind, oriented=False, seed=seed)
+    assert not [note for note in found.notes if "Held-out" in note]
+
+
+def test_an_arm_that_is_by_chance_a_little_long_is_good() -> None:
+    """Its lengths came out 0.38 ± 0.12 % longer, as they are."""
+    arm = arm_named("suta")
+    assert is_good(judged(arm, as_init_frees(arm), "tracked_point", False, seed=9), "tracked_point")
+
+
+def test_held_out_errors_of_a_fit_with_priors_are_predicted() -> None:
+    """A prior takes no equation's place when the scatter of the residuals is estimated."""
+    arm = arm_named("suta")
+    found = judged(arm, with_priors(arm), "range", oriented=False, seed=14)
+    assert not [note for note in found.notes if "Held-out" in note]
