@@ -11,6 +11,7 @@ from pathlib import Path
 
 from format_pages import formats_page
 from hypothesis_pages import hypotheses_page
+from message_pages import messages_page
 from name_pages import api_index, api_pages, commands_page
 from observation_pages import csv_page, observations_page
 from repository_pages import EXAMPLES, ROOT, examples_listed, shown_file, shown_notebook
@@ -32,6 +33,7 @@ def pages() -> dict[str, str]:
         "hypotheses.md": "".join(hypotheses_page()),
         "files.md": "".join(files_page()),
         "observations.md": "".join(observations_page()),
+        "messages.md": "".join(messages_page()),
         "formats.md": "".join(formats_page()),
         "commands.md": "".join(commands_page()),
         "api.md": "".join(api_index()),
