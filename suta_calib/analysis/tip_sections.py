@@ -10,8 +10,9 @@ from functools import cached_property
 import numpy as np
 from scipy.spatial import KDTree
 
-from suta_calib.analysis.planning.region import Region, turning_z_to
+from suta_calib.analysis.planning.region import Region
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
@@ -139,7 +140,9 @@ class Walker(Displayable):
         attainable = knowledge.kinematics.attainable["position"]
         _, reached_places = knowledge.arm.forward(knowledge.visited, knowledge.values)
         readings = knowledge.visited
-        rotation = np.tile(turning_z_to(self.axis), (len(places), 1, 1))
+        rotation = np.tile(
+            rotation_from_vector(vector_turning_z_to(self.axis)), (len(places), 1, 1)
+        )
         found_readings = np.full((len(places), readings.shape[1]), np.nan)
         order = np.argsort(KDTree(reached_places).query(places)[0], kind="stable")
         starts = 3

@@ -74,11 +74,11 @@ def repeat_variance(
     _, group, count = np.unique(group[sound], return_inverse=True, return_counts=True)
     if np.sum(count > 1) < ENOUGH_GROUPS:
         return None
-    inside = _about_mean(residual, group, count)
+    inside = about_mean(residual, group, count)
     return float(np.sum(inside**2) / np.sum(count - 1))
 
 
-def _about_mean(residual: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
+def about_mean(residual: FloatArray, group: IntArray, count: IntArray) -> FloatArray:
     """(n, d) departures from the mean of each row's group."""
     total = np.zeros((len(count), residual.shape[1]))
     np.add.at(total, group, residual)
@@ -174,7 +174,7 @@ def _repeat_scatter(block: Block, residual: FloatArray, touch: IntArray) -> floa
         return None
     # The mean has taken one of every group's residuals.
     lost = np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[group, None]
-    freed = _about_mean(residual, group, count) / lost
+    freed = about_mean(residual, group, count) / lost
     scatter = float(np.median(np.abs(freed[count[group] > 1]))) / NORMAL_MEDIAN
     return scatter if scatter > 0 else None
 
@@ -215,7 +215,7 @@ def touch_repeatability(term: Term, values: Mapping[str, float]) -> TouchRepeata
     if np.sum(count > 1) < ENOUGH_GROUPS:
         return None
     repeated = count > 1
-    inside = _about_mean(position, place, count)[repeated[place]]
+    inside = about_mean(position, place, count)[repeated[place]]
     spare = float(np.sum(count[repeated] - 1))
     rms = float(np.sqrt(np.sum(inside**2) / spare))
     std = rms / float(np.sqrt(2.0 * position.shape[1] * spare))

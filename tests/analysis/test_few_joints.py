@@ -10,7 +10,6 @@ from few_joints import ARTEFACT, few_joints, simulation
 from simulated import tracked_scene
 
 from suta_calib.analysis.planning import PlanOptions, Pool, Situation, plan
-from suta_calib.analysis.planning.reach import link_points
 from suta_calib.analysis.tip_map import TipMapOptions, tip_map_of_solution
 from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
@@ -96,6 +95,6 @@ def test_the_drawn_arm_is_that_of_the_readings(tmp_path: Path) -> None:
     path.write_text(few_joints(5))
     up, down = ArmModel.from_urdf(path, "tip"), ArmModel.from_urdf(path, "l0", "tip")
     q = np.array([0.3, -0.4, 0.5, 0.6, -0.7])
-    drawn, inverted = link_points(up, q), link_points(down, q[::-1])
+    drawn, inverted = up.skeleton(q).points, down.skeleton(q[::-1]).points
     R, p = up.forward(q)
     np.testing.assert_allclose(inverted[::-1] @ R.T + p, drawn, atol=1e-12)

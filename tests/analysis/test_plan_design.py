@@ -32,7 +32,7 @@ from suta_calib.analysis.planning.design import (
     ordered,
     present_information,
 )
-from suta_calib.analysis.planning.reach import Collisions, link_points
+from suta_calib.analysis.planning.reach import Collisions
 from suta_calib.analysis.planning.region import _first
 from suta_calib.model.arm import ArmModel
 from suta_calib.solver.covariance import predicted_covariance
@@ -176,7 +176,7 @@ def test_links_end_at_the_tip_whatever_the_joints(name: str) -> None:
     arm = arm_named(name)
     q = random_readings(arm, np.random.default_rng(0), 4)
     for row in q:
-        points = link_points(arm, row)
+        points = arm.skeleton(row).points
         assert points.shape == (len(arm.joints) + 2, 3)
         np.testing.assert_allclose(points[-1], arm.forward(row)[1])
     collisions = Collisions.of(arm, q)

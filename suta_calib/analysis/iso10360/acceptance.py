@@ -79,30 +79,26 @@ class AcceptanceMeasurements(Displayable):
         Raises:
             InputError: samples that do not determine what they are to measure, with their place.
         """
-        measured = cls(bidirectional=job.bidirectional, notes=job.notes)
+        lengths, points, spheres, visited = None, [], (), ()
         if job.lengths:
             with job.error_context("lengths"):
-                errors = LengthErrors.joined([LengthErrors.of(term) for term in job.lengths])
-            measured = replace(measured, lengths=errors)
+                lengths = LengthErrors.joined([LengthErrors.of(term) for term in job.lengths])
         for samples in job.articulation:
             place, labels = job.arm.forward(samples.q)[1], samples.labels
             with job.error_context("articulation"):
-                articulation = labels.get("articulation")
-                points = articulations(place, labels["point"], articulation, sphere=job.on_spheres)
-            measured = replace(measured, articulations=(*measured.articulations, *points))
-        if job.probing is not None:
-            place = job.arm.forward(job.probing.samples.q)[1]
+                named = labels["point"], labels.get("articulation")
+                points += articulations(place, *named, sphere=job.on_spheres)
+        if (probing := job.probing) is not None:
+            place = job.arm.forward(probing.samples.q)[1]
             with job.error_context("probing"):
-                label = job.probing.samples.labels["sphere"]
-                spheres = probings(place, label, job.probing.diameter)
-            measured = replace(measured, spheres=spheres, sphere_std=job.probing.std)
-        if job.repeatability is not None:
-            place = job.arm.forward(job.repeatability.q)[1]
+                spheres = probings(place, probing.samples.labels["sphere"], probing.diameter)
+        if (samples := job.repeatability) is not None:
+            place = job.arm.forward(samples.q)[1]
             with job.error_context("repeatability"):
-                measured = replace(
-                    measured, repeats=repeats(place, job.repeatability.labels["point"])
-                )
-        return measured
+                visited = repeats(place, samples.labels["point"])
+        std = 0.0 if probing is None else probing.std
+        of_points = tuple(points), spheres, std, visited
+        return cls(lengths, job.bidirectional, *of_points, job.notes)
 
 
 @dataclass(frozen=True)
@@ -263,34 +259,26 @@ def accept(
     m, u, characteristics = measured, uncertainty, []
     if m.lengths is not None:
         characteristics.append(_worst_length(m.lengths, m.bidirectional, limits, u, rule))
-    diameter = float(np.hypot(EXPANDED * m.sphere_std, u.size))
+    diameter, touches = float(np.hypot(EXPANDED * m.sphere_std, u.size)), _too_few_touches(m)
+    points = [(a.point, a.diameter) for a in m.articulations]
+    sizes, forms = ([(s.sphere, getattr(s, of)) for s in m.spheres] for of in ("size", "form"))
     visits = [(r.point, r.diameter) for r in m.repeats]
+    # What is missing of a kind, and whether few touches make more of their scatter: a size does,
+    # and a sphere's place; form never does.
+    fitted = any(point.amplification for point in m.articulations)
     kinds = (
-        ("L_Dia", [(a.point, a.diameter) for a in m.articulations], limits.location, u.location),
-        ("P_Size", [(s.sphere, s.size) for s in m.spheres], limits.size, diameter),
-        ("P_Form", [(s.sphere, s.form) for s in m.spheres], limits.form, u.form),
-        ("repeatability", visits, limits.repeatability, u.repeatability),
+        ("L_Dia", points, limits.location, u.location, _too_few_articulations(m), fitted),
+        ("P_Size", sizes, limits.size, diameter, touches, True),
+        ("P_Form", forms, limits.form, u.form, touches, False),
+        ("repeatability", visits, limits.repeatability, u.repeatability, "", False),
     )
-    few_touches = _too_few_touches(m)
-    missing = {
-        "L_Dia": _too_few_articulations(m),
-        "P_Size": few_touches,
-        "P_Form": few_touches,
-    }
-    # A size, and a sphere's place, from few touches say more than the touches do; form never does.
-    amplified = {
-        "P_Size": True,
-        "L_Dia": any(point.amplification for point in m.articulations),
-    }
-    for symbol, values, limit, expanded in kinds:
+    for symbol, values, limit, expanded, missing, amplified in kinds:
         if values:
             where, value = max(values, key=lambda pair: abs(pair[1]))
             decision = rule.decide(value, limit, expanded)
-            stated_expanded, count = expanded or None, len(values)
-            judged = Characteristic(symbol, where, value, limit, stated_expanded, decision, count)
-            characteristics.append(
-                judged.but_for(missing.get(symbol, ""), amplified=amplified.get(symbol, False))
-            )
+            known = expanded or None
+            judged = Characteristic(symbol, where, value, limit, known, decision, len(values))
+            characteristics.append(judged.but_for(missing, amplified=amplified))
     return AcceptanceTest(measured, limits, uncertainty, rule, tuple(characteristics))
 
 

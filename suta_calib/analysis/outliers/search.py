@@ -32,12 +32,12 @@ from suta_calib.analysis.outliers.answer import (
 from suta_calib.analysis.outliers.chance import Simulator, chance_of
 from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
 from suta_calib.analysis.outliers.metrics import JudgedFit, measures
-from suta_calib.analysis.outliers.moves import find_moves
 from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
 from suta_calib.analysis.outliers.touches import (
     SMALLEST,
     Touches,
     explained_touches,
+    find_moves,
     linearised,
 )
 from suta_calib.arrays import BoolArray

@@ -4,18 +4,22 @@ The residual of a touch is a vector of three components. A robust linear fit spl
 arm's whole geometry explains (with the poses of the artefact, the instrument, …), a displacement
 common to all touches of one landmark, and the rest: noise, and gross single touches. Landmarks are
 given a displacement one at a time, the most significant first, so that none hides behind another.
+
+Whether an instrument, an artefact or a point was moved while its rows were taken is asked beside
+the same fit: the rows of one pose are given another pose from some row on, as an `Effect` in
+stretches of rows that Huber's rule weighs (`trust.evidence`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
 from scipy.special import chdtri, fdtrc
 
-from suta_calib.analysis.outliers.answer import Displacement
+from suta_calib.analysis.outliers.answer import Displacement, Move, Thresholds
 from suta_calib.analysis.outliers.groups import Grouping
 from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
@@ -24,6 +28,8 @@ from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
+from suta_calib.trust.evidence import Effect, LinearFit, Stretches, weigh_effects
+from suta_calib.trust.repeats import about_mean
 
 # Noise of an arm that nobody has (m): in finer errors a solver's last steps show, and nothing else.
 SMALLEST: Final = 1e-6
@@ -122,39 +128,26 @@ def _shared(rest: FloatArray, cells: IntArray, sigma: float) -> float:
     _, index, count = np.unique(cells, return_inverse=True, return_counts=True)
     if not np.any(count > 1):
         return 0.0
-    mean = np.zeros((len(count), rest.shape[1]))
-    np.add.at(mean, index, rest)
-    inside = rest - (mean / count[:, None])[index]
-    freed = inside / np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[index, None]
+    freed = about_mean(rest, index, count) / np.sqrt(1.0 - 1.0 / np.maximum(count, 2))[index, None]
     alone = scatter(freed[count[index] > 1])
     return float(np.sqrt(max(sigma**2 - alone**2, 0.0)))
 
 
+@dataclass(eq=False)
 class RobustLinearFit:
-    """Robust linear least squares of residual vectors (n, d), m, with priors.
+    """Robust linear least squares of residual vectors, with priors."""
 
-    The Jacobian is (n d, p); precision of the priors and deviation from their centres are (p,);
-    ``readings`` is how many rows there are to a rest, which say what one says.
-    """
-
-    def __init__(
-        self,
-        jacobian: FloatArray,
-        residual: FloatArray,
-        precision: FloatArray,
-        deviation: FloatArray,
-        readings: float = 1.0,
-    ) -> None:
-        self.jacobian, self.residual, self.readings = jacobian, residual, readings
-        self.precision, self.deviation = precision, deviation
-        # Whether the last fit took up so much that what it leaves is no noise.
-        self.saturated = False
+    jacobian: FloatArray  # (n d, p)
+    residual: FloatArray  # (n, d), m
+    precision: FloatArray  # (p,) of the priors
+    deviation: FloatArray  # (p,) from their centres
+    readings: float = 1.0  # how many rows there are to a rest, which say what one says
+    saturated: bool = False  # whether the last fit took up so much that what it leaves is no noise
 
     def solve(self, shift: FloatArray) -> tuple[FloatArray, float, FloatArray]:
         """Rest (n, d), scatter of one of its components, and the coefficients of ``shift``.
 
-        Args:
-            shift: (n d, s) further columns, without priors.
+        That is (n d, s) further columns, without priors.
         """
         # Residual, in standard deviations of a component, from which on a touch loses weight:
         # Huber's while the fit settles, then Tukey's, which ignores gross touches altogether.
@@ -162,24 +155,20 @@ class RobustLinearFit:
         settling = 8
         rounds = 30
         same = 1e-3
-        (n, size), extra = self.residual.shape, shift.shape[1]
+        (n, size), extra = self.residual.shape, np.zeros(shift.shape[1])
         a = np.hstack([self.jacobian, shift])
-        precision, deviation = (
-            np.concatenate([v, np.zeros(extra)]) for v in (self.precision, self.deviation)
-        )
-        weight, sigma, rest = np.ones(n), scatter(self.residual), self.residual
-        step = np.zeros(a.shape[1])
+        precision, deviation = (np.append(v, extra) for v in (self.precision, self.deviation))
+        weight, sigma = np.ones(n), scatter(self.residual)
         for k in range(rounds):
-            step, used = _weighted_step(a, self.residual, weight / sigma**2, precision, deviation)
-            rest = (self.residual.reshape(-1) + a @ step).reshape(n, size)
-            used *= self.readings
+            weights = np.repeat(weight / sigma**2, size)
+            fit = LinearFit(a, self.residual.reshape(-1), precision, deviation, weights)
+            rest, used = fit.settled.reshape(n, size), fit.spent * self.readings
             freedom = max(n * size - used, 0.1 * n * size)
             # Lengths, m, that are rounding.
             scatter_now = max(scatter(rest) * np.sqrt(n * size / freedom), 1e-9)
             length = np.linalg.norm(rest, axis=1) / scatter_now
-            huber = huber_threshold(size)
             if k < settling:
-                weight = np.minimum(1.0, huber / np.maximum(length, huber))
+                weight = huber_weights(length, size)
             else:
                 weight = np.maximum(1.0 - (length / tukey) ** 2, 0.0) ** 2
             if k > settling and abs(scatter_now - sigma) < same * sigma:
@@ -188,27 +177,76 @@ class RobustLinearFit:
         # Share of the data that a fit must leave for its scatter to be noise.
         least_left = 0.3
         self.saturated = used > (1.0 - least_left) * n * size
-        return rest, sigma, step[a.shape[1] - extra :]
+        return rest, sigma, fit.step[self.jacobian.shape[1] :]
 
 
-def _weighted_step(
-    a: FloatArray,
-    rest: FloatArray,
-    weight: FloatArray,
-    precision: FloatArray,
-    deviation: FloatArray,
-) -> tuple[FloatArray, float]:
-    """Least-squares step, and how many parameters the data have determined by it."""
-    weighed = a * np.repeat(weight, rest.shape[1])[:, None]
-    data = weighed.T @ a
-    scale = np.sqrt(np.maximum(np.diag(data) + precision, 1e-12))
-    outer = np.outer(scale, scale)
-    inverse = np.linalg.pinv((data + np.diag(precision)) / outer, 1e-12, True) / outer
-    gradient = weighed.T @ rest.reshape(-1) + precision * deviation
-    return -inverse @ gradient, float(np.sum(inverse * data))
+def huber_weights(length: FloatArray, size: int) -> FloatArray:
+    """(n,) of residuals of ``size`` components by their length in standard deviations of one."""
+    huber = huber_threshold(size)
+    return np.minimum(1.0, huber / np.maximum(length, huber))
 
 
 def scatter(vectors: FloatArray) -> float:
     """Standard deviation of one component, from the median length."""
     length = float(np.median(np.linalg.norm(vectors, axis=1)))
     return length / float(np.sqrt(chdtri(vectors.shape[1], 0.5)))
+
+
+def find_moves(
+    term: Term, names: Sequence[str], fit: RobustLinearFit, thresholds: Thresholds
+) -> tuple[Move, ...]:
+    """The most significant change of every pose that changed.
+
+    ``names`` are of the columns of the linear fit of single touches, with nothing moved; the
+    thresholds say how far a move must take its rows, and how unlikely it must be by chance.
+    """
+    n, size = fit.residual.shape
+    rest, sigma, _ = fit.solve(np.zeros((n * size, 0)))
+    linear = LinearFit(
+        fit.jacobian / sigma,
+        fit.residual.reshape(-1) / sigma,
+        fit.precision,
+        fit.deviation,
+        np.repeat(huber_weights(np.linalg.norm(rest, axis=1) / sigma, size), size),
+    )
+    moves, shifts = [], np.zeros((n * size, 0))
+    for what, rows, columns in _poses(term, names):
+        # Rows on either side of a change, beside those that its pose needs.
+        least = -(-len(columns) // size) + 3
+        starts = range(least, len(rows) - least + 1)
+        if len(rows) < 2 * least:
+            continue
+        order = np.full(n, -1, dtype=np.intp)
+        order[rows] = np.arange(len(rows))
+        places = np.array([(start, len(rows)) for start in starts], dtype=np.intp)
+        windows = Stretches(np.repeat(order, size), places)
+        by_pose = fit.jacobian[:, columns]
+        for evidence in weigh_effects(linear, [Effect(what, by_pose / sigma, windows=windows)]):
+            if evidence.window is None or evidence.p_value > thresholds.significance:
+                continue
+            shift = by_pose * windows[evidence.window][:, None]
+            first = starts[evidence.window]
+            moved = (shift @ fit.solve(shift)[2]).reshape(n, size)[rows[first:]]
+            distance = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+            if distance > thresholds.bias:
+                shifts = np.hstack([shifts, shift])
+                # Probabilities below are as good as zero, and no more exact.
+                p, left = max(evidence.p_value, 1e-12), fit.solve(shifts)[1]
+                moves.append(Move(what, term.poses.samples.origin[rows[first]], distance, p, left))
+    return tuple(moves)
+
+
+def _poses(term: Term, names: Sequence[str]) -> Iterator[tuple[str, IntArray, list[int]]]:
+    """What may have been moved, its rows in their order, and the columns of where it stands."""
+    noun, unknown = (term.place, term.place_unknown) if term.place else (term.mark, term.mark)
+    if term.medium != "touch":
+        unknowns = [
+            p.name for p in term.own_parameters if not (noun and p.owner.startswith(f"{noun}["))
+        ]
+        yield f"the {term.medium}", np.arange(len(term.poses)), [names.index(n) for n in unknowns]
+    labels = term.poses.samples.labels.get(noun)
+    for label in () if labels is None else dict.fromkeys(labels.tolist()):
+        start = f"{unknown}[{label}]"
+        columns = [k for k, name in enumerate(names) if name.startswith(start)]
+        if columns:
+            yield f"{noun} {label}", np.flatnonzero(labels == label), columns

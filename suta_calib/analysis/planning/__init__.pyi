@@ -30,7 +30,6 @@ from .planner import tip_weight as tip_weight
 from .plots import draw_bench as draw_bench
 from .plots import draw_gain as draw_gain
 from .reach import Reach as Reach
-from .reach import link_points as link_points
 from .region import Pool as Pool
 from .region import Region as Region
 from .region import candidate_pool as candidate_pool

@@ -303,11 +303,9 @@ class Design(Displayable):
         return np.asarray(0.5 * logarithm / self.arm_count)
 
 
-def greedy(
-    design: Design, start: SharedInformation, count: int, chosen: Sequence[int] = ()
-) -> list[int]:
+def greedy(design: Design, start: SharedInformation, count: int) -> list[int]:
     """``count`` candidates, each the best after those before it; fewer where there are fewer."""
-    picked = list(chosen)
+    picked = list[int]()
     while len(picked) < min(count, len(design)):
         picked.append(design.best_next(start, picked)[0])
     return picked

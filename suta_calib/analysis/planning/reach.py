@@ -21,10 +21,11 @@ from suta_calib.analysis.planning.candidates import (
     TouchPoint,
     Unreachable,
 )
-from suta_calib.analysis.planning.region import directions, nearest, turning_z_to
+from suta_calib.analysis.planning.region import directions, nearest
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import JobError
+from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
@@ -80,8 +81,7 @@ class Reach(Displayable):
                 where="candidates",
             )
         collisions = Collisions.of(self.situation.arm, self.situation.readings)
-        by_name: dict[str, Candidate | Unreachable] = {}
-        by_name |= self._placements([p for p in places if isinstance(p, Placement)])
+        by_name = self._placements([p for p in places if isinstance(p, Placement)])
         by_name |= self._points([p for p in places if isinstance(p, TouchPoint)])
         for place in places:
             if isinstance(place, Posture):
@@ -165,7 +165,8 @@ class Reach(Displayable):
             # order, by Roberts' sequence: powers of the root of x³ = x + 1, as the golden ratio is
             # of x² = x + 1.
             square = (0.5 + k[:, None] * _ROBERTS) % 1.0
-            position.append(kind.touches(turning_z_to(-p.axis), p.position, square, settings))
+            facing = rotation_from_vector(vector_turning_z_to(-p.axis))
+            position.append(kind.touches(facing, p.position, square, settings))
             rotation.append(directions(p.axis, p.cone, (k + 0.5) / n, (k * _GOLDEN) % 1.0))
         # An arm of few joints comes as it can.
         matching = self.situation.kinematics.most("axis")
@@ -204,11 +205,6 @@ class Reach(Displayable):
             return Candidate(candidate.place, candidate.q[rows], (), candidate.repeats)
         reason = f"the arm touches itself in {int((~free).sum())} of {len(free)} postures"
         return Unreachable(candidate.name, candidate.place.kind, reason)
-
-
-def link_points(arm: ArmModel, q: FloatArray) -> FloatArray:
-    """`Skeleton.points` of an arm for readings (joints,), rad (m for prismatic joints)."""
-    return arm.skeleton(q).points
 
 
 @dataclass(frozen=True, eq=False)
@@ -264,20 +260,13 @@ class Collisions:
         """(n,) whether the arm in these readings (n, joints) touches nothing of itself."""
         if self.geometry is None:
             return np.ones(len(q), dtype=bool)
-        model, data, shapes = (
-            self.arm.model,
-            self.arm.model.createData(),
-            self.geometry.createData(),
-        )
-        at = (self.arm.configuration(row) for row in q)
-        hits = [pin.computeCollisions(model, data, self.geometry, shapes, c, True) for c in at]
-        return ~np.array(hits, dtype=bool)
+        return np.array([not self._hits(row, first=True) for row in q], dtype=bool)
 
-    def _hits(self, q: FloatArray) -> Sequence[int]:
-        """Numbers of the pairs that overlap."""
-        data, shapes = self.arm.model.createData(), self.geometry.createData()
+    def _hits(self, q: FloatArray, *, first: bool = False) -> Sequence[int]:
+        """Numbers of the pairs that overlap, or of the ``first`` that is found."""
+        model, shapes = self.arm.model, self.geometry.createData()
         at = self.arm.configuration(q)
-        pin.computeCollisions(self.arm.model, data, self.geometry, shapes, at, False)
+        pin.computeCollisions(model, model.createData(), self.geometry, shapes, at, first)
         return [k for k, result in enumerate(shapes.collisionResults) if result.isCollision()]
 
 

@@ -23,7 +23,7 @@ from suta_calib.analysis.planning.candidates import (
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import JobError
-from suta_calib.geometry.numbers import rotation_from_vector
+from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.trust.tip import Sensitivity, sensitivity
@@ -168,14 +168,7 @@ def directions(axis: FloatArray, cone: float, height: FloatArray, around: FloatA
     lean = np.arccos(1.0 - height * (1.0 - math.cos(cone)))
     angle = 2 * math.pi * around
     turn = lean[:, None] * np.stack([-np.sin(angle), np.cos(angle), 0 * angle], axis=1)
-    return turning_z_to(axis) @ rotation_from_vector(turn)
-
-
-def turning_z_to(axis: FloatArray) -> FloatArray:
-    """A rotation (3, 3) whose third column is the unit vector ``axis``."""
-    sine = float(np.hypot(axis[0], axis[1]))
-    about = np.array([-axis[1], axis[0], 0.0]) / sine if sine > 0 else np.array([1.0, 0.0, 0.0])
-    return rotation_from_vector(math.atan2(sine, float(axis[2])) * about)
+    return rotation_from_vector(vector_turning_z_to(axis)) @ rotation_from_vector(turn)
 
 
 def nearest(visited: FloatArray, points: FloatArray) -> FloatArray:

@@ -70,9 +70,7 @@ class AllanDeviation(Displayable):
         return bool((self.low[self.best :] > self.deviation[self.best]).any())
 
 
-def allan_deviation(
-    readings: FloatArray, period: float, confidence: float = 0.95
-) -> AllanDeviation:
+def allan_deviation(readings: FloatArray, period: float) -> AllanDeviation:
     """Of readings (n,) every ``period`` s, n at least 18, at some eight times in a decade."""
     n = len(readings)
     # Of a record shorter than this many averages little is known.
@@ -84,7 +82,7 @@ def allan_deviation(
     # Degrees of freedom for white noise of the readings, NIST SP 1065, table 5.
     terms = 3 * (n - 1) / (2 * sizes) - 2 * (n - 2) / n
     freedom = terms * 4 * sizes**2 / (4 * sizes**2 + 5)
-    tail = (1 - confidence) / 2
+    tail = (1 - _CONFIDENCE) / 2
     return AllanDeviation(
         period * sizes,
         deviation,

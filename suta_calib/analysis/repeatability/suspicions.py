@@ -29,9 +29,9 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.terms.block import summed
 from suta_calib.terms.poses import resolutions, together
 from suta_calib.trust.hypothesis import known_hypotheses
+from suta_calib.trust.repeats import about_mean
 from suta_calib.trust.sample_readings import MisreadJoints
 from suta_calib.units import Unit, from_deg, from_mm, mm
 
@@ -219,7 +219,7 @@ def stuck(arm: ArmModel, q: FloatArray, group: IntArray) -> tuple[Stuck, ...]:
             size = float(np.sqrt(np.mean(along**2)))
             typical = float(np.median(np.delete(moved, k)))
             if size > PART * typical and _far(along, left, group):
-                tip = within_groups(arm.forward(q)[1], group)
+                tip = about_mean(arm.forward(q)[1], group, np.bincount(group))
                 stuck_joints.append(
                     Stuck(arm.joints[k], levels[k], few[k], size, rms_length(tip), rms_length(left))
                 )
@@ -234,7 +234,7 @@ def _freed(
     The joint is put where the tip is nearest to the others of its group; None where it hardly moves
     the tip.
     """
-    step, moved = 1e-6, np.zeros(len(q))
+    step, moved, count = 1e-6, np.zeros(len(q)), np.bincount(group)
     one = step * np.eye(q.shape[1])[k]
     for _ in range(8):
         at = q.copy()
@@ -246,15 +246,9 @@ def _freed(
         # Least lever of a joint that moves the tip, m per rad or m.
         if lever.min() < 1e-3:
             return None
-        left = within_groups(tip, group)
+        left = about_mean(tip, group, count)
         moved = moved - np.sum(left * slope, axis=1) / lever**2
-    return within_groups(moved[:, None], group)[:, 0], lever, left
-
-
-def within_groups(rows: FloatArray, group: IntArray) -> FloatArray:
-    """Rows (n, d) from the mean of their group, (n,) numbers from 0."""
-    total = summed(rows, group, int(group.max()) + 1)
-    return np.asarray(rows - (total / np.bincount(group)[:, None])[group])
+    return about_mean(moved[:, None], group, count)[:, 0], lever, left
 
 
 def _far(along: FloatArray, left: FloatArray, group: IntArray) -> bool:

@@ -32,7 +32,6 @@ from suta_calib.analysis.repeatability.suspicions import (
     first_written,
     misread,
     stuck,
-    within_groups,
 )
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
@@ -43,6 +42,7 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
+from suta_calib.trust.repeats import about_mean
 from suta_calib.trust.serial_correlation import correlation_length
 from suta_calib.units import Unit, from_deg, mm
 
@@ -292,7 +292,7 @@ def repeatability(
         pushed = directional_force(named, away, position, direction, protocol, seed)
     groups = np.zeros(len(samples), np.intp) if protocol is None else grouped(protocol)[1]
     protocols, by_joint = {}, {}
-    within = within_groups(position, groups)
+    within = about_mean(position, groups, np.bincount(groups))
     if protocol is not None:
         for name in grouped(protocol)[0]:
             rows = protocol == name
