@@ -140,9 +140,8 @@ class Walker(Displayable):
         attainable = knowledge.kinematics.attainable["position"]
         _, reached_places = knowledge.arm.forward(knowledge.visited, knowledge.values)
         readings = knowledge.visited
-        rotation = np.tile(
-            rotation_from_vector(vector_turning_z_to(self.axis)), (len(places), 1, 1)
-        )
+        turned = rotation_from_vector(vector_turning_z_to(self.axis))
+        rotation = np.tile(turned, (len(places), 1, 1))
         found_readings = np.full((len(places), readings.shape[1]), np.nan)
         order = np.argsort(KDTree(reached_places).query(places)[0], kind="stable")
         starts = 3

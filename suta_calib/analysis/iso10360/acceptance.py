@@ -79,7 +79,9 @@ class AcceptanceMeasurements(Displayable):
         Raises:
             InputError: samples that do not determine what they are to measure, with their place.
         """
-        lengths, points, spheres, visited = None, [], (), ()
+        lengths, points = None, list[Articulation]()
+        spheres: tuple[SphereProbing, ...] = ()
+        visited: tuple[RepeatedVisits, ...] = ()
         if job.lengths:
             with job.error_context("lengths"):
                 lengths = LengthErrors.joined([LengthErrors.of(term) for term in job.lengths])
@@ -92,10 +94,10 @@ class AcceptanceMeasurements(Displayable):
             place = job.arm.forward(probing.samples.q)[1]
             with job.error_context("probing"):
                 spheres = probings(place, probing.samples.labels["sphere"], probing.diameter)
-        if (samples := job.repeatability) is not None:
-            place = job.arm.forward(samples.q)[1]
+        if (visits := job.repeatability) is not None:
+            place = job.arm.forward(visits.q)[1]
             with job.error_context("repeatability"):
-                visited = repeats(place, samples.labels["point"])
+                visited = repeats(place, visits.labels["point"])
         std = 0.0 if probing is None else probing.std
         of_points = tuple(points), spheres, std, visited
         return cls(lengths, job.bidirectional, *of_points, job.notes)
