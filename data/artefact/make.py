@@ -1,4 +1,4 @@
-"""Make the simulated raw points of this folder again: ``python data/artefact/make.py``."""
+"""Make the simulated raw points of this folder again: ``python -m data.artefact.make``."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from suta_calib.certification.simulation import csv_text, exact_rows
+from data.artefact.probed_artefact import csv_text, exact_rows
 from suta_calib.measurements import Artefact, Landmark, read_artefact, write_artefact, write_text
 
 FOLDER = Path(__file__).resolve().parent

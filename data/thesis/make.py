@@ -1,4 +1,4 @@
-"""Make the simulated files of this folder again: ``python data/thesis/make.py``, fixed seeds.
+"""Make the simulated files of this folder again: ``python -m data.thesis.make``, fixed seeds.
 
 The measurements of chapter 3 as `simulation.yaml` describes them, in ``simulated/``; appendix E's
 four tests of repeatability, appendix D's touches of a laser tracker, and the certificate in which
@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
+from data.artefact.probed_artefact import ProbingPattern, Row, csv_text, exact_rows
 from suta_calib import ArmModel, simulate
 from suta_calib.arrays import FloatArray
-from suta_calib.certification.simulation import ProbingPattern, Row, csv_text, exact_rows
 from suta_calib.measurements import (
     Artefact,
     Landmark,

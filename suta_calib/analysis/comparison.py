@@ -84,15 +84,8 @@ def compare_arms(
 
     Both arms are held as they are. A term's own unknown that has the same name in the
     observations is fitted there, with the arm in question; one that is new is fitted on the
-    validation rows.
-
-    Args:
-        observations: the job's terms.
-        validation: the terms to judge by, over the same arm.
-        other: the arm to compare with, of the same moving joints.
-        beside_geometry: its gains, eccentricities and compliances by name.
-        uncertainty: what of it was estimated, by name, and the covariance, m and rad; None where
-            that is not known.
+    validation rows. ``beside_geometry`` are the other arm's gains, eccentricities and compliances,
+    ``uncertainty`` is what of it was estimated, with the covariance, where that is known.
 
     Raises:
         UrdfError: the arms differ in their moving joints.
@@ -117,12 +110,7 @@ def compare_arms(
 
 
 def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:
-    """Refuse values that were not folded into the URDF they are to be used with.
-
-    Args:
-        nominal: the job's arm, which was calibrated.
-        other: the arm that is said to be the outcome.
-        values: what the calibration found, by name.
+    """Refuse the calibrated arm (``other``) of values that were not folded into its URDF.
 
     Raises:
         UrdfError: a joint's origin is not what the calibration made of it.
@@ -137,12 +125,7 @@ def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, fl
 
 
 def check_nominal(nominal: ArmModel, result: Path, values: Mapping[str, float]) -> None:
-    """Refuse an arm from which a result was not made, as the URDF beside the result tells it.
-
-    Args:
-        nominal: the arm that is said to have been calibrated.
-        result: the ``result.json``; without a URDF beside it there is nothing to compare.
-        values: what the calibration found, by name.
+    """Refuse an arm from which a ``result.json`` was not made, as the URDF beside it tells.
 
     Raises:
         UrdfError: other joints, or a joint's origin that the calibration would not have left so.

@@ -92,13 +92,9 @@ class Linear:
 def linear(
     terms: Sequence[Term], names: Sequence[str], values: Mapping[str, float], std: FloatArray
 ) -> Linear:
-    """Residuals and their derivatives by readings and by some of the arm's parameters.
+    """Residuals and derivatives by some of the arm's parameters, at values of all.
 
-    Args:
-        terms: over one arm.
-        names: the arm's parameters to differentiate by.
-        values: of all parameters.
-        std: (joints,) of each reading, rad or m.
+    Readings err by ``std`` (joints,), rad or m.
     """
     arm = Problem(terms).arm
     assert arm is not None

@@ -114,15 +114,10 @@ def over_ground(
 ) -> OverGround:
     """Rise and tilt of landmarks, by the plane that fits their heights less the drawn ones best.
 
-    Args:
-        names: of the landmarks.
-        position: (n, 3), m.
-        height_by: (n, c) derivative of the heights by everything touched, times the standard
-            deviation of that, m.
-        ground: columns of the ground's touches: what all landmarks have in common.
-        comparison: of the landmarks with the drawing.
-        freedom: degrees of freedom of that standard deviation; inf where it is stated.
-        tolerance: largest acceptable departure, m, if there is one.
+    ``height_by`` (n, c) is the derivative of the heights by everything touched, times the standard
+    deviation of that, m, which has so many degrees of freedom (inf where it is stated); of its
+    columns those of the ``ground`` are what all landmarks have in common. ``tolerance`` is the
+    largest acceptable departure, m, if there is one.
     """
     drawing = comparison.drawing
     rows = np.array([k for k, name in enumerate(names) if name in drawing.landmarks])

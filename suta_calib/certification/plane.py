@@ -70,17 +70,12 @@ def agreeing(
     parameters: int,
     noise: float | None,
 ) -> BoolArray:
-    """Points that a linear fit may use: without those that the rest refute.
+    """Points, ``count`` of them, that a linear fit may use: without those that the rest refute.
 
     Generalised extreme studentised deviates (Rosner 1983, doi:10.1080/00401706.1983.10487848): the
     worst goes, again and again, and wrong are all up to the last that stood out. Two wrong touches
-    hide each other from a test that stops at the first.
-
-    Args:
-        fit: from points in use to residuals (n,) and design matrix (n, parameters) of all.
-        count: number of points.
-        parameters: of the fit.
-        noise: as for `fit_plane`.
+    hide each other from a test that stops at the first. ``fit`` makes of points in use residuals
+    (n,) and design matrix (n, parameters) of all; ``noise`` is as for `fit_plane`.
     """
     used = np.ones(count, dtype=np.bool_)
     inliers = used.copy()
@@ -132,12 +127,10 @@ class Top:
 
 
 def judge_tops(tops: Sequence[FloatArray], noise: float | None, fallback: float) -> tuple[Top, ...]:
-    """Every top with its wrong touch, if it has one.
+    """Every top (k, 3), m, in the ground's frame with its wrong touch, if it has one.
 
-    Args:
-        tops: touches (k, 3) of each top in the ground's frame, m.
-        noise: of a touch, m, if it is stated.
-        fallback: for it where the tops cannot tell: the scatter of the ground, m.
+    The ``noise`` of a touch, m, may be stated; ``fallback`` is that of the ground, for where the
+    tops cannot tell it.
     """
     fits = [_fit(points, np.ones(len(points), dtype=np.bool_)) for points in tops]
     level, freedom = fallback, float(len(tops))

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from certified_artefact import NOISE, Change, certified, truth
 
+from data.artefact.probed_artefact import csv_text, exact_rows
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.points import CertificationOptions, read_raw_points
 from suta_calib.certification.procedure import certify
 from suta_calib.certification.result import Certification
-from suta_calib.certification.simulation import csv_text, exact_rows
 from suta_calib.measurements import Artefact, Landmark, read_artefact
 
 DRAWN = CertificationOptions(drawing=truth())

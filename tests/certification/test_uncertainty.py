@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from certified_artefact import NOISE, truth, yaws
 
+from data.artefact.probed_artefact import csv_text, exact_rows
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.frame import shape_covariance
 from suta_calib.certification.points import PLAIN, CertificationOptions, read_raw_points
 from suta_calib.certification.procedure import certify
 from suta_calib.certification.result import Certification
-from suta_calib.certification.simulation import csv_text, exact_rows
 from suta_calib.geometry.numbers import wrap
 from suta_calib.measurements import Artefact, read_artefact
 

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from data.artefact.probed_artefact import ProbingPattern, Row, csv_text, exact_rows
 from suta_calib.arrays import FloatArray
 from suta_calib.certification.points import PLAIN, CertificationOptions, RawPoints, read_raw_points
 from suta_calib.certification.procedure import certify
 from suta_calib.certification.result import Certification
-from suta_calib.certification.simulation import ProbingPattern, Row, csv_text, exact_rows
 from suta_calib.geometry.numbers import rotation_from_rpy, rpy_from_rotation
 from suta_calib.measurements import Artefact, Landmark
 

@@ -28,11 +28,8 @@ _SUMS: Final = [METRICS.index("contribution"), METRICS.index("cooks_distance")]
 def chance_of(observed: FloatArray, drawn: FloatArray) -> FloatArray:
     """(4, groups) probability that chance makes any metric of any group as conspicuous.
 
-    Over the groups by the largest value, over the four metrics by Bonferroni's factor.
-
-    Args:
-        observed: (4, groups) metrics; NaN where one does not exist, as their probability then.
-        drawn: (4, draws, groups) by chance.
+    Over the groups by the largest value of those ``drawn`` (4, draws, groups), over the four
+    metrics by Bonferroni's factor; NaN where a metric does not exist.
     """
     drawn, values_observed = drawn.copy(), observed.copy()
     for values in (drawn, values_observed):

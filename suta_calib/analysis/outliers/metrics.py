@@ -108,11 +108,8 @@ def measures(
 ) -> FloatArray:
     """(4, groups) metrics of every group, NaN where one does not exist.
 
-    Args:
-        scene: fit, and what is set aside.
-        grouping: the groups.
-        chosen: those to leave out one by one; the others have a contribution only.
-        done: called after each.
+    The ``chosen`` are left out one by one, and ``done`` is called after each; the others have a
+    contribution only.
     """
     n, full_fit = len(grouping), scene.full_refit
     parts = full_fit.squared[:, None] * shares(full_fit.samples, scene.displaced)

@@ -265,9 +265,8 @@ def remedies(
 ) -> tuple[Remedy, ...]:
     """One for each parameter of the arm that the present data leave open.
 
-    A candidate, by the information it would add to the present one, determines a parameter that
-    would no longer be held with it, if fewer would be held in all: of a combination, holding
-    another one instead is no gain.
+    A candidate determines a parameter that would no longer be held with what it adds, if fewer
+    would be held in all: of a combination, holding another one instead is no gain.
     """
     names = _fixed(space, present)
     problem, x = situation.problem, situation.x

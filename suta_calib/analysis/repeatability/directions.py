@@ -251,15 +251,11 @@ def directional_force(
     protocol: NDArray[np.str_] | None = None,
     seed: int = 0,
 ) -> DirectionalForce:
-    """Compare visits that were pushed in different directions.
+    """Compare visits pushed in two or more directions (n,), three or more times in each.
 
-    Args:
-        joints: name, unit and lever (m the tip moves per unit) of each.
-        away: (n, joints) deviations of the readings from their mean, rad or m.
-        position: (n, 3) of the tip, m.
-        direction: (n,) labels, two or more different ones, each at least three times.
-        protocol: (n,) labels; what differs between protocols is no effect of a direction.
-        seed: of the permutations.
+    ``joints`` are names, units and levers (m the tip moves per unit), ``away`` (n, joints) the
+    deviations of the readings from their mean, rad or m, ``position`` (n, 3) is of the tip, m. What
+    differs between protocols (n,) is no effect of a direction. ``seed`` is of the permutations.
     """
     groups = DirectionGroups.of(direction, protocol)
     values = np.hstack([away, position])

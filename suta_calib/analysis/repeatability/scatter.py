@@ -255,11 +255,9 @@ def tip_levers(arm: ArmModel, q: FloatArray) -> FloatArray:
 
 
 def deviations(readings: FloatArray, unit: Unit) -> tuple[float, FloatArray]:
-    """Mean of readings (n,) and what each deviates from it (n,): for angles on the circle.
+    """Mean of readings (n,), rad or m, and what each deviates from it: for angles on the circle.
 
-    Args:
-        readings: rad, within less than half a turn of each other, across ±π or not; or m.
-        unit: ``rad`` or ``m``.
+    Angles lie within less than half a turn of each other, across ±π or not.
     """
     if unit == "m":
         return float(readings.mean()), readings - readings.mean()

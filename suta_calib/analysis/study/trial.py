@@ -214,11 +214,8 @@ def resimulated(
 ) -> tuple[Term, ...]:
     """The terms over simulated samples, as many as there were and in nearly the same postures.
 
-    Args:
-        terms: over an arm's samples.
-        values: of arm and terms that are taken for the truth, m or rad.
-        noise: of each block of each term, in order, m or rad per component of its residual.
-        random: source of the noise.
+    ``values``, m or rad, are taken for the truth; ``noise`` is that of a component of the residual
+    of each block of each term, in order.
 
     Raises:
         SamplesError: a kind that has no such simulation, or readings that would touch a target
