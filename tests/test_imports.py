@@ -9,7 +9,7 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 ROWS = (
-    {"errors", "arrays", "units", "assessment", "atomic", "confined", "extras"}
+    {"errors", "arguments", "arrays", "units", "assessment", "atomic", "confined", "extras"}
     | {"inputs", "registry"}
     | {"processes", "showing", "staging", "threads", "words"},
     {"geometry", "batched", "elementwise", "plotting"},

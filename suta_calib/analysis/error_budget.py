@@ -25,6 +25,7 @@ from typing import Final, Literal
 import numpy as np
 from scipy import sparse
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import ParameterError
@@ -249,6 +250,7 @@ def error_budget_of_job(
 
 
 @single_threaded
+@checked
 def error_budget(
     solution: Solution, validation: Sequence[Term] = (), encoders: EncoderNoise | None = None
 ) -> ErrorBudget:

@@ -17,6 +17,7 @@ from suta_calib import analysis, plotting
 from suta_calib.analysis.planning import Region, Situation
 from suta_calib.analysis.planning.candidates import DOWN
 from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import JobError
@@ -169,6 +170,7 @@ class TipMap(Displayable):
         return Assessment.of(sentence, bad=bad, care=care)
 
 
+@checked
 def tip_map_of_solution(solution: Solution, options: TipMapOptions) -> TipMap:
     """The map of a calibration, with the tool as it was held and its own artefact registered.
 
@@ -194,6 +196,7 @@ def tip_map_of_solution(solution: Solution, options: TipMapOptions) -> TipMap:
     return _mapped(knowledge, region, place, fiducials, options)
 
 
+@checked
 def tip_map_of_result(knowledge: Knowledge, options: TipMapOptions) -> TipMap:
     """The map of an arm whose samples are not known; the tool points straight down.
 
@@ -245,6 +248,7 @@ def _mapped(
 
 
 @single_threaded
+@checked
 def tip_map(
     knowledge: Knowledge,
     region: Region,

@@ -13,6 +13,7 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
@@ -74,6 +75,7 @@ class RawPoints(Displayable):
     count: int
 
 
+@checked
 def read_raw_points(path: str | Path) -> RawPoints:
     """Read and check a file of raw points.
 

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import attempt, judge
 from suta_calib.certification.comparison import compare
@@ -48,6 +49,7 @@ from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.geometry.numbers import wrap
 
 
+@checked
 def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certification:
     """Landmarks with their uncertainty from raw points.
 

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError, did_you_mean
 from suta_calib.geometry.numbers import rpy_from_rotation
@@ -187,6 +188,7 @@ def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | Non
     return None
 
 
+@checked
 def read_artefact(path: str | Path) -> Artefact:
     """Read ``artefact.yaml``.
 

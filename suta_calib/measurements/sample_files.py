@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.numbers import quaternion_from_rotation
@@ -99,6 +100,7 @@ class SampleColumns(Displayable):
     pixels: bool = False
 
 
+@checked
 def read_samples(
     paths: str | Path | Sequence[str | Path], joints: Sequence[JointRange], columns: SampleColumns
 ) -> Samples:

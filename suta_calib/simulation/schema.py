@@ -11,6 +11,7 @@ from typing import Any, Final, TypeVar
 
 import numpy as np
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import YamlSection, read_yaml
@@ -380,6 +381,7 @@ SIMULATION_KEYS: Final = Fields(
 )
 
 
+@checked
 def read_simulation(path: str | Path) -> SimulationSpec:
     """Read and check ``simulation.yaml``; paths in it are relative to the file.
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import (
@@ -89,6 +90,7 @@ class Simulation(Displayable):
     files: tuple[SimulatedFile, ...]
 
 
+@checked
 def simulate(
     spec: SimulationSpec, seed: int | None = None, progress: Callable[[str], Any] = lambda _: None
 ) -> Simulation:

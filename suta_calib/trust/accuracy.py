@@ -6,11 +6,12 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from scipy.special import chdtri, fdtri, stdtrit
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import attempt
 from suta_calib.model.parameters import ParameterSet
@@ -20,13 +21,11 @@ from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.solution import Solution
 from suta_calib.terms.poses import together
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
 from suta_calib.units import Unit
-
-if TYPE_CHECKING:
-    from suta_calib.solver.solution import Solution
 
 # Chance that an arm which is as good as the other is called better, and the same for worse.
 CHANCE: Final = 0.01
@@ -228,6 +227,7 @@ def _of_first_kind(terms: Sequence[TermAccuracy]) -> list[TermAccuracy]:
 
 
 @single_threaded
+@checked
 def assess(solution: Solution, validation: Sequence[Term] = ()) -> Accuracy:
     """Errors with the nominal and with the calibrated arm, the arm held in both.
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from suta_calib import plotting
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.showing import Displayable
@@ -199,6 +200,7 @@ class Observability(Displayable):
         return Assessment("care" if open_ones or assumed else "good", self.sentence, self.notes)
 
 
+@checked
 def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     """Predict what a calibration with these readings would and would not find.
 

@@ -21,6 +21,7 @@ from suta_calib.analysis.iso10360.measured import (
     probings,
     repeats,
 )
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.job.acceptance import AcceptanceJob
@@ -239,6 +240,7 @@ class AcceptanceTest(Displayable):
         return tuple(sentences)
 
 
+@checked
 def acceptance_test(job: AcceptanceJob) -> AcceptanceTest:
     """Measure and judge what a job names.
 
@@ -251,6 +253,7 @@ def acceptance_test(job: AcceptanceJob) -> AcceptanceTest:
     return accept(AcceptanceMeasurements.of(job), job.limits, job.uncertainty, job.rule)
 
 
+@checked
 def accept(
     measured: AcceptanceMeasurements,
     limits: Limits = NO_LIMITS,

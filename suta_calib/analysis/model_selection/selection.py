@@ -23,6 +23,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+from suta_calib.arguments import checked
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
@@ -191,6 +192,7 @@ def geometry_rows() -> tuple[Selection, Selection]:
 
 
 @single_threaded
+@checked
 def choose_model(
     terms: Sequence[Term],
     parameters: ParameterSet,

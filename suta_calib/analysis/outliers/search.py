@@ -40,6 +40,7 @@ from suta_calib.analysis.outliers.touches import (
     find_moves,
     linearised,
 )
+from suta_calib.arguments import checked
 from suta_calib.arrays import BoolArray
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
@@ -60,6 +61,7 @@ MOST_ROWS: Final = 300
 
 
 @single_threaded
+@checked
 def find_outliers(
     problem: Problem,
     validation: Sequence[Term] = (),

@@ -36,6 +36,7 @@ from suta_calib.analysis.planning.design import (
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.planning.region import Region, candidate_pool
 from suta_calib.analysis.planning.situation import Situation
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
@@ -45,6 +46,7 @@ from suta_calib.trust.explanation import Explanation, explain
 from suta_calib.trust.tip import Sensitivity
 
 
+@checked
 def situation_of_job(job: CalibrationJob, progress: Progress | None = None) -> Situation:
     """A job at its solution, or at nominal where its data are too few to be fitted yet.
 
@@ -86,6 +88,7 @@ def candidate_places(
 
 
 @single_threaded
+@checked
 def plan(
     situation: Situation,
     options: PlanOptions,

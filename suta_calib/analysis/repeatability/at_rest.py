@@ -18,6 +18,7 @@ import numpy as np
 from scipy.special import chdtri, stdtrit
 
 from suta_calib.analysis.repeatability.scatter import deviations, median_angle
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import note_input
@@ -207,6 +208,7 @@ class Stationary(Displayable):
         return Assessment.of(sentence, care=notes)
 
 
+@checked
 def stationary(
     stream: Stream,
     units: Sequence[Unit] | None = None,
@@ -322,6 +324,7 @@ class Stream(Displayable):
         return int(np.sum(np.diff(self.time) > 1.5 * self.period))
 
 
+@checked
 def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
     """Read a stationary stream.
 

@@ -24,6 +24,7 @@ from suta_calib.analysis.repeatability.scatter import (
     tip_levers,
 )
 from suta_calib.analysis.repeatability.visits import ELSEWHERE, Repeatability
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import SamplesError
@@ -104,6 +105,7 @@ class RepeatedTouches(Displayable):
 
 
 @single_threaded
+@checked
 def repeated_touches(
     arm: ArmModel, samples: Samples, *, confidence: float = CONFIDENCE
 ) -> RepeatedTouches:

@@ -33,6 +33,7 @@ from suta_calib.analysis.repeatability.suspicions import (
     misread,
     stuck,
 )
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import SamplesError
@@ -261,6 +262,7 @@ class Repeatability(Displayable):
 
 
 @single_threaded
+@checked
 def repeatability(
     arm: ArmModel, samples: Samples, *, confidence: float = CONFIDENCE, seed: int = 0
 ) -> Repeatability:

@@ -17,6 +17,7 @@ from typing import Final
 
 import numpy as np
 
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import ParameterError, SamplesError
@@ -128,6 +129,7 @@ class DriftStudy(Displayable):
 
 
 @single_threaded
+@checked
 def drift_study(
     solution: Solution,
     validation: Sequence[Term],

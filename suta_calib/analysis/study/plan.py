@@ -22,6 +22,7 @@ from suta_calib.analysis.study.trial import (
     StudyData,
     Trial,
 )
+from suta_calib.arguments import checked
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.showing import Displayable
@@ -87,6 +88,7 @@ class Request(Displayable):
         return f"{NAMES[self.kind]}.trials.csv"
 
 
+@checked
 def plan_study(
     parameters: ParameterSet,
     terms: Sequence[Term],
@@ -128,6 +130,7 @@ def plan_study(
     return StudyPlan(with_reference, (len(sets),), request.trials, (), solution)
 
 
+@checked
 def run_study(
     plan: StudyPlan,
     log: StudyLog | None = None,

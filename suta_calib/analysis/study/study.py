@@ -19,6 +19,7 @@ import numpy as np
 from suta_calib.analysis.study.log import StudyLog, identity
 from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
 from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nominal_rms
+from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.job.calibration import CalibrationJob
@@ -298,6 +299,7 @@ class SpreadStudy(Displayable):
 Study = SizeStudy | SpreadStudy
 
 
+@checked
 def study_of_job(
     job: CalibrationJob,
     request: Request,
