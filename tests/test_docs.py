@@ -30,7 +30,7 @@ MODULES = [
     if "measurements.fields import" in file.read_text(encoding="utf-8")
 ]
 # A screen of text.
-README_LINES = 50
+README_LINES = 80
 
 
 Maker = Callable[[str], ModuleType]

@@ -42,16 +42,27 @@ def main() -> None:
     x, y, z, *turn = (values[f"base.{k}"] for k in ("x", "y", "z", "rx", "ry", "rz"))
     calibrated = position @ rotation_from_vector(turn).T + np.array([x, y, z]) - seen
 
-    figure, (above, share) = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    for error, colour in ((nominal, BEFORE), (calibrated, AFTER)):
-        arrows = {"angles": "xy", "scale_units": "xy", "scale": 1 / MAGNIFIED, "width": 0.003}
-        above.quiver(*seen.T[:2], *error.T[:2], color=colour, **arrows)
-    above.margins(0.12)
+    figure, (above, share) = plt.subplots(1, 2, figsize=(10, 4.6), layout="constrained")
+    # One arrow in four, so that single ones can be followed.
+    some = np.arange(0, len(seen), 4)
+    ends = [seen[some, :2] + MAGNIFIED * error[some, :2] for error in (nominal, calibrated)]
+    corners = np.vstack([seen[some, :2], *ends])
+    above.set(
+        xlim=(corners[:, 0].min() - 0.03, corners[:, 0].max() + 0.03),
+        ylim=(corners[:, 1].min() - 0.03, corners[:, 1].max() + 0.03),
+    )
+    for error, colour, label in (
+        (nominal, BEFORE, "as delivered"),
+        (calibrated, AFTER, "calibrated"),
+    ):
+        arrows = {"angles": "xy", "scale_units": "xy", "scale": 1 / MAGNIFIED, "width": 0.005}
+        above.quiver(*seen[some, :2].T, *error[some, :2].T, color=colour, label=label, **arrows)
+    above.legend(loc="lower left", fontsize=9)
     above.set(aspect="equal", xlabel="x, m", ylabel="y, m")
-    above.set_title(f"Errors from above, {MAGNIFIED} times as long")
+    above.set_title(f"Errors from above, magnified {MAGNIFIED} times")
     for error, colour, label, side in (
         (calibrated, AFTER, "calibrated", "right"),
-        (nominal, BEFORE, "as delivered,\nbase fitted", "left"),
+        (nominal, BEFORE, "as delivered", "left"),
     ):
         sizes = np.sort(mm(np.linalg.norm(error, axis=1)))
         rms = float(np.sqrt(np.mean(sizes**2)))
