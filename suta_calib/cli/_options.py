@@ -70,6 +70,33 @@ WRITTEN: Final = NewFile()
 POSITIVE: Final = FiniteRange(min=0, min_open=True)
 
 
+def option(
+    switch: str, about: str, kind: Any = None, default: Any = None, *, name: str = "", **more: Any
+) -> Callable[[Command], Command]:
+    """An option of a command.
+
+    Args:
+        switch: as it is written, such as ``--report DIR``; the type says what its value is called
+            where nothing stands behind it.
+        about: what ``--help`` says.
+        kind: type of the value; that of the default, or a text, by default.
+        default: of the value; an empty text is not shown.
+        name: of the parameter, where it is not that of the switch.
+        more: as of `click.option`.
+    """
+    words, _, metavar = switch.partition(" ")
+    more |= {"type": kind} if kind is not None else {}
+    more |= {"metavar": metavar} if metavar else {}
+    more |= {"default": default} if default is not None else {}
+    more |= {"show_default": False} if default == "" else {}
+    return click.option(words, *filter(None, (name,)), help=about, **more)
+
+
+def flag(switch: str, about: str, *, name: str = "") -> Callable[[Command], Command]:
+    """An option without a value: it is given or not."""
+    return option(switch, about, name=name, is_flag=True)
+
+
 def numbers_of(text: str) -> list[float]:
     """Finite numbers with commas between them; none where there is anything else."""
     try:
@@ -126,63 +153,44 @@ def _jobs_of(folder: Path) -> Iterator[str]:
 
 # Eager: the folder of results follows from it, wherever it stands on the command line.
 job_argument = click.argument("job", type=PATH, metavar="JOB", is_eager=True)
-out_option = click.option(
-    "--out",
-    type=PATH,
-    callback=_results,
-    help="Folder to write into; results/ beside the job.",
+out_option = option(
+    "--out", "Folder to write into; results/ beside the job.", PATH, callback=_results
 )
-json_option = click.option(
-    "--json", "as_json", is_flag=True, help="Print one JSON object and nothing else."
-)
-anyway_option = click.option(
-    "--anyway",
-    is_flag=True,
-    help="Take a calibration that says of itself that it must not be used.",
-)
+json_option = flag("--json", "Print one JSON object and nothing else.", name="as_json")
+anyway_option = flag("--anyway", "Take a calibration that says of itself that it must not be used.")
 verbose_option = click.option(
     "--verbose", "-v", is_flag=True, help="List the unknowns of the observations too."
 )
-region_option = click.option(
-    "--region",
-    metavar="X0,X1,Y0,Y1,Z0,Z1",
+region_option = option(
+    "--region X0,X1,Y0,Y1,Z0,Z1",
+    "Where the tip works, mm; by default around what was touched.",
     callback=_place,
-    help="Where the tip works, mm; by default around what was touched.",
 )
-place_option = click.option(
-    "--register-at", metavar="X,Y,Z", callback=_place, help="Where one registers, mm."
+place_option = option("--register-at X,Y,Z", "Where one registers, mm.", callback=_place)
+# Without it an instrument is taken for a good one.
+scale_option = option(
+    "--scale-ppm PPM",
+    f"Standard deviation of the scale factor of all measured lengths; {INSTRUMENT_PPM:g} "
+    "without this option. No residual shows this factor, so every ± includes it.",
+    FiniteRange(min=0, max=1e5),
+    INSTRUMENT_PPM,
 )
 
 
 def seed_option(of: str) -> Callable[[Command], Command]:
     """``--seed``, whose help says what is drawn with it."""
-    return click.option("--seed", type=click.IntRange(min=0), default=0, help=of)
-
-
-# Without it an instrument is taken for a good one.
-scale_option = click.option(
-    "--scale-ppm",
-    type=FiniteRange(min=0, max=1e5),
-    default=INSTRUMENT_PPM,
-    metavar="PPM",
-    help=f"Standard deviation of the scale factor of all measured lengths; {INSTRUMENT_PPM:g} "
-    "without this option. No residual shows this factor, so every ± includes it.",
-)
+    return option("--seed", of, click.IntRange(min=0), 0)
 
 
 def pose_options(command: Command) -> Command:
     """``--out``, ``--no-robust`` and ``--seed``."""
-    for option in (
+    least_squares = "Least squares over all rows: look for no outliers."
+    for decorate in (
         seed_option("Of the random samples that outliers are sought with."),
-        click.option(
-            "--no-robust",
-            "plain",
-            is_flag=True,
-            help="Least squares over all rows: look for no outliers.",
-        ),
-        click.option("--out", type=Folder(), help="Folder to write files into."),
+        flag("--no-robust", least_squares, name="plain"),
+        option("--out", "Folder to write files into.", Folder()),
     ):
-        command = option(command)
+        command = decorate(command)
     return command
 
 

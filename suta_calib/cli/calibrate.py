@@ -5,9 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import click
-
-from suta_calib.cli._options import job_argument, out_option, verbose_option
+from suta_calib.cli._options import flag, job_argument, out_option, verbose_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.calibration import calibration_document
@@ -18,7 +16,7 @@ from suta_calib.report.document import Document
 @job_argument
 @out_option
 @verbose_option
-@click.option("--no-report", is_flag=True, help="Write no report.html.")
+@flag("--no-report", "Write no report.html.")
 def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 

@@ -11,7 +11,7 @@ import click
 from suta_calib.atomic import check_outputs
 from suta_calib.certification import CertificationOptions, read_raw_points, write_certified
 from suta_calib.certification import certify as certified
-from suta_calib.cli._options import PATH, WRITTEN, FiniteRange, Folder
+from suta_calib.cli._options import PATH, WRITTEN, FiniteRange, Folder, option
 from suta_calib.cli._output import answer_command
 from suta_calib.measurements import read_artefact
 from suta_calib.pose_calibration.inputs import error_context
@@ -24,55 +24,40 @@ LENGTH: Final = FiniteRange(min=0, min_open=True, max=1e6)
 
 @answer_command
 @click.argument("points", type=PATH, metavar="POINTS.csv")
-@click.option("--out", "file", type=WRITTEN, metavar="FILE.yaml", help="The artefact's file.")
-@click.option(
-    "--nominal", type=PATH, metavar="DRAWING.yaml", help="Compare with this artefact's file."
+@option("--out FILE.yaml", "The artefact's file.", WRITTEN, name="file")
+@option("--nominal DRAWING.yaml", "Compare with this artefact's file.", PATH)
+@option(
+    "--report DIR", "Write certify.json, certify.svg and report.html there.", Folder(), name="out"
 )
-@click.option(
-    "--report",
-    "out",
-    type=Folder(),
-    metavar="DIR",
-    help="Write certify.json, certify.svg and report.html there.",
-)
-@click.option(
+@option(
     "--sigma-um",
-    type=LENGTH,
-    help="Standard deviation of one touched coordinate; from the touches' own scatter without.",
+    "Standard deviation of one touched coordinate; from the touches' own scatter without.",
+    LENGTH,
 )
-@click.option(
+@option(
     "--tolerance-mm",
-    type=LENGTH,
-    help="Largest acceptable departure; without, a damaged pillar is one unlike the others.",
+    "Largest acceptable departure; without, a damaged pillar is one unlike the others.",
+    LENGTH,
 )
-@click.option(
+@option(
     "--probe-radius-mm",
-    type=FiniteRange(min=0, max=1e3),
-    default=0.0,
-    help="The points are centres of a ball: flats and spacers measure two radii less.",
+    "The points are centres of a ball: flats and spacers measure two radii less.",
+    FiniteRange(min=0, max=1e3),
+    0.0,
 )
-@click.option(
-    "--origin",
-    metavar="NAME",
-    default="",
-    show_default=False,
-    help="Landmark with x = y = 0; O, or first.",
-)
-@click.option(
+@option("--origin NAME", "Landmark with x = y = 0; O, or first.", default="")
+@option(
     "--front-deg",
-    type=FiniteRange(-360, 360),
-    default=0.0,
-    help="Where the front flat is in the seated tip's frame, from its x axis about z up.",
+    "Where the front flat is in the seated tip's frame, from its x axis about z up.",
+    FiniteRange(-360, 360),
+    0.0,
 )
-@click.option(
-    "--name", default="", show_default=False, help="Of the artefact; the file's name by default."
-)
-@click.option(
-    "--spacer",
-    "spacers",
+@option("--name", "Of the artefact; the file's name by default.", default="")
+@option(
+    "--spacer NAME=MM",
+    "A spacer's nominal length; may be given again.",
+    name="spacers",
     multiple=True,
-    metavar="NAME=MM",
-    help="A spacer's nominal length; may be given again.",
 )
 def certify(
     points: Path,

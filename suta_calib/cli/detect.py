@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from suta_calib.atomic import check_outputs
-from suta_calib.cli._options import PATH, WRITTEN, Folder
+from suta_calib.cli._options import PATH, WRITTEN, Folder, flag, option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.errors import BoardError, InputError, OutputError
 from suta_calib.measurements import read_board, read_camera, write_camera, write_corners
@@ -19,24 +19,19 @@ from suta_calib.vision import find_pictures
 
 @answer_command
 @click.argument("images", type=PATH, metavar="IMAGES…", nargs=-1, required=True)
-@click.option("--board", type=PATH, metavar="BOARD.yaml", required=True, help="What is to be seen.")
-@click.option("--out", "file", type=WRITTEN, metavar="CORNERS.csv", help="The corners' file.")
-@click.option(
-    "--camera",
-    "known",
-    type=PATH,
-    metavar="CAMERA.yaml",
-    help="The camera, if it is calibrated; from these pictures without.",
+@option("--board BOARD.yaml", "What is to be seen.", PATH, required=True)
+@option("--out CORNERS.csv", "The corners' file.", WRITTEN, name="file")
+@option(
+    "--camera CAMERA.yaml",
+    "The camera, if it is calibrated; from these pictures without.",
+    PATH,
+    name="known",
 )
-@click.option("--camera-out", type=WRITTEN, metavar="CAMERA.yaml", help="The calibrated camera.")
-@click.option(
-    "--report",
-    "out",
-    type=Folder(),
-    metavar="DIR",
-    help="Write detect.json, detect.svg and report.html there.",
+@option("--camera-out CAMERA.yaml", "The calibrated camera.", WRITTEN)
+@option(
+    "--report DIR", "Write detect.json, detect.svg and report.html there.", Folder(), name="out"
 )
-@click.option("--pictures", is_flag=True, help="And each picture, with what was found in it.")
+@flag("--pictures", "And each picture, with what was found in it.")
 def detect(
     images: tuple[Path, ...],
     board: Path,

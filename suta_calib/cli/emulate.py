@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, FiniteRange
+from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, FiniteRange, flag, option
 from suta_calib.cli._output import noted_sigterm
 from suta_calib.device.description import UNITS
 from suta_calib.device.formats import FORMATS
@@ -32,101 +32,87 @@ _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.ite
 
 @click.command(epilog=_FAULTS_HELP)
 @click.argument("urdf", type=PATH, metavar="ARM.urdf")
-@click.option("--tip", metavar="FRAME", help="Tip of the arm; the script's by default.")
-@click.option("--base", metavar="LINK", help="First link; the root by default.")
-@click.option("--rate", default=768.0, type=FiniteRange(1e-3, 1e5), help="Frames per second.")
+@option("--tip FRAME", "Tip of the arm; the script's by default.")
+@option("--base LINK", "First link; the root by default.")
+@option("--rate", "Frames per second.", FiniteRange(1e-3, 1e5), 768.0)
 # What it does.
-@click.option(
-    "--script",
-    type=PATH,
-    metavar="JOB.yaml",
-    help="Rest on the landmarks (or points) of a calibration.yaml or simulation.yaml, "
+@option(
+    "--script JOB.yaml",
+    "Rest on the landmarks (or points) of a calibration.yaml or simulation.yaml, "
     "one after the other. After each placement the arm waits until the port is closed "
     "and opened again.",
+    PATH,
 )
-@click.option(
+@option(
     "--motion",
-    type=click.Choice(["still", "pivot", "trajectory"]),
-    help="Without a script: rest (default), pivot on a point, or swing every joint.",
+    "Without a script: rest (default), pivot on a point, or swing every joint.",
+    click.Choice(["still", "pivot", "trajectory"]),
 )
-@click.option("--set", "set_name", help="Which set of a simulation; the first.")
-@click.option(
-    "--placement",
-    "placements",
-    multiple=True,
-    metavar="P1=x,y,z,roll,pitch,yaw",
-    help="Where the artefact stands, mm and degrees. A label alone: as in the simulation, "
+@option("--set", "Which set of a simulation; the first.", name="set_name")
+@option(
+    "--placement P1=x,y,z,roll,pitch,yaw",
+    "Where the artefact stands, mm and degrees. A label alone: as in the simulation, "
     "or for a job somewhere within reach.",
-)
-@click.option(
-    "--point",
-    "points",
+    name="placements",
     multiple=True,
-    metavar="F1=x,y,z",
-    help="A fixed point, mm: to be touched (script) or pivoted on.",
 )
-@click.option(
-    "--sequence", default="", show_default=False, help="Landmarks in order; as in the artefact."
+@option(
+    "--point F1=x,y,z",
+    "A fixed point, mm: to be touched (script) or pivoted on.",
+    name="points",
+    multiple=True,
 )
-@click.option("--repeats", type=_COUNT, help="How often each placement is gone through.")
-@click.option("--directions", type=_COUNT, help="Rests on each fixed point; 20.")
-@click.option("--rest", default=4.0, type=POSITIVE, help="Duration of a rest, s.")
-@click.option("--move", default=1.5, type=POSITIVE, help="Of a motion between two, s.")
-@click.option("--seating-mm", type=_NOT_NEGATIVE, help="Seating noise per axis; 0.05.")
-@click.option(
-    "--posture",
+@option("--sequence", "Landmarks in order; as in the artefact.", default="")
+@option("--repeats", "How often each placement is gone through.", _COUNT)
+@option("--directions", "Rests on each fixed point; 20.", _COUNT)
+@option("--rest", "Duration of a rest, s.", POSITIVE, 4.0)
+@option("--move", "Of a motion between two, s.", POSITIVE, 1.5)
+@option("--seating-mm", "Seating noise per axis; 0.05.", _NOT_NEGATIVE)
+@option(
+    "--posture JOINT=DEG,…",
+    "Where it rests or starts, or the search does; the middle of the ranges.",
     default="",
-    show_default=False,
-    metavar="JOINT=DEG,…",
-    help="Where it rests or starts, or the search does; the middle of the ranges.",
 )
-@click.option("--cone", default=30.0, type=POSITIVE, help="Largest tilt, degrees.")
-@click.option("--period", default=40.0, type=POSITIVE, help="Of a pivoting, s.")
-@click.option("--amplitude", default=20.0, type=POSITIVE, help="Of swings, degrees.")
-@click.option(
-    "--frequency",
-    default=(0.05, 0.5),
-    type=(POSITIVE, POSITIVE),
-    metavar="FROM TO",
-    help="Of swings at the start and at the end, Hz.",
+@option("--cone", "Largest tilt, degrees.", POSITIVE, 30.0)
+@option("--period", "Of a pivoting, s.", POSITIVE, 40.0)
+@option("--amplitude", "Of swings, degrees.", POSITIVE, 20.0)
+@option(
+    "--frequency FROM TO",
+    "Of swings at the start and at the end, Hz.",
+    (POSITIVE, POSITIVE),
+    (0.05, 0.5),
 )
-@click.option("--duration", default=60.0, type=POSITIVE, help="Of the swings, s.")
-@click.option("--csv", type=PATH, help="A trajectory: time (s) and every joint (rad).")
+@option("--duration", "Of the swings, s.", POSITIVE, 60.0)
+@option("--csv", "A trajectory: time (s) and every joint (rad).", PATH)
 # What is true, and what is read.
-@click.option(
-    "--truth", type=PATH, help="True parameters: a truth.yaml, or a simulation.yaml for its errors."
-)
-@click.option(
+@option("--truth", "True parameters: a truth.yaml, or a simulation.yaml for its errors.", PATH)
+@option(
     "--errors-seed",
-    type=_SEED,
-    help="Draw the true parameters: a job's unknowns, or offsets and lengths "
+    "Draw the true parameters: a job's unknowns, or offsets and lengths "
     "(0.75 deg, 1 mm, tilts 0.1 deg).",
+    _SEED,
 )
-@click.option("--seed", default=0, type=_SEED, help="Of noise, seating and faults.")
-@click.option("--encoder-deg", default=0.001, type=_NOT_NEGATIVE, help="Noise of a reading.")
+@option("--seed", "Of noise, seating and faults.", _SEED, 0)
+@option("--encoder-deg", "Noise of a reading.", _NOT_NEGATIVE, 0.001)
 # What is sent.
-@click.option("--format", "form", type=click.Choice(_SENT), default="frames")
-@click.option("--unit", type=click.Choice(UNITS), default="counts")
-@click.option("--counts-per-turn", default=1 << 22, type=click.IntRange(2, 1 << 32))
-@click.option(
-    "--signs", default="", show_default=False, metavar="1,-1,…", help="Of the encoders; all 1."
-)
-@click.option(
-    "--baudrate", default=921600, type=click.IntRange(1, 1 << 31), help="For device.yaml only."
-)
-@click.option("--faults", multiple=True, metavar="LIST", help="What goes wrong; see below.")
-@click.option("--link", type=PATH, metavar="PATH", help="Symbolic link to keep to the port.")
-@click.option("--seconds", type=POSITIVE, help="Stop after so long, waiting included.")
-@click.option(
+@option("--format", "", click.Choice(_SENT), "frames", name="form")
+@option("--unit", "", click.Choice(UNITS), "counts")
+@option("--counts-per-turn", "", click.IntRange(2, 1 << 32), 1 << 22)
+@option("--signs 1,-1,…", "Of the encoders; all 1.", default="")
+@option("--baudrate", "For device.yaml only.", click.IntRange(1, 1 << 31), 921600)
+@option("--faults LIST", "What goes wrong; see below.", multiple=True)
+@option("--link PATH", "Symbolic link to keep to the port.", PATH)
+@option("--seconds", "Stop after so long, waiting included.", POSITIVE)
+@option(
     "--start",
-    type=click.Choice(["open", "now"]),
-    default="open",
-    help="Begin when the port is first opened, or at once.",
+    "Begin when the port is first opened, or at once.",
+    click.Choice(["open", "now"]),
+    "open",
 )
-@click.option("--continuous", is_flag=True, help="Do not wait between placements.")
-@click.option("--device-out", type=WRITTEN, help="Write the device.yaml to read it with.")
-@click.option("--truth-out", type=WRITTEN, help="Write the truth (YAML), to judge a result by.")
-@click.option("--trajectory-out", type=WRITTEN, help="Write the true tip poses (CSV) at the end.")
+@flag("--continuous", "Do not wait between placements.")
+@option("--device-out", "Write the device.yaml to read it with.", WRITTEN)
+@option("--truth-out", "Write the truth (YAML), to judge a result by.", WRITTEN)
+@option("--trajectory-out", "Write the true tip poses (CSV) at the end.", WRITTEN)
 def emulate(**options: Any) -> None:
     """Emulate ARM.urdf: encoder frames on a pseudo-terminal, in real time.
 

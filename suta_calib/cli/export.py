@@ -9,7 +9,7 @@ import click
 
 from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
-from suta_calib.cli._options import PATH, WRITTEN, anyway_option
+from suta_calib.cli._options import PATH, WRITTEN, anyway_option, flag, option
 from suta_calib.cli._output import answer_command
 from suta_calib.exchange.result import read_result
 from suta_calib.exchange.writer import export_formats, write_foreign
@@ -19,12 +19,12 @@ from suta_calib.report.exchange import exported_document, formats_document
 
 @answer_command
 @click.argument("result", type=PATH, metavar="RESULT", required=False)
-@click.option("--format", "form", metavar="NAME", help="To write; --list names them.")
-@click.option("--out", "file", type=WRITTEN, metavar="FILE", help="Beside the result without.")
-@click.option("--list", "listed", is_flag=True, help="Name the formats and what they are.")
-@click.option("--urdf", type=PATH, help="The nominal arm, where the result's job is gone.")
-@click.option("--tip", help="With --urdf: link or frame of the tip.")
-@click.option("--base", help="With --urdf: link the chain starts at; default: the root.")
+@option("--format NAME", "To write; --list names them.", name="form")
+@option("--out FILE", "Beside the result without.", WRITTEN, name="file")
+@flag("--list", "Name the formats and what they are.", name="listed")
+@option("--urdf", "The nominal arm, where the result's job is gone.", PATH)
+@option("--tip", "With --urdf: link or frame of the tip.")
+@option("--base", "With --urdf: link the chain starts at; default: the root.")
 @anyway_option
 @format_options(export_formats().values())
 def export(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from suta_calib.analysis.model_selection import choose_model
-from suta_calib.cli._options import job_argument, out_option, seed_option
+from suta_calib.cli._options import flag, job_argument, out_option, seed_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
@@ -16,7 +14,7 @@ from suta_calib.report.model_selection import model_selection_document
 
 @answer_command
 @job_argument
-@click.option("--quick", is_flag=True, help="Leave out the models with every joint at once.")
+@flag("--quick", "Leave out the models with every joint at once.")
 @seed_option("Of folds that are not placements.")
 @out_option
 def extend(job: Path, quick: bool, seed: int) -> Document:

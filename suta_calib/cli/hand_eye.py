@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from suta_calib.cli._options import PATH, pose_options, scale_option
+from suta_calib.cli._options import PATH, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.measurements import read_board, read_camera, read_corners
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
@@ -27,35 +27,26 @@ if TYPE_CHECKING:
 
 @answer_command
 @click.argument("poses", type=PATH, metavar="POSES.csv")
-@click.option(
+@option(
     "--setup",
-    type=click.Choice(["eye-in-hand", "eye-to-hand"]),
-    default="eye-in-hand",
-    help="The camera is on the hand, or stands beside the robot.",
+    "The camera is on the hand, or stands beside the robot.",
+    click.Choice(["eye-in-hand", "eye-to-hand"]),
+    "eye-in-hand",
 )
-@click.option(
-    "--model",
-    type=click.Choice(["AX=XB", "AX=ZB"]),
-    default="AX=XB",
-    help="Ask for X, or for X and Z.",
-)
-@click.option(
+@option("--model", "Ask for X, or for X and Z.", click.Choice(["AX=XB", "AX=ZB"]), "AX=XB")
+@option(
     "--corners",
-    type=PATH,
+    "Corners of a board in pictures, as detect finds them; again for every other camera.",
+    PATH,
     multiple=True,
-    help="Corners of a board in pictures, as detect finds them; again for every other camera.",
 )
-@click.option(
-    "--board", type=PATH, multiple=True, help="board.yaml; one for all, or one for each --corners."
-)
-@click.option(
-    "--camera", type=PATH, multiple=True, help="camera.yaml, in the order of --corners, or none."
-)
-@click.option(
+@option("--board", "board.yaml; one for all, or one for each --corners.", PATH, multiple=True)
+@option("--camera", "camera.yaml, in the order of --corners, or none.", PATH, multiple=True)
+@option(
     "--intrinsics",
-    type=click.Choice(["fixed", "free"]),
-    default="free",
-    help="Believe the camera's file, or correct it by the pictures (default).",
+    "Believe the camera's file, or correct it by the pictures (default).",
+    click.Choice(["fixed", "free"]),
+    "free",
 )
 @scale_option
 @pose_options

@@ -9,7 +9,7 @@ import click
 
 from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
-from suta_calib.cli._options import PATH, WRITTEN
+from suta_calib.cli._options import PATH, WRITTEN, flag, option
 from suta_calib.cli._output import answer_command
 from suta_calib.exchange.reader import import_formats, read_foreign
 from suta_calib.report.document import Document
@@ -18,10 +18,10 @@ from suta_calib.report.exchange import formats_document, imported_document
 
 @answer_command
 @click.argument("source", type=PATH, metavar="SOURCE", required=False)
-@click.option("--format", "form", metavar="NAME", help="Of SOURCE; recognised without.")
-@click.option("--out", "file", type=WRITTEN, metavar="FILE.csv", help="What to write.")
-@click.option("--list", "listed", is_flag=True, help="Name the formats and what they read.")
-@click.option("--mapping", type=PATH, metavar="FILE.yaml", help="Options of the format, in a file.")
+@option("--format NAME", "Of SOURCE; recognised without.", name="form")
+@option("--out FILE.csv", "What to write.", WRITTEN, name="file")
+@flag("--list", "Name the formats and what they read.", name="listed")
+@option("--mapping FILE.yaml", "Options of the format, in a file.", PATH)
 @format_options(import_formats().values())
 def import_(
     source: Path | None,

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from suta_calib.atomic import check_folder
-from suta_calib.cli._options import PATH
+from suta_calib.cli._options import PATH, option
 from suta_calib.job.new_job import DEFAULT_KINDS, new_job, write_job
 from suta_calib.model.chain import ends, read_chain
 from suta_calib.model.urdf_tree import read_tree
@@ -15,15 +15,15 @@ from suta_calib.model.urdf_tree import read_tree
 
 @click.command()
 @click.argument("urdf", type=PATH, metavar="URDF")
-@click.option("--tip", help="Link or frame whose pose matters; without it the ends are listed.")
-@click.option("--base", help="Link the chain starts from; the root link by default.")
-@click.option("--out", type=PATH, default=".", show_default=False, help="Folder of the job; here.")
-@click.option(
+@option("--tip", "Link or frame whose pose matters; without it the ends are listed.")
+@option("--base", "Link the chain starts from; the root link by default.")
+@option("--out", "Folder of the job; here.", PATH, ".", show_default=False)
+@option(
     "--kind",
-    "kinds",
-    multiple=True,
-    help="Kind of observation; may be repeated. Distances on an artefact and a point that is "
+    "Kind of observation; may be repeated. Distances on an artefact and a point that is "
     "touched from many directions by default.",
+    name="kinds",
+    multiple=True,
 )
 def init(urdf: Path, tip: str | None, base: str | None, out: Path, kinds: tuple[str, ...]) -> None:
     """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing."""

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from suta_calib.analysis.iso10360 import acceptance_test
-from suta_calib.cli._options import PATH, Folder
+from suta_calib.cli._options import PATH, Folder, option
 from suta_calib.cli._output import answer_command
 from suta_calib.job.acceptance import AcceptanceJob
 from suta_calib.report.document import Document
@@ -16,8 +16,8 @@ from suta_calib.report.iso10360 import acceptance_document
 
 @answer_command
 @click.argument("job", type=PATH, metavar="JOB.yaml")
-@click.option("--urdf", type=PATH, help="In place of the job's own, such as calibrated.urdf.")
-@click.option("--out", type=Folder(), help="Folder for iso10360.json, its picture and report.html.")
+@option("--urdf", "In place of the job's own, such as calibrated.urdf.", PATH)
+@option("--out", "Folder for iso10360.json, its picture and report.html.", Folder())
 def iso10360(job: Path, urdf: Path | None) -> Document:
     """Errors of a measuring arm against maximum permissible errors, after ISO 10360-12.
 

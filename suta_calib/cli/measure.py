@@ -11,7 +11,15 @@ import click
 from suta_calib.acquisition.measuring import MeasureOptions
 from suta_calib.acquisition.measuring import measure as run
 from suta_calib.acquisition.rest import RestSettings
-from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, job_argument, json_option
+from suta_calib.cli._options import (
+    PATH,
+    POSITIVE,
+    FiniteRange,
+    flag,
+    job_argument,
+    json_option,
+    option,
+)
 from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
 from suta_calib.device.port_process import open_ahead
 from suta_calib.terms import KINDS
@@ -41,61 +49,41 @@ class PlaceCommand(click.Command):
 
 @click.command(cls=PlaceCommand)
 @job_argument
-@click.option("--device", type=PATH, required=True, help="The device.yaml.")
-@click.option("--placement", help="Label of where the artefact stands, such as P1.")
-@click.option("--point", help="Label of a fixed point, such as F1, in place of --placement.")
-@click.option("--free", is_flag=True, help="Readings only, with no label: wherever the arm rests.")
-@click.option("--repeat", default="1", help="Which time this is measured.")
-@click.option(
-    "--seconds",
-    type=FiniteRange(min=0.1),
-    default=2.0,
-    help="How long the arm's rest on each landmark is recorded.",
+@option("--device", "The device.yaml.", PATH, required=True)
+@option("--placement", "Label of where the artefact stands, such as P1.")
+@option("--point", "Label of a fixed point, such as F1, in place of --placement.")
+@flag("--free", "Readings only, with no label: wherever the arm rests.")
+@option("--repeat", "Which time this is measured.", default="1")
+@option(
+    "--seconds", "How long the arm's rest on each landmark is recorded.", FiniteRange(min=0.1), 2.0
 )
-@click.option(
-    "--rests",
-    type=click.IntRange(1, 10_000),
-    default=20,
-    help="How many rests, with --point or --free.",
+@option("--rests", "How many rests, with --point or --free.", click.IntRange(1, 10_000), 20)
+@option(
+    "--continuous S",
+    "With --point or --free: sample for S seconds while the arm moves, in place of rests.",
+    FiniteRange(min=0.1),
 )
-@click.option(
-    "--continuous",
-    type=FiniteRange(min=0.1),
-    metavar="S",
-    help="With --point or --free: sample for S seconds while the arm moves, in place of rests.",
+@option("--every", "Seconds between two samples of --continuous.", FiniteRange(min=0.01), 0.1)
+@option("--out", "The CSV; among the job's by default.", PATH)
+@option("--sequence", "Landmarks in order, such as O,M1,M2; the artefact's by default.")
+@option("--observation N|KIND", "Which of the job's: 0, landmark, validation.")
+@flag("--resume", "Go on after the last confirmed landmark.")
+@flag("--yes", "Ask nothing: each rest after a motion is the next one.")
+@option(
+    "--patience S",
+    "Give up when nothing happens for S seconds; 60 with --yes, else never.",
+    FiniteRange(min=1),
 )
-@click.option(
-    "--every",
-    type=FiniteRange(min=0.01),
-    default=0.1,
-    help="Seconds between two samples of --continuous.",
+@option("--raw", "The whole stream, as Parquet.", PATH)
+@option("--urdf", "For the distances shown; the job's by default.", PATH)
+@option(
+    "--drift-deg", "How far an arm at rest may drift within a quarter of a second.", POSITIVE, 0.02
 )
-@click.option("--out", type=PATH, help="The CSV; among the job's by default.")
-@click.option("--sequence", help="Landmarks in order, such as O,M1,M2; the artefact's by default.")
-@click.option(
-    "--observation", metavar="N|KIND", help="Which of the job's: 0, landmark, validation."
-)
-@click.option("--resume", is_flag=True, help="Go on after the last confirmed landmark.")
-@click.option("--yes", is_flag=True, help="Ask nothing: each rest after a motion is the next one.")
-@click.option(
-    "--patience",
-    type=FiniteRange(min=1),
-    metavar="S",
-    help="Give up when nothing happens for S seconds; 60 with --yes, else never.",
-)
-@click.option("--raw", type=PATH, help="The whole stream, as Parquet.")
-@click.option("--urdf", type=PATH, help="For the distances shown; the job's by default.")
-@click.option(
-    "--drift-deg",
-    type=POSITIVE,
-    default=0.02,
-    help="How far an arm at rest may drift within a quarter of a second.",
-)
-@click.option(
+@option(
     "--tremble-deg",
-    type=POSITIVE,
-    default=0.1,
-    help="Standard deviation of the tremor that a hand may pass on to an arm at rest.",
+    "Standard deviation of the tremor that a hand may pass on to an arm at rest.",
+    POSITIVE,
+    0.1,
 )
 @json_option
 @click.pass_context

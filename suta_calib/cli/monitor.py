@@ -12,7 +12,7 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option
+from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option, option
 from suta_calib.cli._output import console, ended_by_sigterm, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
@@ -31,21 +31,20 @@ _LINE_S: Final = 1.0
 
 
 @click.command()
-@click.option("--device", type=PATH, required=True, help="The device.yaml.")
-@click.option("--urdf", type=PATH, help="Show this arm's tip pose too.")
-@click.option("--tip", help="With --urdf: any link or frame of the arm.")
-@click.option("--base", help="With --urdf: the link poses are given in; the root by default.")
-@click.option(
+@option("--device", "The device.yaml.", PATH, required=True)
+@option("--urdf", "Show this arm's tip pose too.", PATH)
+@option("--tip", "With --urdf: any link or frame of the arm.")
+@option("--base", "With --urdf: the link poses are given in; the root by default.")
+@option(
     "--seconds",
-    type=FiniteRange(min=0.1),
-    help=f"Stop after this long; with --json after {_JSON_SECONDS:g} by default.",
+    f"Stop after this long; with --json after {_JSON_SECONDS:g} by default.",
+    FiniteRange(min=0.1),
 )
-@click.option(
-    "--silence",
-    type=POSITIVE,
-    default=2.0,
-    metavar="S",
-    help="A device that sends nothing for so long is silent; twice as long after the start.",
+@option(
+    "--silence S",
+    "A device that sends nothing for so long is silent; twice as long after the start.",
+    POSITIVE,
+    2.0,
 )
 @json_option
 def monitor(

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from suta_calib.analysis.outliers import Thresholds, find_outliers
-from suta_calib.cli._options import POSITIVE, job_argument, out_option
+from suta_calib.cli._options import POSITIVE, job_argument, option, out_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
@@ -17,11 +15,8 @@ from suta_calib.units import from_mm
 
 @answer_command
 @job_argument
-@click.option(
-    "--bias-mm",
-    type=POSITIVE,
-    default=1.0,
-    help="Systematic error after registration from which on it is flagged.",
+@option(
+    "--bias-mm", "Systematic error after registration from which on it is flagged.", POSITIVE, 1.0
 )
 @out_option
 def outliers(job: Path, bias_mm: float) -> Document:

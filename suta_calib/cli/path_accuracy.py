@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, FiniteRange, Folder, optional_arm
+from suta_calib.cli._options import PATH, FiniteRange, Folder, flag, option, optional_arm
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.report.document import Document
 from suta_calib.report.path_accuracy import path_accuracy_document
@@ -17,17 +17,12 @@ from suta_calib.tracking.trajectory import read_trajectory
 @answer_command
 @click.argument("recorded", type=PATH, metavar="RECORDED.csv")
 @click.argument("reference", type=PATH, metavar="REFERENCE.csv")
-@click.option("--urdf", type=PATH, help="The arm, for hysteresis per joint.")
-@click.option("--tip", help="Link or frame of the arm that was recorded.")
-@click.option("--base", help="Link the recording is relative to; default: the root link.")
-@click.option("--register", "registered", is_flag=True, help="The files are in different frames.")
-@click.option(
-    "--max-latency",
-    type=FiniteRange(min=1e-3),
-    default=0.5,
-    help="Largest latency looked at, either way, s.",
-)
-@click.option("--out", type=Folder(), help="Folder to write result.json and dynamics.svg into.")
+@option("--urdf", "The arm, for hysteresis per joint.", PATH)
+@option("--tip", "Link or frame of the arm that was recorded.")
+@option("--base", "Link the recording is relative to; default: the root link.")
+@flag("--register", "The files are in different frames.", name="registered")
+@option("--max-latency", "Largest latency looked at, either way, s.", FiniteRange(min=1e-3), 0.5)
+@option("--out", "Folder to write result.json and dynamics.svg into.", Folder())
 def path_accuracy(
     recorded: Path,
     reference: Path,

@@ -12,6 +12,7 @@ from suta_calib.cli._options import (
     PATH,
     FiniteRange,
     job_argument,
+    option,
     out_option,
     region_option,
     seed_option,
@@ -28,28 +29,23 @@ if TYPE_CHECKING:
 
 @answer_command
 @job_argument
-@click.option("-n", "count", type=click.IntRange(1, 50), default=3, help="How many.")
-@click.option("--candidates", type=PATH, help="candidates.yaml; searched in the region by default.")
-@click.option(
+@option("-n", "How many.", click.IntRange(1, 50), 3, name="count")
+@option("--candidates", "candidates.yaml; searched in the region by default.", PATH)
+@option(
     "--criterion",
-    type=click.Choice(["tip", "d"]),
-    default="tip",
-    help="Lessen the tip's uncertainty in the region, or the parameters' (D-optimal).",
+    "Lessen the tip's uncertainty in the region, or the parameters' (D-optimal).",
+    click.Choice(["tip", "d"]),
+    "tip",
 )
 @region_option
-@click.option("--repeats", type=click.IntRange(1, 100), help="Of a placement; as in the data.")
-@click.option(
-    "--tilt",
-    type=FiniteRange(0, 90),
-    default=40.0,
-    help="Largest tilt of the artefact looked at, deg.",
-)
-@click.option("--target-mm", type=FiniteRange(1e-6), help="Uncertainty of the tip to reach.")
-@click.option(
+@option("--repeats", "Of a placement; as in the data.", click.IntRange(1, 100))
+@option("--tilt", "Largest tilt of the artefact looked at, deg.", FiniteRange(0, 90), 40.0)
+@option("--target-mm", "Uncertainty of the tip to reach.", FiniteRange(1e-6))
+@option(
     "--least-gain",
-    type=FiniteRange(0.1, 99),
-    default=5.0,
-    help="Stop where one more lessens the tip's uncertainty by less, %.",
+    "Stop where one more lessens the tip's uncertainty by less, %.",
+    FiniteRange(0.1, 99),
+    5.0,
 )
 @seed_option("Of the search.")
 @out_option

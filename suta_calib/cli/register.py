@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, pose_options, scale_option
+from suta_calib.cli._options import PATH, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.measurements.pose_files import read_corresponding_points, read_points
 from suta_calib.pose_calibration import registration_from_points
@@ -17,12 +17,7 @@ from suta_calib.report.registration import register_document
 @answer_command
 @click.argument("a", type=PATH, metavar="A.csv")
 @click.argument("b", type=PATH, metavar="B.csv")
-@click.option(
-    "--target",
-    type=PATH,
-    metavar="T.csv",
-    help="Points in A's frame at which the error to expect is wanted.",
-)
+@option("--target T.csv", "Points in A's frame at which the error to expect is wanted.", PATH)
 @scale_option
 @pose_options
 def register(

@@ -7,13 +7,7 @@ from pathlib import Path
 import click
 
 from suta_calib.analysis import repeatability as repeated
-from suta_calib.cli._options import (
-    PATH,
-    FiniteRange,
-    Folder,
-    optional_arm,
-    seed_option,
-)
+from suta_calib.cli._options import PATH, FiniteRange, Folder, option, optional_arm, seed_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
 from suta_calib.report.document import Document
@@ -23,23 +17,18 @@ from suta_calib.terms.poses import joint_ranges
 
 @answer_command
 @click.argument("samples", type=PATH, metavar="[SAMPLES.csv]…", nargs=-1)
-@click.option("--urdf", type=PATH, help="The arm, as well calibrated as it is.")
-@click.option("--tip", help="Link or frame that visited the point.")
-@click.option("--base", help="Link the chain starts from; default: the root link.")
-@click.option(
-    "--stationary",
-    "at_rest",
-    type=PATH,
-    metavar="STREAM",
-    help="CSV or Parquet of an arm at rest: time and a column per joint.",
+@option("--urdf", "The arm, as well calibrated as it is.", PATH)
+@option("--tip", "Link or frame that visited the point.")
+@option("--base", "Link the chain starts from; default: the root link.")
+@option(
+    "--stationary STREAM",
+    "CSV or Parquet of an arm at rest: time and a column per joint.",
+    PATH,
+    name="at_rest",
 )
-@click.option(
-    "--confidence", type=FiniteRange(50.0, 99.9), default=95.0, help="Of the intervals, %."
-)
+@option("--confidence", "Of the intervals, %.", FiniteRange(50.0, 99.9), 95.0)
 @seed_option("Of the permutations that tell directions from noise.")
-@click.option(
-    "--out", type=Folder(), help="Folder for repeatability.json, pictures and report.html."
-)
+@option("--out", "Folder for repeatability.json, pictures and report.html.", Folder())
 def repeatability(
     samples: tuple[Path, ...],
     urdf: Path | None,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, Folder
+from suta_calib.cli._options import PATH, Folder, flag, option
 from suta_calib.cli._output import LateProgress
 from suta_calib.simulation import read_simulation, still_empty, write_simulation
 from suta_calib.simulation import simulate as run
@@ -15,9 +15,9 @@ from suta_calib.simulation import simulate as run
 
 @click.command()
 @click.argument("simulation", type=PATH, metavar="SIMULATION.yaml")
-@click.option("--out", type=Folder(), required=True, help="Folder to write into.")
-@click.option("--seed", type=click.IntRange(min=0), help="In place of the file's own seed.")
-@click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@option("--out", "Folder to write into.", Folder(), required=True)
+@option("--seed", "In place of the file's own seed.", click.IntRange(min=0))
+@flag("--json", "Print one JSON object.", name="as_json")
 def simulate(simulation: Path, out: Path, seed: int | None, as_json: bool) -> None:
     """Simulate measurements as SIMULATION.yaml describes them, and the truth behind them."""
     spec = read_simulation(simulation)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, Folder
+from suta_calib.cli._options import PATH, Folder, flag, option
 from suta_calib.cli._output import LateProgress, answer_command, results_folder
 from suta_calib.report.document import Document
 from suta_calib.report.stereotactic import check_given, stereotactic_document
@@ -15,8 +15,8 @@ from suta_calib.stereotactic import StereotacticData, compare, read_given, solve
 
 @answer_command
 @click.argument("prefix", type=PATH, metavar="PREFIX")
-@click.option("--out", type=Folder(), required=True, help="Folder to write into.")
-@click.option("--dewarp", is_flag=True, help="Correct the EM tracker's distortion, and navigate.")
+@option("--out", "Folder to write into.", Folder(), required=True)
+@flag("--dewarp", "Correct the EM tracker's distortion, and navigate.")
 @click.option(
     "--robust/--no-robust",
     default=None,

@@ -14,7 +14,9 @@ from suta_calib.cli._options import (
     POSITIVE,
     FiniteRange,
     anyway_option,
+    flag,
     job_argument,
+    option,
     out_option,
     seed_option,
 )
@@ -54,45 +56,23 @@ def _sizes(
 
 @answer_command
 @job_argument
-@click.option(
-    "--kind",
-    type=click.Choice(["size", "bootstrap", "monte-carlo", "drift"]),
-    default="size",
-    help="What to study.",
+@option(
+    "--kind", "What to study.", click.Choice(["size", "bootstrap", "monte-carlo", "drift"]), "size"
 )
-@click.option(
-    "--trials", type=click.IntRange(1, MOST_TRIALS), default=100, help="How many; of each size."
+@option("--trials", "How many; of each size.", click.IntRange(1, MOST_TRIALS), 100)
+@option("--sizes LIST", "Sets to draw, as 1-10 or 2,4,8; default: 1-10.", callback=_sizes)
+@option(
+    "--unit [set|placement|point|…|sample]",
+    "What is drawn as a whole; default: set, one placement and repeat, where there are any.",
 )
-@click.option(
-    "--sizes",
-    callback=_sizes,
-    metavar="LIST",
-    help="Sets to draw, as 1-10 or 2,4,8; default: 1-10.",
-)
-@click.option(
-    "--unit",
-    metavar="[set|placement|point|…|sample]",
-    help="What is drawn as a whole; default: set, one placement and repeat, where there are any.",
-)
-@click.option(
-    "--tolerance-pct",
-    type=POSITIVE,
-    default=5.0,
-    help="How far above the largest size's mean is still enough.",
-)
-@click.option(
-    "--walk-deg", type=FiniteRange(0, 360), help="drift: of each angle after one day (1 std)."
-)
-@click.option(
-    "--walk-mm", type=FiniteRange(0, 1e6), help="drift: of each length after one day (1 std)."
-)
-@click.option(
-    "--days", type=FiniteRange(1e-6, 1e5), default=90.0, help="drift: how long to look ahead."
-)
+@option("--tolerance-pct", "How far above the largest size's mean is still enough.", POSITIVE, 5.0)
+@option("--walk-deg", "drift: of each angle after one day (1 std).", FiniteRange(0, 360))
+@option("--walk-mm", "drift: of each length after one day (1 std).", FiniteRange(0, 1e6))
+@option("--days", "drift: how long to look ahead.", FiniteRange(1e-6, 1e5), 90.0)
 @seed_option("Of all draws.")
-@click.option("--jobs", type=click.IntRange(1, 1024), help="Processes; default: one per core.")
-@click.option("--dask", metavar="ADDRESS", help="Run on this Dask cluster, as tcp://host:8786.")
-@click.option("--resume", is_flag=True, help="Go on with the trials an earlier run finished.")
+@option("--jobs", "Processes; default: one per core.", click.IntRange(1, 1024))
+@option("--dask ADDRESS", "Run on this Dask cluster, as tcp://host:8786.")
+@flag("--resume", "Go on with the trials an earlier run finished.")
 @anyway_option
 @out_option
 def study(

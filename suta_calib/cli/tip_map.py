@@ -14,6 +14,7 @@ from suta_calib.cli._options import (
     PATH,
     FiniteRange,
     anyway_option,
+    option,
     out_option,
     place_option,
     region_option,
@@ -34,16 +35,14 @@ if TYPE_CHECKING:
 
 @answer_command
 @click.argument("job", type=PATH, metavar="JOB|result.json", is_eager=True)
-@click.option("--urdf", type=PATH, help="With result.json: the nominal arm it was made from.")
-@click.option("--tip", help="With result.json: link or frame of the tip.")
-@click.option("--base", help="With result.json: link the chain starts at; default: the root.")
+@option("--urdf", "With result.json: the nominal arm it was made from.", PATH)
+@option("--tip", "With result.json: link or frame of the tip.")
+@option("--base", "With result.json: link the chain starts at; default: the root.")
 @anyway_option
 @region_option
 @place_option
-@click.option("--tolerance-mm", type=FiniteRange(1e-6), help="Exit code 1 if the RMS is larger.")
-@click.option(
-    "--grid", type=click.IntRange(5, 301), default=61, help="Points along each side of the map."
-)
+@option("--tolerance-mm", "Exit code 1 if the RMS is larger.", FiniteRange(1e-6))
+@option("--grid", "Points along each side of the map.", click.IntRange(5, 301), 61)
 @seed_option("Of the search.")
 @out_option
 def tip_map(

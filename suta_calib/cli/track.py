@@ -13,7 +13,7 @@ from rich.console import Group
 from rich.live import Live
 from rich.text import Text
 
-from suta_calib.cli._options import PATH, POSITIVE, anyway_option, json_option
+from suta_calib.cli._options import PATH, POSITIVE, anyway_option, flag, json_option, option
 from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.report.console import Fitted, Wrapped
@@ -60,48 +60,37 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
 
 @click.command()
 @click.argument("arm", type=PATH, metavar="ARM.urdf")
-@click.option("--tip", required=True, help="Link or frame of the arm that is tracked.")
-@click.option("--base", help="Link the pose is relative to; default: the root link.")
-@click.option("--device", type=PATH, required=True, help="device.yaml: port, format, joints.")
-@click.option(
-    "--result",
-    type=PATH,
-    metavar="RESULT.json",
-    help="Of the calibration that wrote ARM.urdf: for the tip's standard uncertainty.",
+@option("--tip", "Link or frame of the arm that is tracked.", required=True)
+@option("--base", "Link the pose is relative to; default: the root link.")
+@option("--device", "device.yaml: port, format, joints.", PATH, required=True)
+@option(
+    "--result RESULT.json",
+    "Of the calibration that wrote ARM.urdf: for the tip's standard uncertainty.",
+    PATH,
 )
 @anyway_option
-@click.option("--tool", type=PATH, metavar="TIP.json", help="Pivot offset, as pivot --out writes.")
-@click.option(
-    "--igtl",
-    callback=_address(host_needed=False),
-    metavar="[HOST:]PORT",
-    help="Serve OpenIGTLink TRANSFORM messages, mm, to any number of clients; with --result "
+@option("--tool TIP.json", "Pivot offset, as pivot --out writes.", PATH)
+@option(
+    "--igtl [HOST:]PORT",
+    "Serve OpenIGTLink TRANSFORM messages, mm, to any number of clients; with --result "
     "also SENSOR messages NAMEStd: standard deviations of x y z (mm) and of the rotations "
     "(degrees). [Slicer: 18944]",
+    callback=_address(host_needed=False),
 )
-@click.option(
-    "--host",
+@option(
+    "--host ADDRESS",
+    "Where --igtl listens: on this computer only; 0.0.0.0 lets anybody on the network read.",
     default="127.0.0.1",
-    metavar="ADDRESS",
-    help="Where --igtl listens: on this computer only; 0.0.0.0 lets anybody on the network read.",
 )
-@click.option("--igtl-name", default="TipToBase", help="Their device name.")
-@click.option(
-    "--udp",
-    callback=_address(host_needed=True),
-    metavar="HOST:PORT",
-    help="Send JSON datagrams, m.",
-)
-@click.option("--csv", type=PATH, metavar="FILE", help="Record every pose as CSV, m.")
-@click.option("--parquet", type=PATH, metavar="FILE", help="Record every pose as Parquet, m.")
-@click.option("--force", is_flag=True, help="Replace recordings of the same names.")
-@click.option("--seconds", type=POSITIVE, help="Stop so long after the first reading.")
-@click.option("--stats", is_flag=True, help="Show the latency from frame arrival to publication.")
-@click.option(
-    "--rate",
-    type=POSITIVE,
-    metavar="HZ",
-    help="Publish at most so many poses a second; default: one for every frame.",
+@option("--igtl-name", "Their device name.", default="TipToBase")
+@option("--udp HOST:PORT", "Send JSON datagrams, m.", callback=_address(host_needed=True))
+@option("--csv FILE", "Record every pose as CSV, m.", PATH)
+@option("--parquet FILE", "Record every pose as Parquet, m.", PATH)
+@flag("--force", "Replace recordings of the same names.")
+@option("--seconds", "Stop so long after the first reading.", POSITIVE)
+@flag("--stats", "Show the latency from frame arrival to publication.")
+@option(
+    "--rate HZ", "Publish at most so many poses a second; default: one for every frame.", POSITIVE
 )
 @json_option
 @click.pass_context

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.analysis.comparison import check_calibrated, compare_arms
-from suta_calib.cli._options import PATH, anyway_option
+from suta_calib.cli._options import PATH, anyway_option, option
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import JobError
 from suta_calib.job.calibration import CalibrationJob
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 @answer_command
 @click.argument("urdf", type=PATH, metavar="URDF")
 @click.argument("job", type=PATH, metavar="JOB|RESULT")
-@click.option(
+@option(
     "--result",
-    type=PATH,
-    help="The result.json beside it: corrects gains, eccentric encoders and yielding joints too, "
+    "The result.json beside it: corrects gains, eccentric encoders and yielding joints too, "
     "and says how unsure the arm is.",
+    PATH,
 )
 @anyway_option
 def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Document:

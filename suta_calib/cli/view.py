@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from suta_calib.atomic import write_bytes_atomically
-from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, anyway_option, json_option
+from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, anyway_option, json_option, option
 from suta_calib.cli._output import LateProgress, console, ended_by_sigterm, print_json, printing
 from suta_calib.device.device_file import read_device
 from suta_calib.job.calibration import CalibrationJob
@@ -28,17 +28,16 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("job", type=PATH, metavar="JOB|RESULT")
-@click.option("--html", type=WRITTEN, metavar="FILE.html", help="Write one file, and serve none.")
-@click.option("--port", type=click.IntRange(0, 65535), default=8080, help="0: any that is free.")
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    metavar="ADDRESS",
-    help="Address to listen on. By default only this computer can look; with 0.0.0.0, whoever "
+@option("--html FILE.html", "Write one file, and serve none.", WRITTEN)
+@option("--port", "0: any that is free.", click.IntRange(0, 65535), 8080)
+@option(
+    "--host ADDRESS",
+    "Address to listen on. By default only this computer can look; with 0.0.0.0, whoever "
     "on the network has the printed address.",
+    default="127.0.0.1",
 )
-@click.option("--device", type=PATH, help="device.yaml: the arm moves as this device reads.")
-@click.option("--seconds", type=POSITIVE, help="Stop after so long.")
+@option("--device", "device.yaml: the arm moves as this device reads.", PATH)
+@option("--seconds", "Stop after so long.", POSITIVE)
 @anyway_option
 @json_option
 @click.pass_context

@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.acquisition.zero_offsets import ZeroOffsetOptions, find_zero_offsets
 from suta_calib.atomic import check_outputs
-from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of
+from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of, option
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import rotation_from_rpy
@@ -31,29 +31,26 @@ _TOLERANCE_MM: Final = 20.0
 
 @answer_command
 @click.argument("urdf", type=PATH, metavar="ARM.urdf")
-@click.option("--tip", required=True, help="Link or frame whose poses are known.")
-@click.option("--base", help="Link the poses are given in; the root link by default.")
-@click.option(
+@option("--tip", "Link or frame whose poses are known.", required=True)
+@option("--base", "Link the poses are given in; the root link by default.")
+@option(
     "--readings",
-    type=PATH,
+    "CSV: a column per joint, and x,y,z[,qx,qy,qz,qw] (m) unless --pose is given.",
+    PATH,
     required=True,
-    help="CSV: a column per joint, and x,y,z[,qx,qy,qz,qw] (m) unless --pose is given.",
 )
-@click.option(
-    "--pose",
+@option(
+    "--pose X,Y,Z[,R,P,Y]",
+    "Pose of the tip in the base, mm and deg; once per row of the readings, in their order.",
     multiple=True,
-    metavar="X,Y,Z[,R,P,Y]",
-    help="Pose of the tip in the base, mm and deg; once per row of the readings, in their order.",
 )
-@click.option(
-    "--branch", type=click.IntRange(min=1), default=1, help="Which of the answers that fit."
-)
-@click.option("--out", "file", type=WRITTEN, help="URDF to write, with the offsets.")
-@click.option(
+@option("--branch", "Which of the answers that fit.", click.IntRange(min=1), 1)
+@option("--out", "URDF to write, with the offsets.", WRITTEN, name="file")
+@option(
     "--tolerance-mm",
-    type=POSITIVE,
-    default=_TOLERANCE_MM,
-    help="How far the tip may stay from where it is known to be (RMS).",
+    "How far the tip may stay from where it is known to be (RMS).",
+    POSITIVE,
+    _TOLERANCE_MM,
 )
 def zero_offsets(
     urdf: Path,
