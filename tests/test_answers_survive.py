@@ -53,7 +53,7 @@ JUDGES = [
 # What is only shown: the answer is as good without it.
 SHOWN = [
     *(f"{REPORT}.{name}" for name in ("held_out_rows", "explained", "noise_of")),
-    *(f"{REPORT}.{name}" for name in ("priors_of", "groups", "_repeatability")),
+    *(f"{REPORT}.{name}" for name in ("priors_of", "groups", "repeatability_of")),
     *(f"suta_calib.report.{name}" for name in ("histogram_svg", "changes_svg")),
     f"{EXAMINATION}.external_poses",
     "suta_calib.job.calibration.calibration_scene",

@@ -8,33 +8,46 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache, partial
+from functools import cache
 from importlib import import_module
 from typing import Any, Final
 
 import numpy as np
 
 from suta_calib import report
-from suta_calib.arrays import FloatArray
 from suta_calib.job import inputs_copy
 from suta_calib.job.calibration import Calibration
 from suta_calib.plotting.look import MOST_CORRELATED, MOST_GROUPS
+from suta_calib.report.calibration_tables import (
+    ABOUT,
+    EXTERNAL_POSES,
+    HELD_OUT,
+    IN_SHORT,
+    NOISE,
+    NOTE,
+    PRIORS,
+    REPEATABILITY,
+    SCALE,
+    STARTS,
+    held_out_rows,
+    noise_of,
+    priors_of,
+    repeatability_of,
+)
 from suta_calib.report.document import (
     Document,
     Figure,
     File,
-    Folded,
     Part,
     Place,
-    ShownOnly,
     SpatialFigure,
     Text,
     entry,
+    remark,
     section,
 )
 from suta_calib.report.errors import (
     RESIDUALS,
-    KindErrors,
     accuracy_json,
     by_kind,
     errors_table,
@@ -42,10 +55,7 @@ from suta_calib.report.errors import (
     groups,
     residual_rows,
 )
-from suta_calib.report.external_poses import EXTERNAL_POSES, IN_SHORT, NOTE
-from suta_calib.report.held_out import HELD_OUT, held_out_rows
-from suta_calib.report.listing import Column, Json, Listing, csv_of_groups, written
-from suta_calib.report.noise import NOISE, PRIORS, noise_of, priors_of
+from suta_calib.report.listing import Json, csv_of_groups
 from suta_calib.report.observability import (
     EXPLANATIONS,
     MOST_SENTENCES,
@@ -56,13 +66,9 @@ from suta_calib.report.observability import (
 from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Solution
-from suta_calib.solver.solver import Minimum
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import TermAccuracy
 from suta_calib.trust.explanation import redundant_names
-from suta_calib.trust.repeats import TouchRepeatability
-from suta_calib.trust.scale_effects import ScaleEffect
-from suta_calib.units import Unit
 from suta_calib.words import combination
 
 NAME: Final = "result"
@@ -76,35 +82,6 @@ COMPUTED_BY: Final = {
     "casadi": "casadi",
     "numpy": "numpy",
 }
-
-
-REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
-    "Repeatability, mm: the tip about the mean of repeats of the same touch",
-    Column("data", "data", lambda row: row[0]),
-    Column("rms", "RMS", lambda row: row[1].rms, "m"),
-    Column("std", "± std", lambda row: row[1].std, "m"),
-    Column("touches", "touches", lambda row: row[1].touches, form="d"),
-    Column("places", "places", lambda row: row[1].places, form="d"),
-)
-SCALE: Final = Listing[ScaleEffect](
-    "",
-    Column("carrier", value=lambda row: row.what),
-    *written("name"),
-    Column("grade", value=lambda row: row.scale.grade or None),
-    Column("ppm", value=lambda row: row.scale.ppm),
-    *written("carries"),
-    Column("tip", value=lambda row: row.tip, unit="m"),
-)
-ABOUT: Final = Listing[tuple[str, str]](
-    "", Column("", "", lambda row: row[0]), Column("", "", lambda row: row[1])
-)
-STARTS: Final = Listing[tuple[int, Minimum]](
-    "How it was computed",
-    Column("", "start", lambda row: row[0], form="d"),
-    Column("status", "status", lambda row: row[1].status),
-    Column("iterations", "iterations", lambda row: row[1].iterations, form="d"),
-    Column("cost", "cost", lambda row: row[1].cost, form=".6g"),
-)
 
 
 def calibration_document(result: Calibration, *, verbose: bool = False) -> Document:
@@ -147,7 +124,7 @@ def _first_screen(result: Calibration) -> Iterator[Part]:
     """The arm with its errors, and what the figures are of."""
     if result.solution.converged:
         yield SpatialFigure(result.scene)
-    yield ShownOnly(ABOUT.of(_about(result)), "page")
+    yield ABOUT.of(_about(result), place="page")
 
 
 def _about(result: Calibration) -> Iterator[tuple[str, str]]:
@@ -183,7 +160,7 @@ def _parameters(result: Calibration, *, verbose: bool) -> Iterator[Part]:
     every = outcomes(result.examined)
     arm, of_terms = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
     worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
-    yield ShownOnly(PARAMETERS.of(worth_showing), "console")
+    yield PARAMETERS.of(worth_showing, place="console")
     if not verbose:
         # What is no pose, such as a camera's intrinsics or a radius, is told nowhere else.
         posed = {name for pose in result.examined.external_poses for name in pose.frame.names}
@@ -191,39 +168,37 @@ def _parameters(result: Calibration, *, verbose: bool) -> Iterator[Part]:
         shown = alone if len(alone) <= MANY else []
         if shown:
             title = "The observations' own unknowns that are no poses"
-            yield ShownOnly(PARAMETERS.of(shown, title), "console")
+            yield PARAMETERS.of(shown, title, place="console")
         hidden = [row.estimate for row in of_terms if row not in shown]
         yield from left_out(len(arm) - len(worth_showing), hidden)
     held = [row for row in arm if row.change is None]
-    yield ShownOnly(PARAMETERS.of([row for row in arm if row.change is not None]), "page")
+    yield PARAMETERS.of([row for row in arm if row.change is not None], place="page")
     for state in dict.fromkeys(row.state_shown for row in held):
         names = [row.estimate.name for row in held if row.state_shown == state]
         line = f"{state.capitalize()}, so at nominal ({len(names)}): {', '.join(names)}"
         yield Text(line, bullet=True, place="page")
-    yield Folded(PARAMETERS.of(held, f"Parameters at nominal ({len(held)})"))
-    yield Text(
+    yield PARAMETERS.of(held, f"Parameters at nominal ({len(held)})", folded=True)
+    yield remark(
         "“redundant”: no data of these kinds could tell it; nominal is a convention. “as drawn”: "
         "no data of these kinds could tell it either, but the tip is as good as its drawing there. "
         "“unidentified”: other data would tell it; it stays at nominal. “prior”: mostly known "
         "beforehand. A value with an entry under “given” has its meaning only relative to the "
-        "parameters named there.",
-        place="page",
-        look="soft",
+        "parameters named there."
     )
     if changes := solution.changes:
         yield Figure(
             lambda: report.changes_svg(changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
-    yield Folded(PARAMETERS.of(of_terms, f"The observations' own unknowns ({len(of_terms)})"))
+    yield PARAMETERS.of(of_terms, f"The observations' own unknowns ({len(of_terms)})", folded=True)
 
 
 def _external_poses(result: Calibration) -> Iterator[Part]:
     """What many came for: where cameras, instruments and artefacts are."""
     if poses := result.examined.external_poses:
-        yield ShownOnly(IN_SHORT.of(poses), "console")
-        yield ShownOnly(EXTERNAL_POSES.of(poses), "page")
-        yield Text(NOTE, place="page", look="soft")
+        yield IN_SHORT.of(poses, place="console")
+        yield EXTERNAL_POSES.of(poses, place="page")
+        yield remark(NOTE)
 
 
 def _errors(result: Calibration) -> Iterator[Part]:
@@ -234,38 +209,26 @@ def _errors(result: Calibration) -> Iterator[Part]:
         yield Text(
             "“after” is only where the solver stopped: it has not converged to anything usable."
         )
-    yield Text(
+    yield remark(
         "Every error counts here, also those a robust fit gave less weight. Improvement is that "
-        "of the RMS.",
-        place="page",
-        look="soft",
+        "of the RMS."
     )
     if result.solution.converged:
         yield HELD_OUT.of(held_out_rows(result))
-        yield Text(
+        yield remark(
             "Predicted: the scatter of the fitted errors, which holds what the model lacks, and "
-            "the covariance of the parameters. As many errors as named should be within.",
-            place="page",
-            look="soft",
+            "the covariance of the parameters. As many errors as named should be within."
         )
-        yield REPEATABILITY.of(_repeatability(result))
+        yield REPEATABILITY.of(repeatability_of(result))
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
         for k, errors in enumerate(by_kind(sets[name])):
             if len(errors.before):
+                told = errors.before, errors.after, errors.unit, errors.name
                 yield Figure(
-                    partial(_histogram, errors, f"histogram-{name}-{k}"),
+                    lambda told=told, svg=f"histogram-{name}-{k}": report.histogram_svg(*told, svg),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
-
-
-def _histogram(errors: KindErrors, name: str) -> str:
-    errors_shown = errors.before, errors.after, errors.unit, errors.name
-    return report.histogram_svg(*errors_shown, name)
-
-
-def _repeatability(result: Calibration) -> list[tuple[str, TouchRepeatability]]:
-    return [(name, term) for name, terms in result.repeatability.items() for term in terms]
 
 
 def _untold(result: Calibration) -> Iterator[Part]:
@@ -281,7 +244,7 @@ def _untold(result: Calibration) -> Iterator[Part]:
         yield from explained(of_arm, "console", MOST_SENTENCES)
         yield from explained(result.explanations, "page")
         redundant = [e for e in result.explanations if e.reason == "redundant"]
-        yield Folded(EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})"))
+        yield EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})", folded=True)
         if not result.explanations:
             yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
         several = [name for name, c in zip(named, combinations, strict=True) if not c.alone]
@@ -311,34 +274,30 @@ def _remaining_errors(result: Calibration) -> Iterator[Part]:
             title = f"{name}: by {label}" + (f" (without the {rest} best)" if rest > 0 else "")
             svg_name = f"errors-{name.lower()}-{label}"
             unit = terms[0].term.error_unit
-            figures.append(Figure(partial(_boxes, of[label], label, svg_name, unit), title))
+            figures.append(
+                Figure(
+                    lambda told=(of[label], label, svg_name, unit): report.groups_svg(*told), title
+                )
+            )
     if figures:
         yield Text("Where the remaining errors are", place="page", look="heading")
         yield from figures
 
 
-def _boxes(errors: Mapping[str, FloatArray], label: str, name: str, unit: Unit) -> str:
-    return report.groups_svg(errors, label, name, unit)
-
-
 def _noise_and_correlations(result: Calibration) -> Iterator[Part]:
     solution = result.solution
-    yield ShownOnly(NOISE.of(noise_of(result)), "page")
-    yield Text(
+    yield NOISE.of(noise_of(result), place="page")
+    yield remark(
         "Standard deviation of one component. Standard deviations of the parameters follow from "
-        "what was found.",
-        place="page",
-        look="soft",
+        "what was found."
     )
     if priors := priors_of(result):
-        yield ShownOnly(PRIORS.of(priors), "page")
-        yield Text(
+        yield PRIORS.of(priors, place="page")
+        yield remark(
             "How wide priors are is learned with the noise, from the evidence of the data. A "
             "factor below one draws estimates closer to nominal, but what the data do not tell "
             "keeps the ± of the prior as given; fixed: true beside a prior or a noise level keeps "
-            "it.",
-            place="page",
-            look="soft",
+            "it."
         )
     names, matrix = solution.correlation(arm=True) if solution.converged else ((), np.eye(0))
     if len(names) < 2:
@@ -346,7 +305,7 @@ def _noise_and_correlations(result: Calibration) -> Iterator[Part]:
     yield Text("Correlations", place="page", look="heading")
     if (less := len(names) - MOST_CORRELATED) > 0:
         note = f"{less} parameters that are less correlated are left out; result.json has all."
-        yield Text(note, place="page", look="soft")
+        yield remark(note)
     yield Figure(lambda: report.correlations_svg(names, matrix, "correlations"))
 
 
@@ -354,7 +313,7 @@ def _computation(result: Calibration) -> Iterator[Part]:
     solution, path = result.solution, result.job.spec.path
     best = solution.minimum
     phases = ", ".join(f"{phase} {seconds:.3f} s" for phase, seconds in solution.timing.items())
-    yield ShownOnly(STARTS.of(enumerate(solution.attempts, start=1)), "page")
+    yield STARTS.of(enumerate(solution.attempts, start=1), place="page")
     yield Text(
         f"{best.solver}: {best.status} after {best.iterations} iterations, cost {best.cost:.6g}. "
         f"{phases}.",
@@ -427,7 +386,7 @@ def _data(result: Calibration) -> Json:
         ],
         "metrics": entry("metrics", lambda: _metrics(result)),
         "repeatability": entry(
-            "repeatability", lambda: REPEATABILITY.records(_repeatability(result))
+            "repeatability", lambda: REPEATABILITY.records(repeatability_of(result))
         ),
         "timing_s": timing,
         **_matrices(solution),

@@ -25,7 +25,7 @@ from suta_calib.certification.result import (
     noise_source,
 )
 from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH, round_down
-from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
+from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import deg, mm, um
@@ -245,7 +245,7 @@ def certification_document(certification: Certification) -> Document:
     parts: list[Part] = [
         Figure(partial(certification_plot, certification)),
         LANDMARKS.of(rows),
-        ShownOnly(PILLARS.of(rows), "page"),
+        PILLARS.of(rows, place="page"),
         Text(_PILLARS, place="page"),
     ]
     if certification.comparison is not None:

@@ -11,7 +11,7 @@ import numpy as np
 
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.plotting.look import BLUE, GREY, WIDTH
-from suta_calib.report.document import Document, Figure, File, Part, ShownOnly, Text
+from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import Unit, text
@@ -91,14 +91,12 @@ def camera_record(camera: Camera) -> Json:
 
 def detect_document(detection: Detection, *, pictures: bool = False) -> Document:
     """Pictures with the board and without, and the camera; ``NAME.found.jpg`` of each if asked."""
-    table = VIEWS.of(detection.views)
-    lost = [view for view in detection.views if view.board is None]
-    parts: list[Part] = []
     # Most pictures of a table on a console; JSON and the page have all.
-    if len(detection.views) <= 40:
-        parts.append(table)
-    else:
-        parts += [ShownOnly(table, "page"), ShownOnly(VIEWS.of(lost, "Left out"), "console")]
+    many = len(detection.views) > 40
+    parts: list[Part] = [VIEWS.of(detection.views, place="page" if many else "everywhere")]
+    if many:
+        lost = [view for view in detection.views if view.board is None]
+        parts.append(VIEWS.of(lost, "Left out", place="console"))
     sentence = f"{detection.detected} of {len(detection.views)} pictures show the board"
     if detection.rms is not None:
         sentence += f"; reprojection RMS {text(detection.rms, 'px', with_unit=True)} (2-D)"

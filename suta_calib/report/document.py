@@ -13,13 +13,12 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.assessment import Assessment, attempt
-from suta_calib.report.listing import Json, Table, plain
+from suta_calib.report.listing import Json, Place, Table, plain
 from suta_calib.showing import Displayable as ShowsItself
 
 if TYPE_CHECKING:
     from suta_calib.plotting.scene import Scene
 
-Place = Literal["everywhere", "console", "page"]
 # NAME.json and a section of report.html; result.json and a report.html that begins anew with it;
 # the same, but its pictures are on that page only; NAME.json alone; or neither, but the files it
 # names.
@@ -43,6 +42,11 @@ class Text:
     bullet: bool = False
     place: Place = "everywhere"
     look: Look = "plain"
+
+
+def remark(text: str) -> Text:
+    """A paragraph of less weight, on a page only."""
+    return Text(text, place="page", look="soft")
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,21 +89,6 @@ class SpatialFigure:
 
 
 @dataclass(frozen=True, eq=False)
-class ShownOnly:
-    """A table that is shown in one place only; JSON has it all the same."""
-
-    table: Table
-    place: Place
-
-
-@dataclass(frozen=True, eq=False)
-class Folded:
-    """A table of which a page shows the title until it is opened; a console does without."""
-
-    table: Table
-
-
-@dataclass(frozen=True, eq=False)
 class File:
     """A whole file that is written beside the others, and shown nowhere.
 
@@ -117,8 +106,8 @@ class File:
         return content if isinstance(content, bytes) else content.encode()
 
 
-Shown = Text | Figure | SpatialFigure | Table | Folded
-Part = Shown | ShownOnly | File
+Shown = Text | Figure | SpatialFigure | Table
+Part = Shown | File
 
 
 def section(what: str, parts: Callable[[], Iterable[Part]]) -> list[Part]:
@@ -158,16 +147,13 @@ class Document(ShowsItself):
 
     def shown(self, place: Place) -> list[Shown]:
         """The parts for the console or for a page, in order; tables without rows are not."""
-        visible: list[Shown] = []
+        shown: list[Shown] = []
         for part in self.parts:
-            where = part.place if isinstance(part, ShownOnly | Text) else "everywhere"
-            content = part.table if isinstance(part, ShownOnly) else part
-            if isinstance(content, File):
-                continue
-            rows = content.table if isinstance(content, Folded) else content
-            if where in ("everywhere", place) and (not isinstance(rows, Table) or rows.cells):
-                visible.append(content)
-        return visible
+            where = part.place if isinstance(part, Table | Text) else "everywhere"
+            empty = isinstance(part, Table) and not part.cells
+            if where in ("everywhere", place) and not isinstance(part, File) and not empty:
+                shown.append(part)
+        return shown
 
     def with_data(self, **data: Any) -> Document:
         """The same with more for JSON, such as the files it was made from."""
@@ -175,6 +161,5 @@ class Document(ShowsItself):
 
     def json(self) -> Json:
         """Everything as one JSON object, ``verdict`` last."""
-        tables = [p.table if isinstance(p, ShownOnly | Folded) else p for p in self.parts]
-        listed = {t.key: t.json() for t in tables if isinstance(t, Table) and t.key}
+        listed = {p.key: p.json() for p in self.parts if isinstance(p, Table) and p.key}
         return {**plain(self.data), **listed, "verdict": self.assessment.as_dict()}

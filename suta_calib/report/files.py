@@ -13,7 +13,7 @@ from typing import Any, Final
 from suta_calib.assessment import attempt
 from suta_calib.atomic import exchange_files
 from suta_calib.errors import OutputError
-from suta_calib.report.document import Document, Figure, File, Text
+from suta_calib.report.document import Document, Figure, File, remark
 from suta_calib.report.listing import json_text
 
 REPORT: Final = "report.html"
@@ -57,7 +57,7 @@ def write_document(
 
         report, page = _report(answer, folder, job)
         made_from = (f" from {Path(n).name} (SHA-256 {h[:12]})" for n, h in inputs.items())
-        run_note = Text(f"Run {run['id']}{', '.join(made_from)}.", place="page", look="soft")
+        run_note = remark(f"Run {run['id']}{', '.join(made_from)}.")
         with_run = replace(answer, parts=(*answer.parts, run_note))
         contents[report] = page_with(with_run, page, job).encode(errors="replace")
     names = [*contents, record] if record else [*contents]

@@ -25,6 +25,7 @@ Outer = TypeVar("Outer")
 Json = dict[str, Any]
 # What a cell means at a glance: as an assessment's levels, or of note, or of little weight.
 Tone = Literal["good", "note", "care", "bad", "soft"]
+Place = Literal["everywhere", "console", "page"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +130,8 @@ class Table:
         tones: of the cells.
         json: makes it as JSON has it.
         strong: rows that are the outcome of those above them.
+        place: where it is shown; JSON has it all the same.
+        folded: whether a page shows its title alone until it is opened; a console does without.
     """
 
     title: str
@@ -139,6 +142,8 @@ class Table:
     tones: Sequence[Sequence[Tone | None]]
     json: Callable[[], Any]
     strong: frozenset[int] = frozenset()
+    place: Place = "everywhere"
+    folded: bool = False
 
 
 class Listing(Generic[Row]):
@@ -163,8 +168,15 @@ class Listing(Generic[Row]):
         self.title, self.columns = title, columns
         self._key, self._named, self._strong = key, named, strong
 
-    def of(self, rows: Iterable[Row], title: str | None = None) -> Table:
-        """These rows as a part of a document."""
+    def of(
+        self,
+        rows: Iterable[Row],
+        title: str | None = None,
+        *,
+        place: Place = "everywhere",
+        folded: bool = False,
+    ) -> Table:
+        """These rows as a part of a document: their `Table`."""
         rows = tuple(rows)
         headed = [c for c in self.columns if c.heading is not None]
         shown = [c for c in headed if not c.optional or any(map(c.has, rows))]
@@ -177,6 +189,8 @@ class Listing(Generic[Row]):
             [[None if c.tone is None else c.tone(row) for c in shown] for row in rows],
             lambda: self.records(rows),
             frozenset(k for k, row in enumerate(rows) if self._strong(row)),
+            "page" if folded else place,
+            folded,
         )
 
     def facts(self, row: Row, heads: tuple[str, str, str] = ("", "", "")) -> Table:

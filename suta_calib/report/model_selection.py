@@ -12,7 +12,7 @@ from suta_calib.analysis.model_selection import ModelCandidate, ModelSelection
 from suta_calib.analysis.model_selection.selection import SHORT
 from suta_calib.model.parameters import Selection
 from suta_calib.plotting.look import BLUE, ORANGE, WIDTH
-from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
+from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.solver.solution import Estimate
@@ -70,8 +70,8 @@ def model_selection_document(choice: ModelSelection) -> Document:
         title = f"{title} (and {more} worse ones: report.html has them all)"
     parts: list[Part] = [
         Figure(partial(models_plot, choice)),
-        ShownOnly(models.of(best, title), "console"),
-        ShownOnly(models.of(choice.tried), "page"),
+        models.of(best, title, place="console"),
+        models.of(choice.tried, place="page"),
         Text(CAPTION.format(unit=f" in {name}" if (name := unit_name(choice.unit)) else "")),
         Text(f"Left out each time: {'; '.join(choice.folds)}.", place="page"),
     ]
@@ -86,7 +86,7 @@ def model_selection_document(choice: ModelSelection) -> Document:
         parts.append(Text("Rows for the job's parameters:"))
         parts += [Text(wrapped(row_text(row))) for row in choice.rows]
     most_tests = 6
-    parts.append(ShownOnly(TESTS.of(choice.tests[:most_tests]), "page"))
+    parts.append(TESTS.of(choice.tests[:most_tests], place="page"))
     return Document(NAME, TITLE, choice.assessment, parts, _data(choice))
 
 

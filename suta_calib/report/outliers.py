@@ -24,7 +24,7 @@ from suta_calib.analysis.outliers import (
 )
 from suta_calib.analysis.outliers.answer import metric_labels
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
+from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.units import NOTHING, Unit, key, shown, text, unit_name
 
@@ -127,8 +127,8 @@ def outliers_document(outliers: Outliers) -> Document:
             title = f"{term.kind}, by {noun}, in the job's own fit: every touch counts, no flags"
             group_listing = Listing(title, Column[Group]("label", noun), *_as_calibrated(term))
             parts += [group_listing.of(_shown(level)), Text(OWN_FIT)]
-    parts += [ShownOnly(_touches(term).of(term.touches), "page") for term in outliers.terms]
-    parts += [ShownOnly(MOVES.of(term.moves), "page") for term in outliers.terms]
+    parts += [_touches(term).of(term.touches, place="page") for term in outliers.terms]
+    parts += [MOVES.of(term.moves, place="page") for term in outliers.terms]
     parts += advice(outliers)
     return Document(NAME, "Outliers", outliers.assessment, parts, _data(outliers))
 

@@ -17,7 +17,7 @@ from markupsafe import Markup
 
 from suta_calib.assessment import attempt
 from suta_calib.plotting.look import BLUE, GREY, LINE, ORANGE, TINT
-from suta_calib.report.document import Document, Figure, Folded, SpatialFigure
+from suta_calib.report.document import Document, Figure, SpatialFigure
 from suta_calib.report.listing import Table
 from suta_calib.report.panels import separated
 from suta_calib.report.spatial import scene_html
@@ -90,7 +90,6 @@ def environment() -> Environment:
     )
     templates.tests["figure"] = lambda part: isinstance(part, Figure)
     templates.tests["space"] = lambda part: isinstance(part, SpatialFigure)
-    templates.tests["folded"] = lambda part: isinstance(part, Folded)
     templates.tests["table"] = lambda part: isinstance(part, Table)
     templates.filters["drawn"] = _drawn
     templates.filters["stacked"] = _stacked

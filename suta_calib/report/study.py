@@ -21,7 +21,7 @@ from suta_calib.analysis.study import (
 from suta_calib.analysis.study.sets import described
 from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
 from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH
-from suta_calib.report.document import Document, Figure, Part, ShownOnly, Text
+from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, key, shown, text, unit_name
@@ -96,7 +96,7 @@ def study_document(study: Study) -> Document:
         table, data = SPREADS.of(estimated, TITLES[kind]), _spreads(study)
     parts: list[Part] = [Text(sentence) for sentence in (_drawn(study), *sentences)]
     parts += [figure] if study.assessment.usable else []
-    parts += [table, ShownOnly(FAILURES.of(study.failures.items()), "page")]
+    parts += [table, FAILURES.of(study.failures.items(), place="page")]
     return Document(NAMES[kind], TITLES[kind], study.assessment, parts, _asked(study.plan) | data)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from cli_job import cli, write_simulated_job
+from cli_job import Capture, cli, refused, write_simulated_job
 
 ARTEFACT = """\
 name: block
@@ -96,11 +96,7 @@ BAD: dict[str, tuple[Spoil, str]] = {
     "urdf no robot": (content(URDF, "<mesh/>"), r"arm\.urdf.*mesh.*robot"),
     "urdf loop": (replaced(URDF, "</robot>", LOOP), r"arm\.urdf.*link_3"),
     "urdf mimic": (
-        replaced(
-            URDF,
-            r'(<joint name="joint_4"[^>]*>)',
-            r'\1<mimic joint="joint_9"/>',
-        ),
+        replaced(URDF, r'(<joint name="joint_4"[^>]*>)', r'\1<mimic joint="joint_9"/>'),
         r"arm\.urdf:\d+: joint .joint_4.*mimic",
     ),
     "urdf floating": (
@@ -157,20 +153,10 @@ BAD: dict[str, tuple[Spoil, str]] = {
 }
 
 
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    """The one line of a command that must refuse."""
-    assert cli(*arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1, err
-    assert err.startswith("suta-calib: error: ")
-    return err
-
-
 @pytest.mark.parametrize(("spoil", "says"), BAD.values(), ids=BAD)
 @pytest.mark.parametrize("command", ["calibrate", "observe"])
 def test_bad_input_is_one_line_and_no_output(
-    folder: Path, spoil: Spoil, says: str, command: str, capsys: pytest.CaptureFixture[str]
+    folder: Path, spoil: Spoil, says: str, command: str, capsys: Capture
 ) -> None:
     spoil(folder)
     before = sorted(folder.rglob("*"))
@@ -179,7 +165,7 @@ def test_bad_input_is_one_line_and_no_output(
     assert sorted(folder.rglob("*")) == before
 
 
-def test_a_job_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_job_that_is_not_there(tmp_path: Path, capsys: Capture) -> None:
     for command in ("calibrate", "observe"):
         assert "no such file" in refused(capsys, command, tmp_path / "none.yaml")
         assert "a folder" in refused(capsys, command, tmp_path)
@@ -188,7 +174,7 @@ def test_a_job_that_is_not_there(tmp_path: Path, capsys: pytest.CaptureFixture[s
 
 @pytest.mark.parametrize("below", ["", "results", "results/deep"])
 def test_an_output_folder_that_is_a_file(
-    folder: Path, below: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    folder: Path, below: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def solving(*_: object) -> None:
         raise AssertionError("it began to solve")
@@ -200,9 +186,7 @@ def test_an_output_folder_that_is_a_file(
     assert taken.read_text() == "mine"
 
 
-def test_fewer_samples_than_the_job_can_use(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_fewer_samples_than_the_job_can_use(folder: Path, capsys: Capture) -> None:
     rows(CSV, 2)(folder)
     before = sorted(folder.rglob("*"))
     line = refused(capsys, "calibrate", folder / JOB, "--json")
@@ -211,9 +195,7 @@ def test_fewer_samples_than_the_job_can_use(
 
 
 @pytest.mark.parametrize("n", [3, 4])
-def test_data_that_any_values_would_fit_are_refused(
-    folder: Path, n: int, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_data_that_any_values_would_fit_are_refused(folder: Path, n: int, capsys: Capture) -> None:
     """Nine or twelve equations, even after holding what cannot be told, leave no residual."""
     rows(CSV, n)(folder)
     assert cli("observe", folder / JOB) == 0
@@ -222,15 +204,13 @@ def test_data_that_any_values_would_fit_are_refused(
     assert not (folder / "results").exists()
 
 
-def test_few_equations_are_no_traceback(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_few_equations_are_no_traceback(folder: Path, capsys: Capture) -> None:
     rows(CSV, 5)(folder)
     assert cli("calibrate", folder / JOB, "--json") in (0, 1)
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_validate_refuses_another_arm(
-    folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_validate_refuses_another_arm(folder: Path, tmp_path: Path, capsys: Capture) -> None:
     other = tmp_path / "other.urdf"
     text = (folder / URDF).read_text()
     other.write_text(text.replace('"joint_3"', '"elbow"'))
@@ -240,13 +220,13 @@ def test_validate_refuses_another_arm(
     assert "no such file" in refused(capsys, "validate", tmp_path / "none.urdf", folder / JOB)
 
 
-def test_validate_needs_validation_data(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_validate_needs_validation_data(folder: Path, capsys: Capture) -> None:
     replaced(JOB, r"validation:\n.*\n", "")(folder)
     assert "validation" in refused(capsys, "validate", folder / URDF, folder / JOB)
 
 
 def test_init_refuses_what_it_cannot_use(
-    folder: Path, tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+    folder: Path, tmp_path: Path, suta_urdf: Path, capsys: Capture
 ) -> None:
     out = tmp_path / "new"
     start = ("init", suta_urdf, "--out", out)
@@ -264,7 +244,7 @@ def test_init_refuses_what_it_cannot_use(
 
 
 def test_a_joint_that_is_called_as_a_column_is_refused_before_a_file_is_made(
-    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, suta_urdf: Path, capsys: Capture
 ) -> None:
     urdf, out = tmp_path / "arm.urdf", tmp_path / "new"
     urdf.write_text(suta_urdf.read_text(encoding="utf-8").replace('"joint_1"', '"x"'))
@@ -290,5 +270,5 @@ def test_a_joint_that_is_called_as_a_column_is_refused_before_a_file_is_made(
         (["observe", "a.yaml", "b.yaml"], "unexpected"),
     ],
 )
-def test_bad_usage(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_bad_usage(arguments: list[str], says: str, capsys: Capture) -> None:
     assert says in refused(capsys, *arguments)

@@ -15,7 +15,17 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import NOISE, TRUTH, cli, simulated, write_simulated_job
+from cli_job import (
+    NOISE,
+    TRUTH,
+    Capture,
+    answer,
+    cli,
+    printed,
+    refused,
+    simulated,
+    write_simulated_job,
+)
 
 from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError, did_you_mean
@@ -29,15 +39,6 @@ RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "inputs.zip", "rep
 @pytest.fixture
 def job(tmp_path: Path, suta_urdf: Path) -> Path:
     return write_simulated_job(tmp_path / "job", suta_urdf)
-
-
-def printed_json(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    """What was printed, which must be one JSON object and nothing else, also not on stderr."""
-    out, err = capsys.readouterr()
-    assert err == ""
-    found = json.loads(out)
-    assert isinstance(found, dict)
-    return found
 
 
 def files_below(folder: Path) -> set[str]:
@@ -78,7 +79,7 @@ def test_calibrate_writes_beside_the_job(calibrated: Calibrated) -> None:
 
 
 def test_without_a_report_nothing_is_drawn_and_none_of_the_run_before_is_left(
-    job: Path, capsys: pytest.CaptureFixture[str]
+    job: Path, capsys: Capture
 ) -> None:
     assert cli("calibrate", job) == 0
     assert files_below(job.parent / "results") == RESULTS
@@ -94,9 +95,8 @@ def test_without_a_report_nothing_is_drawn_and_none_of_the_run_before_is_left(
     assert run.stdout.splitlines()[-1] == "False"
 
 
-def test_calibrate_finds_the_truth(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("calibrate", job, "--out", job.parent / "new" / "folder", "--json") == 0
-    found = printed_json(capsys)
+def test_calibrate_finds_the_truth(job: Path, capsys: Capture) -> None:
+    found = answer(capsys, "calibrate", job, "--out", job.parent / "new" / "folder")
     assert found["status"] == "converged"
     assert found["unidentified"] == found["redundant"] == ["joint_1.offset"]
     for name, true in TRUTH.items():
@@ -110,23 +110,17 @@ def test_calibrate_finds_the_truth(job: Path, capsys: pytest.CaptureFixture[str]
     assert written.items() <= found.items()
 
 
-def test_calibrate_that_does_not_converge_exits_with_1(
-    job: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_calibrate_that_does_not_converge_exits_with_1(job: Path, capsys: Capture) -> None:
     job.write_text(job.read_text().replace("starts: 2", "starts: 1, max_iterations: 1"))
-    assert cli("calibrate", job) == 1
-    assert "not converged" in capsys.readouterr().out
+    assert "not converged" in printed(capsys, "calibrate", job, code=1)
     result = job.parent / "results" / "result.json"
     assert json.loads(result.read_text())["status"] == "not_converged"
     assert not result.with_name("calibrated.urdf").exists()
 
 
-def test_observe_tells_what_the_data_can_determine(
-    job: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_observe_tells_what_the_data_can_determine(job: Path, capsys: Capture) -> None:
     before = files_below(job.parent)
-    assert cli("observe", job, "--json") == 0
-    found = printed_json(capsys)
+    found = answer(capsys, "observe", job)
     assert (found["rank"], found["asked"], found["samples"]) == (7, 8, 40)
     assert found["unidentified"] == ["joint_1.offset"]
     assert found["parameters"]["joint_1.offset"]["std"] is None
@@ -143,49 +137,45 @@ def test_observe_tells_what_the_data_can_determine(
     assert files_below(job.parent) == before
 
 
-def test_predicted_deviations_are_those_of_the_fit(
-    calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert cli("observe", calibrated.job, "--json") == 0
-    predicted = printed_json(capsys)["parameters"]
+def test_predicted_deviations_are_those_of_the_fit(calibrated: Calibrated, capsys: Capture) -> None:
+    predicted = answer(capsys, "observe", calibrated.job)["parameters"]
     for name, fitted in calibrated.result["parameters"].items():
         if fitted["state"] == "identified" and name in predicted:
             assert 0.5 < predicted[name]["std"] / fitted["std"] < 2.0, name
 
 
 def test_validate_tells_the_calibrated_arm_from_the_nominal(
-    calibrated: Calibrated, capsys: pytest.CaptureFixture[str]
+    calibrated: Calibrated, capsys: Capture
 ) -> None:
     job, wanted = calibrated.job, calibrated.result["metrics"]["validation"]
-    assert cli("validate", job.parent / "results" / "calibrated.urdf", job, "--json") == 0
-    found = printed_json(capsys)["metrics"]["validation"]
+    found = answer(capsys, "validate", job.parent / "results" / "calibrated.urdf", job)["metrics"][
+        "validation"
+    ]
     for key in ("before", "after"):
         assert found[key] == pytest.approx(wanted[key], rel=1e-4), key
     assert found["after"]["rms_mm"] < 0.1 < found["before"]["rms_mm"]
-    assert cli("validate", job.parent / "arm.urdf", job) == 0
-    assert "0.0 %" in capsys.readouterr().out.replace("\n", "")
+    assert "0.0 %" in printed(capsys, "validate", job.parent / "arm.urdf", job).replace("\n", "")
 
 
-def test_validate_needs_no_unknowns(repository: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_validate_needs_no_unknowns(repository: Path, capsys: Capture) -> None:
     """Distances have no unknowns of their own, and in validation the arm is held."""
     job = repository / "data" / "suta" / "calibration.yaml"
-    assert cli("validate", repository / "urdf" / "suta.urdf", job, "--json") == 0
-    found = printed_json(capsys)["metrics"]["validation"]
+    found = answer(capsys, "validate", repository / "urdf" / "suta.urdf", job)["metrics"][
+        "validation"
+    ]
     assert found["before"] == found["after"]
 
 
-def test_validate_registers_what_the_observations_do_not_have(
-    job: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_validate_registers_what_the_observations_do_not_have(job: Path, capsys: Capture) -> None:
     """An instrument with another label stands elsewhere: its pose is fitted where it was used."""
     text = job.read_text()
     held_out = "samples: 'validation/*.csv'"
     job.write_text(text.replace(held_out, f"label: second, {held_out}"))
-    assert cli("validate", job.parent / "arm.urdf", job, "--json") == 0
-    own = printed_json(capsys)["metrics"]["validation"]["after"]
+    own = answer(capsys, "validate", job.parent / "arm.urdf", job)["metrics"]["validation"]["after"]
     job.write_text(text)
-    assert cli("validate", job.parent / "arm.urdf", job, "--json") == 0
-    shared = printed_json(capsys)["metrics"]["validation"]["after"]
+    shared = answer(capsys, "validate", job.parent / "arm.urdf", job)["metrics"]["validation"][
+        "after"
+    ]
     assert own["rms_mm"] < shared["rms_mm"]
 
 
@@ -214,11 +204,7 @@ def test_validate_registers_what_the_observations_do_not_have(
     ],
 )
 def test_init_writes_a_job_that_lacks_nothing_but_samples(
-    tmp_path: Path,
-    suta_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
-    kinds: tuple[str, ...],
-    expected: set[str],
+    tmp_path: Path, suta_urdf: Path, capsys: Capture, kinds: tuple[str, ...], expected: set[str]
 ) -> None:
     folder = tmp_path / "job"
     options = [option for kind in kinds for option in ("--kind", kind)]
@@ -229,7 +215,7 @@ def test_init_writes_a_job_that_lacks_nothing_but_samples(
 
 
 def test_init_job_runs_once_samples_are_filled_in(
-    tmp_path: Path, job: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, job: Path, suta_urdf: Path, capsys: Capture
 ) -> None:
     folder = tmp_path / "new"
     assert cli("init", suta_urdf, "--tip", "tip", "--out", folder, "--kind", "tracked_point") == 0
@@ -239,14 +225,11 @@ def test_init_job_runs_once_samples_are_filled_in(
         assert file.read_text() == ",".join(("x", "y", "z", *joints)) + "\n"
         file.write_bytes((job.parent / name / "a.csv").read_bytes())
     capsys.readouterr()
-    assert cli("observe", folder / "calibration.yaml", "--json") == 0
-    assert printed_json(capsys)["rank"] > 10
+    assert answer(capsys, "observe", folder / "calibration.yaml")["rank"] > 10
     assert CalibrationJob.load(folder / "calibration.yaml").spec.solver.starts == 8
 
 
-def test_init_overwrites_nothing(
-    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_init_overwrites_nothing(tmp_path: Path, suta_urdf: Path, capsys: Capture) -> None:
     (tmp_path / "artefact.yaml").write_text("mine")
     assert cli("init", suta_urdf, "--tip", "tip", "--out", tmp_path) == 2
     assert str(tmp_path / "artefact.yaml") in capsys.readouterr().err
@@ -256,7 +239,7 @@ def test_init_overwrites_nothing(
 
 @pytest.mark.parametrize("tip", [(), ("--tip", "elbow")])
 def test_init_names_the_ends_of_the_arm_to_who_does_not_know_its_tip(
-    tip: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tip: tuple[str, ...], tmp_path: Path, capsys: Capture
 ) -> None:
     urdf = tmp_path / "two.urdf"
     joint = (
@@ -266,38 +249,31 @@ def test_init_names_the_ends_of_the_arm_to_who_does_not_know_its_tip(
     links = "".join(f'<link name="{name}"/>' for name in ("base", "left_hand", "right_hand"))
     joints = "".join(map(joint.format, ("left", "right")))
     urdf.write_text(f'<robot name="two">{links}{joints}</robot>')
-    assert cli("init", urdf, *tip, "--out", tmp_path / "job") == 2
-    said = capsys.readouterr().err
+    said = refused(capsys, "init", urdf, *tip, "--out", tmp_path / "job")
     assert "its chains end at 'left_hand', 'right_hand'" in said
     assert not (tmp_path / "job").exists()
 
 
-def test_a_hint_never_repeats_what_was_written(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_hint_never_repeats_what_was_written(capsys: Capture) -> None:
     assert did_you_mean("tip", ["tip", "tap"]) == "did you mean 'tap'?"
     assert did_you_mean("tip", ["tip"]) == ""
     assert did_you_mean("TIP", ["tip"]) == "did you mean 'tip'?"
-    assert cli("calibrat") == 2
-    assert capsys.readouterr().err.count("calibrate") == 1
-    assert cli("nothing-like-it") == 2
-    assert "--help lists them" in capsys.readouterr().err
+    assert refused(capsys, "calibrat").count("calibrate") == 1
+    assert "--help lists them" in refused(capsys, "nothing-like-it")
 
 
-def test_the_bare_command_prints_help(capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_bare_command_prints_help(capsys: Capture) -> None:
     assert cli() == 0
     bare = capsys.readouterr()
-    assert cli("--help") == 0
-    assert bare.out == capsys.readouterr().out
+    assert bare.out == printed(capsys, "--help")
     assert bare.err == ""
 
 
-def test_help_and_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("--help") == 0
-    assert "calibrate" in capsys.readouterr().out
-    assert cli("--version") == 0
-    assert capsys.readouterr().out.startswith("suta-calib")
+def test_help_and_version(capsys: Capture) -> None:
+    assert "calibrate" in printed(capsys, "--help")
+    assert printed(capsys, "--version").startswith("suta-calib")
     for command in ("calibrate", "observe", "validate", "init", "simulate"):
-        assert cli(command, "--help") == 0
-        assert "Usage: suta-calib " + command in capsys.readouterr().out
+        assert "Usage: suta-calib " + command in printed(capsys, command, "--help")
 
 
 def test_help_does_not_load_the_heavy_libraries(repository: Path) -> None:
@@ -312,7 +288,7 @@ def test_help_does_not_load_the_heavy_libraries(repository: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_warnings_are_one_line_on_stderr(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_warnings_are_one_line_on_stderr(job: Path, capsys: Capture) -> None:
     samples = job.parent / "calibration" / "a.csv"
     header, *rows = samples.read_text().splitlines()
     samples.write_text("\n".join([f"{header},qx,qy,qz,qw", *(f"{r},0,0,0,1.5" for r in rows)]))
@@ -367,10 +343,7 @@ def test_an_interrupt_leaves_nothing_half_written(job: Path, seen: int) -> None:
 
 @pytest.mark.parametrize("cause", [KeyboardInterrupt(), None])
 def test_an_interrupt_that_a_library_wraps_is_one(
-    job: Path,
-    cause: BaseException | None,
-    capsys: pytest.CaptureFixture[str],
-    monkeypatch: pytest.MonkeyPatch,
+    job: Path, cause: BaseException | None, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def interrupted(*_: object) -> None:
         raise SystemError("a result with an exception set") from cause
@@ -416,21 +389,20 @@ def made_worse(job: Path) -> Path:
 
 
 def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(
-    job: Path, capsys: pytest.CaptureFixture[str]
+    job: Path, capsys: Capture
 ) -> None:
-    assert cli("calibrate", made_worse(job), "--json") == 1
-    verdict = printed_json(capsys)["verdict"]
+    verdict = answer(capsys, "calibrate", made_worse(job), code=1)["verdict"]
     assert (verdict["level"], verdict["usable"]) == ("bad", False)
     folder = job.parent / "results"
     result, urdf = folder / "result.json", folder / "not_usable.urdf"
     assert files_below(folder) == RESULTS - {"calibrated.urdf"} | {"not_usable.urdf"}
     assert json.loads(result.read_text())["verdict"] == verdict
-    assert cli("validate", urdf, job, "--result", result) == 2
-    said = capsys.readouterr().err
+    said = refused(capsys, "validate", urdf, job, "--result", result)
     assert f"{result}: verdict: found an answer that must not be used" in said
     assert "worse than the nominal one on the validation data" in said
-    assert cli("validate", urdf, job, "--result", result, "--anyway", "--json") == 0
-    assert printed_json(capsys)["verdict"]["level"] == "care"
+    assert (
+        answer(capsys, "validate", urdf, job, "--result", result, "--anyway")["verdict"]["level"]
+        == "care"
+    )
     box = ("--urdf", job.parent / "arm.urdf", "--tip", "tip", "--region", "150,600,-300,300,0,400")
-    assert cli("tip-map", result, *box) == 2
-    assert "must not be used" in capsys.readouterr().err
+    assert "must not be used" in refused(capsys, "tip-map", result, *box)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from cli_job import Capture
 
 from suta_calib.cli._app import run
 from suta_calib.measurements import read_camera, read_corners
@@ -22,9 +23,7 @@ def some(workcell: Path, count: int) -> list[str]:
     return [str(file) for file in sorted((workcell / "pictures").iterdir())[:count]]
 
 
-def test_corners_camera_and_pictures(
-    workcell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_corners_camera_and_pictures(workcell: Path, tmp_path: Path, capsys: Capture):
     pytest.importorskip("cv2")
     out, camera, board = tmp_path / "c.csv", tmp_path / "k.yaml", workcell / "board.yaml"
     files = ["--out", str(out), "--camera-out", str(camera), "--report", str(tmp_path / "r")]
@@ -45,9 +44,7 @@ def test_corners_camera_and_pictures(
     assert "Corners over the picture" in (tmp_path / "r" / "report.html").read_text("utf-8")
 
 
-def test_a_wrong_board_leaves_nothing_behind(
-    workcell: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-):
+def test_a_wrong_board_leaves_nothing_behind(workcell: Path, tmp_path: Path, capsys: Capture):
     pytest.importorskip("cv2")
     board, out = tmp_path / "board.yaml", tmp_path / "c.csv"
     board.write_text("{type: chessboard, corners: [9, 7], square_mm: 25}", encoding="utf-8")
@@ -66,7 +63,7 @@ def test_a_wrong_board_leaves_nothing_behind(
     ],
 )
 def test_options_that_do_not_go_together(
-    more: list[str], said: str, workcell: Path, capsys: pytest.CaptureFixture[str]
+    more: list[str], said: str, workcell: Path, capsys: Capture
 ):
     line = ["detect", *some(workcell, 1), "--board", str(workcell / "board.yaml"), *more]
     assert run(line) == 2
@@ -74,7 +71,7 @@ def test_options_that_do_not_go_together(
 
 
 def test_without_opencv_the_message_installs_it(
-    workcell: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    workcell: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ):
     from suta_calib.vision.opencv import opencv
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cli_job import cli
+from cli_job import Capture, cli, printed, refused
 from emulated import TRUTH, angles, listen, true_landmarks, write_artefact
 
 from suta_calib.device import read_device
@@ -149,7 +149,7 @@ def test_it_ends_after_its_time_and_on_ctrl_c(suta_urdf: Path) -> None:
 
 
 def test_a_truth_that_was_written_can_be_read_again(
-    tmp_path: Path, suta_urdf: Path, arm: ArmModel, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, suta_urdf: Path, arm: ArmModel, capsys: Capture
 ) -> None:
     rows = "".join(
         f"  {name}: {{value_{'mm' if unit == 'm' else 'deg'}: {value * scale!r}}}\n"
@@ -197,7 +197,7 @@ def test_an_empty_truth_is_the_nominal_arm(tmp_path: Path, arm: ArmModel) -> Non
     ],
 )
 def test_bad_usage_is_one_line(
-    suta_urdf: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], message: str
+    suta_urdf: Path, capsys: Capture, arguments: list[str], message: str
 ) -> None:
     code = cli("emulate", suta_urdf, "--tip", "tip", "--seconds", 0.01, *arguments)
     out, err = capsys.readouterr()
@@ -218,12 +218,7 @@ def test_bad_usage_is_one_line(
     ],
 )
 def test_scripts_that_cannot_be_played_are_one_line(
-    job: Path,
-    suta_urdf: Path,
-    capsys: pytest.CaptureFixture[str],
-    change: str,
-    arguments: list[str],
-    message: str,
+    job: Path, suta_urdf: Path, capsys: Capture, change: str, arguments: list[str], message: str
 ) -> None:
     job.write_text(JOB.replace(change, "x" if change == "observations" else "") if change else JOB)
     truth = job.parent / "truth.yaml"
@@ -236,7 +231,7 @@ def test_scripts_that_cannot_be_played_are_one_line(
 
 
 def test_a_simulation_says_everything_itself(
-    repository: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+    repository: Path, suta_urdf: Path, capsys: Capture
 ) -> None:
     script = repository / "data/suta/simulation.yaml"
     common = (suta_urdf, "--script", script, "--seconds", 0.02, "--start", "now")
@@ -246,12 +241,11 @@ def test_a_simulation_says_everything_itself(
     assert "4 rests in 1 round" in capsys.readouterr().err
     assert cli("emulate", *common, "--set", "nothing") == 2
     assert "calibration, validation, fixed_point" in capsys.readouterr().err
-    assert cli("emulate", *common, "--placement", "V2") == 2
-    assert "one of P1, P2" in capsys.readouterr().err
+    assert "one of P1, P2" in refused(capsys, "emulate", *common, "--placement", "V2")
 
 
 def test_a_placement_without_a_pose_is_found_within_reach(
-    job: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+    job: Path, suta_urdf: Path, capsys: Capture
 ) -> None:
     texts = []
     for out in (job.parent / "one.yaml", job.parent / "two.yaml"):
@@ -267,9 +261,8 @@ def test_a_placement_without_a_pose_is_found_within_reach(
     assert all(pose["position_mm"][2] >= 0 for pose in poses.values())
 
 
-def test_help_lists_every_fault(capsys: pytest.CaptureFixture[str]) -> None:
+def test_help_lists_every_fault(capsys: Capture) -> None:
     from suta_calib.emulation.faults import WORDS
 
-    assert cli("emulate", "--help") == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, "emulate", "--help")
     assert all(word in out for word in WORDS)

@@ -4,13 +4,12 @@ A kind that is added to `suta_calib.terms.KINDS` fails here until it has a scene
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import cli
+from cli_job import Capture, answer, cli
 from simulated import SUTA_URDF
 
 from suta_calib.terms import KINDS, Term
@@ -171,13 +170,6 @@ def case_of(job: Path) -> Case:
     return CASES[(job.parent / "case").read_text()]
 
 
-def answer(capsys: pytest.CaptureFixture[str], command: str, *arguments: object) -> dict[str, Any]:
-    capsys.readouterr()
-    assert cli(command, *arguments, "--json") == 0
-    found: dict[str, Any] = json.loads(capsys.readouterr().out)
-    return found
-
-
 def test_every_kind_has_a_scene() -> None:
     # Pictures have theirs beside the term: tests/terms/test_camera_view.py.
     assert set(KINDS) == {case.kind for case in CASES.values()} | {"camera_view"}
@@ -193,13 +185,13 @@ def test_it_is_begun(kind: type[Term], tmp_path: Path) -> None:
     assert not set(kind.columns.common_labels) & set(header)
 
 
-def test_it_is_observed(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_observed(job: Path, capsys: Capture) -> None:
     found = answer(capsys, "observe", job)
     assert found["parameters"][case_of(job).told]["state"] == "identified"
     assert all(each["sentence"] for each in found["explanations"])
 
 
-def test_it_is_calibrated_and_validated(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_calibrated_and_validated(job: Path, capsys: Capture) -> None:
     """Held-out errors fall to the noise; what is seen or touched again keeps its fitted place."""
     case, out = case_of(job), job.parent / "results"
     found = answer(capsys, "calibrate", job, "--out", out)
@@ -213,9 +205,7 @@ def test_it_is_calibrated_and_validated(job: Path, capsys: pytest.CaptureFixture
     assert again["metrics"]["validation"]["after"]["count"] == metrics["after"]["count"]
 
 
-def analysed(
-    capsys: pytest.CaptureFixture[str], job: Path, command: str, *options: object
-) -> dict[str, Any]:
+def analysed(capsys: Capture, job: Path, command: str, *options: object) -> dict[str, Any]:
     found = answer(capsys, command, job, *options, "--out", job.parent / command)
     assert found["verdict"]["usable"], found["verdict"]
     return found
@@ -223,14 +213,11 @@ def analysed(
 
 @pytest.mark.parametrize(
     ("command", "options"),
-    [
-        ("study", ("--unit", "sample", "--trials", 2, "--sizes", "25", "--jobs", 1)),
-        ("budget", ()),
-    ],
+    [("study", ("--unit", "sample", "--trials", 2, "--sizes", "25", "--jobs", 1)), ("budget", ())],
     ids=["study", "budget"],
 )
 def test_it_is_analysed(
-    job: Path, command: str, options: tuple[object, ...], capsys: pytest.CaptureFixture[str]
+    job: Path, command: str, options: tuple[object, ...], capsys: Capture
 ) -> None:
     analysed(capsys, job, command, *options)
 
@@ -248,7 +235,7 @@ def test_it_is_analysed(
 )
 @pytest.mark.parametrize("job", AT_LENGTH, indirect=True)
 def test_it_is_analysed_at_length(
-    job: Path, command: str, options: tuple[object, ...], capsys: pytest.CaptureFixture[str]
+    job: Path, command: str, options: tuple[object, ...], capsys: Capture
 ) -> None:
     """These take seconds: by default of one kind that touches and of one that is seen."""
     analysed(capsys, job, command, *options)

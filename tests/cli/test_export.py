@@ -8,12 +8,10 @@ import shutil
 from pathlib import Path
 
 import pytest
-from cli_job import cli, write_simulated_job
+from cli_job import Capture, answer, cli, refused, write_simulated_job
 
 from suta_calib.exchange import export_formats
 from suta_calib.model.arm import ArmModel
-
-Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture(scope="module")
@@ -31,8 +29,7 @@ def job(calibrated: Path, tmp_path: Path) -> Path:
 
 def test_a_file_and_what_it_cannot_hold(job: Path, tmp_path: Path, capsys: Capture) -> None:
     out = tmp_path / "arm.xml"
-    assert cli("export", job / "results", "--format", "mjcf", "--out", out, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "export", job / "results", "--format", "mjcf", "--out", out)
     beside = Path(f"{out}.left_out.json")
     assert told["files"] == [str(out), str(beside)]
     assert told["verdict"]["usable"]
@@ -51,8 +48,7 @@ def test_values_of_no_geometry_are_said(job: Path, capsys: Capture) -> None:
     gain = {"unit": "1", "nominal": 0.0, "value": 0.01, "std": 0.001, "state": "identified"}
     data["parameters"]["joint_2.gain"] = gain
     path.write_text(json.dumps(data))
-    assert cli("export", path, "--format", "urdf", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "export", path, "--format", "urdf")
     assert told["verdict"]["level"] == "care"
     assert "joint_2.gain" in told["verdict"]["notes"][0]
     assert told["left_out"]["parameters"] == {"joint_2.gain": 0.01}
@@ -71,8 +67,7 @@ def test_an_answer_that_must_not_be_used_is_refused(job: Path, capsys: Capture) 
     data["verdict"] |= {"usable": False, "level": "bad", "notes": ["It is worse."]}
     path.write_text(json.dumps(data))
     before = sorted(job.rglob("*"))
-    assert cli("export", path, "--format", "urdf") == 2
-    assert "must not be used (It is worse)" in capsys.readouterr().err
+    assert "must not be used (It is worse)" in refused(capsys, "export", path, "--format", "urdf")
     assert sorted(job.rglob("*")) == before
     assert cli("export", path, "--format", "urdf", "--anyway") == 0
 
@@ -87,8 +82,7 @@ def test_a_job_that_was_changed_or_is_gone(job: Path, tmp_path: Path, capsys: Ca
     data["run"]["inputs"] = {"elsewhere/calibration.yaml": hashed}
     (job / "results/result.json").write_text(json.dumps(data))
     (job / "results/inputs.zip").unlink()
-    assert cli(*command) == 2
-    assert "calibration.yaml, which was changed since" in capsys.readouterr().err
+    assert "calibration.yaml, which was changed since" in refused(capsys, *command)
     assert cli(*command, "--urdf", job / "arm.urdf", "--tip", "tip") == 0
     made = ArmModel.from_urdf(tmp_path / "arm.urdf", "tip")
     written = ArmModel.from_urdf(job / "results/calibrated.urdf", "tip")
@@ -113,9 +107,7 @@ def test_refused(what: str, job: Path, capsys: Capture) -> None:
     words, says = REFUSED[what]
     given = [word.format(results=job / "results") for word in words]
     before = {path: path.stat().st_mtime_ns for path in job.rglob("*")}
-    assert cli("export", job / "results", *given) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
+    err = refused(capsys, "export", job / "results", *given)
     assert re.search(says, err), err
     assert {path: path.stat().st_mtime_ns for path in job.rglob("*")} == before
 

@@ -6,20 +6,17 @@ import json
 from pathlib import Path
 
 import pytest
-from cli_job import cli
+from cli_job import Capture, answer, cli, printed, refused
 from foreign_samples import KEPT, SAMPLES, P
 
 from suta_calib.exchange import import_formats
 from suta_calib.measurements import read_csv_table
 
-Capture = pytest.CaptureFixture[str]
-
 
 def test_a_poses_csv_is_written_and_told(tmp_path: Path, capsys: Capture) -> None:
     path = SAMPLES["motive"](tmp_path).path
     out = tmp_path / "poses.csv"
-    assert cli("import", path, "--body", "probe", "--out", out, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "import", path, "--body", "probe", "--out", out)
     assert (told["format"], told["rows"], told["dropped"]) == ("motive", len(KEPT), 1)
     assert told["file"] == str(out)
     assert told["verdict"]["usable"]
@@ -39,9 +36,7 @@ def test_what_was_imported_is_what_other_commands_read(tmp_path: Path, capsys: C
     path.write_text("Tx;Ty;Tz;Q0;Qx;Qy;Qz\n" + text + "\n")
     out = tmp_path / "poses.csv"
     assert cli("import", path, "--unit", "mm", "--out", out) == 0
-    capsys.readouterr()
-    assert cli("pivot", out, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["rms_mm"] < 1.0
+    assert json.loads(printed(capsys, "pivot", out, "--json"))["rms_mm"] < 1.0
 
 
 def test_a_file_of_options(tmp_path: Path) -> None:
@@ -81,10 +76,7 @@ def test_refused(what: str, tmp_path: Path, capsys: Capture) -> None:
     before = path.read_bytes()
     out = () if "--out" in words else ("--out", tmp_path / "out.csv")
     given = [word.format(table=path, folder=tmp_path) for word in words]
-    assert cli("import", *given, *out) == 2
-    shown, err = capsys.readouterr()
-    assert shown == ""
+    err = refused(capsys, "import", *given, *out)
     assert says in err
-    assert err.count("\n") == 1
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
     assert path.read_bytes() == before

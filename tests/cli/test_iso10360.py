@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import math
 import shutil
 from collections.abc import Callable
@@ -11,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import cli
+from cli_job import Capture, answer, cli, printed, refused
 from hypothesis import given
 from hypothesis import strategies as st
 from lxml import html
@@ -22,8 +21,6 @@ from suta_calib.job.limits import read_judged
 from suta_calib.measurements import CsvTable, YamlSection, read_csv_table, read_yaml
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
-Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture
@@ -46,21 +43,12 @@ def change(folder: Path, old: str, new: str, file: str = "job.yaml") -> None:
     (folder / file).write_text(text.replace(old, new, 1))
 
 
-def answer(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]:
-    assert cli("iso10360", *arguments, "--json") == code
-    out, err = capsys.readouterr()
-    assert err == ""
-    found = json.loads(out)
-    assert isinstance(found, dict)
-    return found
-
-
 def decisions(found: dict[str, Any]) -> dict[str, str]:
     return {each["symbol"]: each["decision"] for each in found["characteristics"]}
 
 
 def test_a_whole_acceptance_test_passes(folder: Path, capsys: Capture) -> None:
-    found = answer(capsys, folder / "job.yaml")
+    found = answer(capsys, "iso10360", folder / "job.yaml")
     symbols = ("E_Uni", "L_Dia", "P_Size", "P_Form", "repeatability")
     assert decisions(found) == dict.fromkeys(symbols, "pass")
     assert found["passed"] is True
@@ -75,20 +63,19 @@ def test_a_whole_acceptance_test_passes(folder: Path, capsys: Capture) -> None:
 
 
 def test_a_limit_that_is_broken_or_left_open_exits_with_1(folder: Path, capsys: Capture) -> None:
-    worst = abs(answer(capsys, folder / "job.yaml")["characteristics"][0]["value_mm"])
+    worst = abs(answer(capsys, "iso10360", folder / "job.yaml")["characteristics"][0]["value_mm"])
     change(folder, "{a_um: 200, k: 10, max_um: 250}", f"{{max_um: {1e3 * worst + 10:.3f}}}")
-    found = answer(capsys, folder / "job.yaml", code=1)
+    found = answer(capsys, "iso10360", folder / "job.yaml", code=1)
     assert decisions(found)["E_Uni"] == "undecided"
     assert found["passed"] is False
     change(folder, "decision_rule: guarded", "decision_rule: simple")
-    assert answer(capsys, folder / "job.yaml")["passed"] is True
+    assert answer(capsys, "iso10360", folder / "job.yaml")["passed"] is True
     change(folder, "location_mm: 0.15", "location_mm: 0.01")
-    assert decisions(answer(capsys, folder / "job.yaml", code=1))["L_Dia"] == "fail"
+    assert decisions(answer(capsys, "iso10360", folder / "job.yaml", code=1))["L_Dia"] == "fail"
 
 
 def test_files_are_written_and_the_text_is_readable(folder: Path, capsys: Capture) -> None:
-    assert cli("iso10360", folder / "job.yaml", "--out", folder / "out") == 0
-    text = capsys.readouterr().out
+    text = printed(capsys, "iso10360", folder / "job.yaml", "--out", folder / "out")
     assert "Passed: 5 of 5 limits are kept" in text
     assert "guard band" in text
     names = {path.name for path in (folder / "out").iterdir()}
@@ -129,14 +116,14 @@ def test_copies_are_no_touches(folder: Path, capsys: Capture, jitter: float) -> 
         return [*(repr(float(each) + k * jitter) for each in source[:6]), *labels]
 
     rewrite(folder / "probing.csv", copied)
-    found = answer(capsys, folder / "job.yaml", code=1)
+    found = answer(capsys, "iso10360", folder / "job.yaml", code=1)
     assert decisions(found)["P_Form"] == "undecided"
     notes = " ".join(found["verdict"]["notes"])
     assert "probing: 40 of 50 touches read what another does" in notes
     assert "5 of near, 5 of far touches; the standard asks for 25" in notes
 
     rewrite(folder / "repeated.csv", lambda k, rows: [*rows[0][:6], *rows[k][6:]])
-    assert "29 of 30 touches read what another does" in refused(capsys, folder)
+    assert "29 of 30 touches read what another does" in refuses(capsys, folder)
 
 
 def test_coarse_encoders_may_read_the_same_again(folder: Path, capsys: Capture) -> None:
@@ -157,7 +144,7 @@ def test_parts_of_the_test_may_be_left_out(folder: Path, capsys: Capture) -> Non
     (folder / "job.yaml").write_text(
         "arm: {urdf: suta.urdf, tip: tip}\nrepeatability: {samples: repeated.csv}\n"
     )
-    found = answer(capsys, folder / "job.yaml", "--out", folder / "out")
+    found = answer(capsys, "iso10360", folder / "job.yaml", "--out", folder / "out")
     assert decisions(found) == {"repeatability": "no limit"}
     assert found["passed"] is None
     assert found["lengths"] is None
@@ -175,7 +162,7 @@ def test_spheres_may_be_probed_in_the_articulations(folder: Path, capsys: Captur
         "articulation: {samples: spheres.csv, probed: sphere}\n"
         "mpe: {location_mm: 0.3}\n"
     )
-    found = answer(capsys, folder / "job.yaml")
+    found = answer(capsys, "iso10360", folder / "job.yaml")
     assert found["articulations"]["S"]["articulations"] == 5
     assert found["articulations"]["S"]["location_mm"] < 0.3
     # Every fifth touch of that spiral lies on one side of the sphere.
@@ -195,12 +182,12 @@ def calibration(folder: Path) -> Path:
 
 
 def test_a_calibration_gives_figures_without_decision(calibration: Path, capsys: Capture) -> None:
-    found = answer(capsys, calibration)
+    found = answer(capsys, "iso10360", calibration)
     assert decisions(found) == {"E_Uni": "no limit", "L_Dia": "no limit"}
     notes = " ".join(found["verdict"]["notes"])
     assert "give the calibrated one with --urdf" in notes
     assert "not held out" in notes
-    own = answer(capsys, calibration.parent / "job.yaml")
+    own = answer(capsys, "iso10360", calibration.parent / "job.yaml")
     assert found["lengths"]["rms_mm"] == pytest.approx(own["lengths"]["rms_mm"])
 
 
@@ -215,14 +202,10 @@ def test_a_job_may_judge_a_calibration(calibration: Path, capsys: Capture) -> No
     assert "--urdf" not in " ".join(found["verdict"]["notes"])
 
 
-def refused(capsys: Capture, folder: Path, *more: object) -> str:
-    assert cli("iso10360", folder / "job.yaml", "--out", folder / "out", *more) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "Traceback" not in err
-    assert len(err.splitlines()) == 1
+def refuses(capsys: Capture, folder: Path, *more: object) -> str:
+    line = refused(capsys, "iso10360", folder / "job.yaml", "--out", folder / "out", *more)
     assert not (folder / "out").exists()
-    return err
+    return line
 
 
 @pytest.mark.parametrize(
@@ -247,7 +230,7 @@ def test_bad_keys_are_one_line(
     folder: Path, capsys: Capture, old: str, new: str, said: str
 ) -> None:
     change(folder, old, new)
-    assert said in refused(capsys, folder)
+    assert said in refuses(capsys, folder)
 
 
 def cell(file: Path, line: int, column: str, value: str) -> None:
@@ -271,23 +254,23 @@ def test_bad_cells_are_one_line(
     folder: Path, capsys: Capture, file: str, line: int, column: str, value: str, said: str
 ) -> None:
     cell(folder / f"{file}.csv", line, column, value)
-    assert said in refused(capsys, folder)
+    assert said in refuses(capsys, folder)
 
 
 def test_bad_files_are_one_line(folder: Path, capsys: Capture) -> None:
     text = (folder / "lengths.csv").read_text()
     (folder / "lengths.csv").write_text(text[: len(text) // 2])
-    assert "middle of a row" in refused(capsys, folder)
+    assert "middle of a row" in refuses(capsys, folder)
     (folder / "lengths.csv").write_text("")
-    assert "an empty file" in refused(capsys, folder)
+    assert "an empty file" in refuses(capsys, folder)
     (folder / "lengths.csv").unlink()
-    assert "no file that matches" in refused(capsys, folder)
+    assert "no file that matches" in refuses(capsys, folder)
     change(folder, "arm: {urdf: suta.urdf", "arm: {urdf: other.urdf")
-    assert "other.urdf" in refused(capsys, folder)
+    assert "other.urdf" in refuses(capsys, folder)
     (folder / "job.yaml").write_text("arm: {urdf: suta.urdf, tip: tip}\n")
-    assert "nothing that was measured" in refused(capsys, folder)
+    assert "nothing that was measured" in refuses(capsys, folder)
     (folder / "job.yaml").write_text("arm: [\n")
-    assert "YAML" in refused(capsys, folder)
+    assert "YAML" in refuses(capsys, folder)
 
 
 def test_limits_for_what_is_not_tested_are_refused(folder: Path, capsys: Capture) -> None:
@@ -295,15 +278,14 @@ def test_limits_for_what_is_not_tested_are_refused(folder: Path, capsys: Capture
         "arm: {urdf: suta.urdf, tip: tip}\nrepeatability: {samples: repeated.csv}\n"
         "mpe: {size_mm: 0.1}\n"
     )
-    assert "not tested" in refused(capsys, folder)
+    assert "not tested" in refuses(capsys, folder)
 
 
 def test_a_calibration_without_lengths_is_refused(calibration: Path, capsys: Capture) -> None:
     text = calibration.read_text().splitlines()
     hand_eye = "observations: [{kind: landmark, artefact: artefact.yaml, samples: lengths.csv}]"
     calibration.write_text("\n".join([*text[:2], hand_eye]) + "\n")
-    assert cli("iso10360", calibration) == 2
-    assert "neither pairwise_distance nor fixed_point" in capsys.readouterr().err
+    assert "neither pairwise_distance nor fixed_point" in refused(capsys, "iso10360", calibration)
 
 
 VALUES = st.sampled_from(["1", "-1", "0", ".nan", "1e30", "abc", "[]", "{}", "true", "simple"])

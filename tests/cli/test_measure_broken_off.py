@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import cli
+from cli_job import Capture, cli
 from measuring_bench import Bench
 
 from suta_calib.emulation import EmulatedArm, Still
@@ -99,9 +99,7 @@ def test_broken_off_what_was_confirmed_stays_and_is_told(bench: Bench, how: sign
 
 
 @pytest.mark.parametrize("option", ["--seconds", "--patience", "--tremble-deg"])
-def test_a_number_that_is_none_is_refused(
-    bench: Bench, capsys: pytest.CaptureFixture[str], option: str
-) -> None:
+def test_a_number_that_is_none_is_refused(bench: Bench, capsys: Capture, option: str) -> None:
     (bench.folder / "device.yaml").write_text("port: none\njoints: [{name: a}]\n")
     assert cli(*bench.command("--placement", "P1", "--yes", option, "nan")) == 2
     assert f"Invalid value for '{option}': found 'nan'" in capsys.readouterr().err

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cli_job import JOB, cli, simulated, write_simulated_job
+from cli_job import JOB, Capture, answer, cli, printed, refused, simulated, write_simulated_job
 
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
@@ -51,40 +51,29 @@ def _named(samples: object) -> object:
     return replace(samples, origin=tuple(f"row {k}" for k in range(n)))  # type: ignore[type-var]
 
 
-def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict:
-    capsys.readouterr()
-    assert cli(*arguments, "--json") == 0
-    out = capsys.readouterr()
-    assert out.err == ""
-    return json.loads(out.out)
-
-
 def with_row(job: Path) -> Path:
     text = job.read_text().replace("observations:", f"{ROW}observations:")
     (job.parent / "with.yaml").write_text(text)
     return job.parent / "with.yaml"
 
 
-def test_extend_finds_the_eccentric_encoder(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_extend_finds_the_eccentric_encoder(job: Path, capsys: Capture) -> None:
     found = answer(capsys, "extend", job, "--quick")
     assert found["added"] == ["joint_3.ecc_c1", "joint_3.ecc_s1"]
     assert found["estimates"]["joint_3.ecc_c1"]["value"] == pytest.approx(ECCENTRIC, abs=2e-4)
-    assert found["rows"] == [
-        {"select": ["joint_3.ecc_c1", "joint_3.ecc_s1"], "bound_deg": 1.0},
-    ]
+    assert found["rows"] == [{"select": ["joint_3.ecc_c1", "joint_3.ecc_s1"], "bound_deg": 1.0}]
     assert found["validation"]["chosen_rms_mm"] < 0.4 * found["validation"]["job_rms_mm"]
     assert len(found["folds"]) == 5
     assert {Path(f).name for f in found["files"].values()} == {
-        *("extend.json", "extend.svg", "report.html"),
+        *("extend.json", "extend.svg", "report.html")
     }
     page = (job.parent / "results" / "report.html").read_text()
     assert "Errors beside geometry" in page
     assert "select: [joint_3.ecc_c1, joint_3.ecc_s1], bound_deg: 1" in page
 
 
-def test_extend_leaves_a_clean_job_alone(clean: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("extend", clean, "--out", clean.parent / "out") == 0
-    out = capsys.readouterr().out
+def test_extend_leaves_a_clean_job_alone(clean: Path, capsys: Capture) -> None:
+    out = printed(capsys, "extend", clean, "--out", clean.parent / "out")
     assert "Good. No error beside geometry predicts left-out data better" in " ".join(out.split())
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80
     models = json.loads((clean.parent / "out" / "extend.json").read_text())["models"]
@@ -93,20 +82,17 @@ def test_extend_leaves_a_clean_job_alone(clean: Path, capsys: pytest.CaptureFixt
 
 
 def test_calibrate_offers_it_when_the_residuals_show_it(
-    job: Path, clean: Path, capsys: pytest.CaptureFixture[str]
+    job: Path, clean: Path, capsys: Capture
 ) -> None:
     assert cli("calibrate", job) == 0
     said = " ".join(capsys.readouterr().out.split())
     assert "The residuals of joint_3 look like an eccentric encoder" in said
     assert "the error of rows left out of the fit changes from" in said
     assert "Run suta-calib extend" in said
-    assert cli("calibrate", clean) == 0
-    assert "look like" not in capsys.readouterr().out
+    assert "look like" not in printed(capsys, "calibrate", clean)
 
 
-def test_what_a_urdf_cannot_hold_is_said_and_can_be_applied(
-    job: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_a_urdf_cannot_hold_is_said_and_can_be_applied(job: Path, capsys: Capture) -> None:
     extended = with_row(job)
     result = answer(capsys, "calibrate", extended)
     after = result["metrics"]["validation"]["after"]["rms_mm"]
@@ -120,13 +106,11 @@ def test_what_a_urdf_cannot_hold_is_said_and_can_be_applied(
     assert plain > 5 * after
 
 
-def test_values_of_another_urdf_are_refused(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_values_of_another_urdf_are_refused(job: Path, capsys: Capture) -> None:
     """The nominal arm with the corrections of the calibrated one would be neither."""
     extended = with_row(job)
     result = answer(capsys, "calibrate", extended)["files"]["result.json"]
-    assert cli("validate", job.parent / "arm.urdf", extended, "--result", result) == 2
-    said = capsys.readouterr().err
-    assert len(said.strip().splitlines()) == 1
+    said = refused(capsys, "validate", job.parent / "arm.urdf", extended, "--result", result)
     assert "arm.urdf: joint_2: found another origin of joint_2" in said
 
 
@@ -138,7 +122,7 @@ def test_rows_to_add_are_yaml_however_many() -> None:
     assert rows == [{"select": list(names), "bound_deg": 1}]
 
 
-def test_the_tracked_tip_is_corrected(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_tracked_tip_is_corrected(job: Path, capsys: Capture) -> None:
     files = answer(capsys, "calibrate", with_row(job))["files"]
     nominal = ArmModel.from_urdf(job.parent / "arm.urdf", "tip")
     arm = ArmModel.from_urdf(files["calibrated.urdf"], "tip")
@@ -153,7 +137,7 @@ def test_the_tracked_tip_is_corrected(job: Path, capsys: pytest.CaptureFixture[s
     assert (std > 0).all()
 
 
-def test_budget_splits_the_errors(clean: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_budget_splits_the_errors(clean: Path, capsys: Capture) -> None:
     clean.write_text(JOB + "encoders: {bits: 22, noise_deg: 0.0005}\n")
     found = answer(capsys, "budget", clean)
     first = found["blocks"][0]
@@ -165,8 +149,7 @@ def test_budget_splits_the_errors(clean: Path, capsys: pytest.CaptureFixture[str
     assert sum(s["share_pct"] for s in first["shares"]) == pytest.approx(100)
     assert found["tip"]["model_rms_mm"] is None
     assert (clean.parent / "results" / "budget.svg").read_text().startswith("<svg")
-    assert cli("budget", clean) == 0
-    out = capsys.readouterr().out
+    out = printed(capsys, "budget", clean)
     assert "tracked_point has no repeats of the same posture" in " ".join(out.split())
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80
 
@@ -186,7 +169,7 @@ def test_budget_splits_the_errors(clean: Path, capsys: pytest.CaptureFixture[str
     ],
 )
 def test_bad_input_is_one_line(
-    clean: Path, command: str, damage: str, said: str, capsys: pytest.CaptureFixture[str]
+    clean: Path, command: str, damage: str, said: str, capsys: Capture
 ) -> None:
     samples = clean.parent / "calibration" / "a.csv"
     head, first, *rest = samples.read_text().splitlines()
@@ -217,9 +200,8 @@ def test_bad_input_is_one_line(
     assert not (clean.parent / "results").exists()
 
 
-def test_a_negative_seed_is_one_line(clean: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("extend", clean, "--seed", -1) == 2
-    assert len(capsys.readouterr().err.strip().splitlines()) == 1
+def test_a_negative_seed_is_one_line(clean: Path, capsys: Capture) -> None:
+    assert len(refused(capsys, "extend", clean, "--seed", -1).strip().splitlines()) == 1
 
 
 def _scaled(row: str) -> str:
@@ -227,13 +209,11 @@ def _scaled(row: str) -> str:
     return ",".join(str(57.3 * float(c)) for c in cells[:6]) + "," + ",".join(cells[6:])
 
 
-def test_masses_that_are_missing_are_named(clean: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_masses_that_are_missing_are_named(clean: Path, capsys: Capture) -> None:
     urdf = clean.parent / "arm.urdf"
     bare = re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL)
     urdf.write_text(bare)
     text = JOB.replace("observations:", "  - {select: ['*.compliance']}\nobservations:")
     clean.write_text(text)
-    assert cli("calibrate", clean) == 2
-    said = capsys.readouterr().err
+    said = refused(capsys, "calibrate", clean)
     assert "arm.urdf: joint_1.compliance: found no mass in any link beyond joint_1" in said
-    assert len(said.strip().splitlines()) == 1

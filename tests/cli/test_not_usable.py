@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import pytest
-from cli_job import TRUTH, cli, simulated, write_simulated_job
+from cli_job import TRUTH, Capture, answer, cli, refused, simulated, write_simulated_job
 
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
@@ -32,11 +31,10 @@ def job(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:
     [("study", "--trials", "1", "--sizes", "30", "--jobs", "1"), ("budget",), ("tip-map", *BOX)],
 )
 def test_nothing_is_built_on_it_but_by_will(
-    job: Path, tmp_path: Path, asked: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+    job: Path, tmp_path: Path, asked: tuple[str, ...], capsys: Capture
 ) -> None:
     command, *options = asked
-    assert cli(command, job, *options, "--out", tmp_path / "out") == 2
-    said = capsys.readouterr().err
+    said = refused(capsys, command, job, *options, "--out", tmp_path / "out")
     assert f"{job}: found an answer that must not be used" in said
     assert WHY in said
     assert "--anyway" in said
@@ -46,17 +44,16 @@ def test_nothing_is_built_on_it_but_by_will(
 
 @pytest.mark.parametrize("asked", [("plan", "-n", "1", "--tilt", "0"), ("extend", "--quick")])
 def test_what_may_mend_it_says_so_and_exits_with_one(
-    job: Path, tmp_path: Path, asked: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+    job: Path, tmp_path: Path, asked: tuple[str, ...], capsys: Capture
 ) -> None:
     command, *options = asked
-    assert cli(command, job, *options, "--out", tmp_path, "--json") == 1
-    verdict = json.loads(capsys.readouterr().out)["verdict"]
+    verdict = answer(capsys, command, job, *options, "--out", tmp_path, code=1)["verdict"]
     assert verdict["level"] == "bad"
     assert WHY in verdict["notes"][0]
 
 
 def test_the_map_of_a_result_needs_the_arm_that_was_calibrated(
-    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, suta_urdf: Path, capsys: Capture
 ) -> None:
     job = write_simulated_job(tmp_path / "job", suta_urdf)
     assert cli("calibrate", job, "--out", tmp_path, "--json") == 0
@@ -68,7 +65,6 @@ def test_the_map_of_a_result_needs_the_arm_that_was_calibrated(
     for other, told in ((tmp_path / "calibrated.urdf", "joint_"), (arm, "joint_2")):
         if other == arm:
             arm.write_text(arm.read_text().replace('xyz="0 0 0.047"', 'xyz="0 0 0.057"'))
-        assert cli(*calibrated, other) == 2
-        said = capsys.readouterr().err
+        said = refused(capsys, *calibrated, other)
         assert f"{other}: found another arm than the one that was calibrated" in said
         assert told in said

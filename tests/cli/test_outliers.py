@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli, write_simulated_job
+from cli_job import Capture, cli, printed, refused, write_simulated_job
 from lxml import etree
 from outlier_studies import SUTA, description, moved
 
@@ -84,7 +84,7 @@ def test_the_picture_and_the_section_are_written(answer: dict[str, Any], made: P
 
 
 def test_the_console_says_what_was_not_done(
-    made: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    made: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     job = excluding(made, "placements: [P4, P5]")
@@ -95,12 +95,9 @@ def test_the_console_says_what_was_not_done(
     assert "3 of 4 metrics name it" in out
 
 
-def test_the_job_excludes_it_and_the_result_says_so(
-    made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_job_excludes_it_and_the_result_says_so(made: Path, capsys: Capture) -> None:
     job = excluding(made, "landmarks: [S2]")
-    assert cli("calibrate", job, "--out", made / "without", "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+    found = answer(capsys, "calibrate", job, "--out", made / "without")
     assert found["excluded"] == [
         {"in": "observations[0]", "kind": "pairwise_distance", "landmarks": ["S2"]}
     ]
@@ -120,13 +117,9 @@ def test_the_job_excludes_it_and_the_result_says_so(
     ],
 )
 def test_exclusions_that_cannot_be_are_refused(
-    made: Path, capsys: pytest.CaptureFixture[str], what: str, said: tuple[str, ...]
+    made: Path, capsys: Capture, what: str, said: tuple[str, ...]
 ) -> None:
-    assert cli("outliers", excluding(made, what), "--out", made / "refused") == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
+    err = refused(capsys, "outliers", excluding(made, what), "--out", made / "refused")
     assert "excluding.yaml" in err
     assert all(part in err for part in said)
     assert not (made / "refused").exists()
@@ -144,16 +137,12 @@ def test_exclusions_that_cannot_be_are_refused(
     ],
 )
 def test_bad_samples_are_one_line_and_leave_nothing(
-    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str], what: str, said: str
+    tmp_path: Path, suta_urdf: Path, capsys: Capture, what: str, said: str
 ) -> None:
     job = write_simulated_job(tmp_path / "job", suta_urdf)
     file = job.parent / "calibration" / "a.csv"
     damage(file, what)
-    assert cli("outliers", job) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
-    assert "Traceback" not in err
+    err = refused(capsys, "outliers", job)
     assert said in err
     assert not (job.parent / "results").exists()
 
@@ -176,7 +165,7 @@ def damage(file: Path, what: str) -> None:
 
 
 def test_other_kinds_are_judged_row_by_row(
-    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, suta_urdf: Path, capsys: Capture
 ) -> None:
     job = write_simulated_job(tmp_path / "job", suta_urdf)
     file = job.parent / "calibration" / "a.csv"
@@ -186,8 +175,7 @@ def test_other_kinds_are_judged_row_by_row(
     cells[column] = str(float(cells[column]) + 0.005)
     lines[11] = ",".join(cells)
     file.write_text("\n".join(lines) + "\n")
-    assert cli("outliers", job, "--json") == 0
-    found = json.loads(capsys.readouterr().out)
+    found = answer(capsys, "outliers", job)
     assert "landmarks" not in found
     assert [name for name, g in found["rows"].items() if g["outlier"]] == ["a.csv:12"]
     assert found["exclude"] == [{"rows": ["a.csv:12"]}]
@@ -200,25 +188,18 @@ def test_other_kinds_are_judged_row_by_row(
 
 
 @pytest.mark.parametrize("bias", ["0", "-1", "nan", "one"])
-def test_a_threshold_that_is_none_is_refused(
-    made: Path, capsys: pytest.CaptureFixture[str], bias: str
-) -> None:
-    assert cli("outliers", made / "calibration.yaml", "--bias-mm", bias) == 2
-    assert "--bias-mm" in capsys.readouterr().err
+def test_a_threshold_that_is_none_is_refused(made: Path, capsys: Capture, bias: str) -> None:
+    assert "--bias-mm" in refused(capsys, "outliers", made / "calibration.yaml", "--bias-mm", bias)
 
 
-def test_a_calibration_that_does_not_converge_is_not_searched(
-    made: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_calibration_that_does_not_converge_is_not_searched(made: Path, capsys: Capture) -> None:
     text = (made / "calibration.yaml").read_text()
     job = made / "hasty.yaml"
     job.write_text(text.replace("starts: 1", "max_iterations: 1, starts: 1"))
-    assert cli("outliers", job, "--out", made / "hasty", "--json") == 1
-    found = json.loads(capsys.readouterr().out)
+    found = answer(capsys, "outliers", job, "--out", made / "hasty", code=1)
     assert found["verdict"]["level"] == "bad"
     assert "landmarks" not in found
 
 
-def test_help_says_that_nothing_is_excluded(capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("outliers", "--help") == 0
-    assert "Nothing is excluded" in " ".join(capsys.readouterr().out.split())
+def test_help_says_that_nothing_is_excluded(capsys: Capture) -> None:
+    assert "Nothing is excluded" in " ".join(printed(capsys, "outliers", "--help").split())

@@ -13,7 +13,7 @@ from pathlib import Path
 import click
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import Capture, cli
 
 from suta_calib.assessment import Assessment
 from suta_calib.cli._app import app
@@ -62,9 +62,7 @@ def test_a_bad_answer_takes_the_place_of_all_of_a_good_one(job: Path) -> None:
     assert names(results) == {"report.html", "result.json"}
 
 
-def test_an_answer_says_what_it_was_made_from(
-    job: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
+def test_an_answer_says_what_it_was_made_from(job: Path, capsys: Capture, tmp_path: Path) -> None:
     points, made = tmp_path / "points.csv", tmp_path / "made.yaml"
     points.write_text("x,y,z")
     made.write_text("written by the run before")
@@ -127,9 +125,7 @@ def test_what_stands_in_the_folder_by_another_hand_is_no_hindrance(job: Path) ->
     assert "result.json" in names(results)
 
 
-def test_too_little_memory_is_a_refusal(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_too_little_memory_is_a_refusal(monkeypatch: pytest.MonkeyPatch, capsys: Capture) -> None:
     def greedy(*_: object, **__: object) -> None:
         np.empty((1 << 40, 1 << 10))
 

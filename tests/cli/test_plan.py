@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli, write_simulated_job
+from cli_job import Capture, answer, cli, printed, refused, write_simulated_job
 from hypothesis import given
 from hypothesis import strategies as st
 from simulated import arm_named
@@ -151,11 +151,10 @@ points:
 
 @pytest.mark.usefixtures("drawn")
 def test_the_command_chooses_among_the_candidates_and_writes_a_plan(
-    suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    suta: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     file = written(tmp_path, CANDIDATES)
-    assert cli("plan", suta, "-n", 2, "--candidates", file, "--out", tmp_path / "o", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "plan", suta, "-n", 2, "--candidates", file, "--out", tmp_path / "o")
     assert [c["name"] for c in told["chosen"]] == ["F1", "N1"]
     assert told["makes_identified"] == {"tip.y": ["F1"]}
     assert [u["name"] for u in told["unreachable"]] == ["far"]
@@ -178,29 +177,25 @@ def test_the_command_chooses_among_the_candidates_and_writes_a_plan(
 
 
 def test_the_table_fits_a_terminal(
-    suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    suta: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     file = written(tmp_path, CANDIDATES)
     options = ("--candidates", file, "--target-mm", "0.01", "--out", tmp_path / "o")
-    assert cli("plan", suta, "-n", 1, *options) == 0
-    shown = capsys.readouterr().out
+    shown = printed(capsys, "plan", suta, "-n", 1, *options)
     assert max(map(len, shown.split("Written to")[0].splitlines())) <= 80
     assert "is not reached" in " ".join(shown.split())
     assert "No candidate can determine" in shown
 
 
-def test_an_instrument_gets_postures(
-    tmp_path: Path, suta_urdf: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_an_instrument_gets_postures(tmp_path: Path, suta_urdf: Path, capsys: Capture) -> None:
     job = write_simulated_job(tmp_path / "job", suta_urdf)
     pose = (
         "{posture_deg: {joint_1: %d, joint_2: 20, joint_3: %d, joint_4: 5, joint_5: 9, joint_6: 0}}"
     )
     text = "poses:\n" + "".join(f"  A{k}: {pose % (20 * k, 30 * k)}\n" for k in range(4))
     file = written(tmp_path, text + "  B: " + pose.replace("%d", "400") + "\n")
-    assert cli("plan", job, "-n", 2, "--candidates", file, "--out", tmp_path / "o", "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "plan", job, "-n", 2, "--candidates", file, "--out", tmp_path / "o")
     assert told["unreachable"] == [
         {"name": "B", "kind": "pose", "reason": "joint_1 beyond its limits"}
     ]
@@ -225,12 +220,7 @@ def test_an_instrument_gets_postures(
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    suta: Path,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    text: str,
-    options: tuple[str, ...],
-    said: str,
+    suta: Path, tmp_path: Path, capsys: Capture, text: str, options: tuple[str, ...], said: str
 ) -> None:
     file = written(tmp_path, text)
     assert cli("plan", suta, "--candidates", file, "--out", tmp_path / "o", *options) == 2
@@ -242,7 +232,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 
 def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
-    suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    suta: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     artefact = suta.parent / "artefact.yaml"
     # Centimetres where millimetres are said: metres are refused when they are read.
@@ -262,16 +252,12 @@ def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
         encoding="utf-8",
     )
     file = written(tmp_path, CANDIDATES)
-    assert cli("plan", job, "--candidates", file, "-n", 1, "--json") == 1
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "plan", job, "--candidates", file, "-n", 1, code=1)
     assert told["verdict"]["level"] == "bad"
     assert told["verdict"]["notes"][0].startswith("The calibration itself must not be used (not ")
 
 
-def test_a_missing_file_or_job_is_one_line(
-    suta: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_file_or_job_is_one_line(suta: Path, tmp_path: Path, capsys: Capture) -> None:
     assert cli("plan", suta, "--candidates", tmp_path / "no.yaml", "--out", tmp_path / "o") == 2
     assert "no.yaml" in capsys.readouterr().err
-    assert cli("plan", tmp_path / "no.yaml") == 2
-    assert "no.yaml" in capsys.readouterr().err
+    assert "no.yaml" in refused(capsys, "plan", tmp_path / "no.yaml")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import Capture, answer, cli
+from cli_job import Capture, answer, printed
 from pose_answers import within
 from pose_scenes import (
     B_A,
@@ -136,8 +136,7 @@ def test_an_answer_not_to_be_used_exits_with_1(tmp_path: Path, capsys: Capture) 
     assert not found["verdict"]["usable"]
     written = {p.name for p in (tmp_path / "out").iterdir()}
     assert written == {"result.json", "report.html", "residuals.csv", "pivot.svg"}
-    assert cli("pivot", path) == 1
-    assert "Do not use." in capsys.readouterr().out
+    assert "Do not use." in printed(capsys, "pivot", path, code=1)
 
 
 def test_the_seed_makes_an_answer_the_same(pivot_file: Path, capsys: Capture) -> None:

@@ -8,10 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import Capture, refused
 from pose_scenes import PAIR, POSE, pair_numbers, pivot_numbers, point_numbers, write_csv
 
-Capture = pytest.CaptureFixture[str]
 Spoil = Callable[[list[list[str]]], object]
 COMMANDS = {"pivot": ("p.csv",), "hand-eye": ("h.csv",), "register": ("a.csv", "b.csv")}
 PREFIX = {"pivot": "", "hand-eye": "b_", "register": ""}
@@ -29,18 +28,14 @@ def folder(tmp_path: Path) -> Path:
     return data
 
 
-def refused(capsys: Capture, folder: Path, command: str, *options: object) -> str:
+def refuses(capsys: Capture, folder: Path, command: str, *options: object) -> str:
     """The one line of a command that must refuse, without writing anything."""
     before = sorted(folder.rglob("*"))
     files = [folder / name for name in COMMANDS[command]]
     out = () if "--out" in options else ("--out", folder / "out")
-    assert cli(command, *files, *options, *out, "--json") == 2
-    printed, err = capsys.readouterr()
-    assert printed == ""
-    assert err.count("\n") == 1, err
-    assert err.startswith("suta-calib: error: ")
+    line = refused(capsys, command, *files, *options, *out, "--json")
     assert sorted(folder.rglob("*")) == before
-    return err
+    return line
 
 
 def spoil_text(folder: Path, command: str, change: Callable[[str], str]) -> None:
@@ -99,7 +94,7 @@ def test_a_bad_file(
     folder: Path, command: str, change: Callable[[str, str], str], says: str, capsys: Capture
 ) -> None:
     spoil_text(folder, command, lambda text: change(text, PREFIX[command]))
-    line = refused(capsys, folder, command)
+    line = refuses(capsys, folder, command)
     assert re.search(re.escape(str(folder / COMMANDS[command][-1])) + says, line), line
 
 
@@ -108,25 +103,25 @@ def test_a_zero_quaternion(folder: Path, command: str, capsys: Capture) -> None:
     prefix = PREFIX[command]
     for name in POSE[3:]:
         spoil_text(folder, command, lambda text, n=name: cell(n, 6, "0")(text, prefix))
-    line = refused(capsys, folder, command)
+    line = refuses(capsys, folder, command)
     assert re.search(r"\.csv:6: column '(b_)?qx': found a quaternion of length 0", line)
 
 
 @pytest.mark.parametrize("command", ["pivot", "hand-eye"])
 def test_an_orientation_missing(folder: Path, command: str, capsys: Capture) -> None:
     spoil_text(folder, command, lambda text: renamed("qw", "w")(text, PREFIX[command]))
-    assert re.search(r":1: column '(b_)?qw'.*quaternion", refused(capsys, folder, command))
+    assert re.search(r":1: column '(b_)?qw'.*quaternion", refuses(capsys, folder, command))
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_files_that_are_none(folder: Path, command: str, capsys: Capture) -> None:
     path = folder / COMMANDS[command][-1]
     path.write_bytes(b"\x00\xff\xfe\x01" * 50)
-    assert f"{path}:1: found bytes that are not UTF-8" in refused(capsys, folder, command)
+    assert f"{path}:1: found bytes that are not UTF-8" in refuses(capsys, folder, command)
     path.unlink()
-    assert f"{path}: found no such file" in refused(capsys, folder, command)
+    assert f"{path}: found no such file" in refuses(capsys, folder, command)
     path.mkdir()
-    assert f"{path}: found a folder" in refused(capsys, folder, command)
+    assert f"{path}: found a folder" in refuses(capsys, folder, command)
 
 
 @pytest.mark.parametrize(
@@ -136,7 +131,7 @@ def test_files_that_are_none(folder: Path, command: str, capsys: Capture) -> Non
 def test_too_few_rows(folder: Path, command: str, says: str, capsys: Capture) -> None:
     for name in COMMANDS[command]:
         (folder / name).write_text(first_lines(3)((folder / name).read_text(), ""))
-    line = refused(capsys, folder, command)
+    line = refuses(capsys, folder, command)
     assert str(folder / COMMANDS[command][0]) in line
     assert f"found {says}; expected at least 3" in line
 
@@ -146,13 +141,13 @@ def test_copies_of_one_row(folder: Path, command: str, capsys: Capture) -> None:
     for name in COMMANDS[command]:
         header, row, *_ = (folder / name).read_text().splitlines()
         (folder / name).write_text("\n".join([header, *[row] * 8]) + "\n")
-    line = refused(capsys, folder, command)
+    line = refuses(capsys, folder, command)
     assert "found 8 rows, all but 1 repeating another" in line
 
 
 def test_different_numbers_of_points(folder: Path, capsys: Capture) -> None:
     spoil_text(folder, "register", lambda text: first_lines(10)(text, ""))
-    line = refused(capsys, folder, "register")
+    line = refuses(capsys, folder, "register")
     assert f"{folder / 'b.csv'}: found 9 rows; expected 12, as in {folder / 'a.csv'}" in line
 
 
@@ -160,7 +155,7 @@ def test_a_tool_that_was_not_turned(folder: Path, capsys: Capture) -> None:
     numbers = pivot_numbers(["left"] * 12)
     numbers[:, 3:] = [0, 0, 0, 1]
     write_csv(folder / "p.csv", POSE, numbers)
-    line = refused(capsys, folder, "pivot")
+    line = refuses(capsys, folder, "pivot")
     assert f"{folder / 'p.csv'}: found poses that do not determine the tip" in line
     assert "turn the tool" in line
 
@@ -168,10 +163,10 @@ def test_a_tool_that_was_not_turned(folder: Path, capsys: Capture) -> None:
 def test_one_pose_on_a_post(folder: Path, capsys: Capture) -> None:
     labels = ["left"] * 11 + ["right"]
     write_csv(folder / "p.csv", (*POSE, "point"), pivot_numbers(labels), labels)
-    line = refused(capsys, folder, "pivot")
+    line = refuses(capsys, folder, "pivot")
     assert f"{folder / 'p.csv'}: point: found one pose for point right" in line
     write_csv(folder / "p.csv", (*POSE, "point"), pivot_numbers(labels), ["a"] * 11 + [""])
-    assert "p.csv:13: column 'point': found an empty cell" in refused(capsys, folder, "pivot")
+    assert "p.csv:13: column 'point': found an empty cell" in refuses(capsys, folder, "pivot")
 
 
 def test_a_hand_that_only_turned_about_one_axis(folder: Path, capsys: Capture) -> None:
@@ -179,7 +174,7 @@ def test_a_hand_that_only_turned_about_one_axis(folder: Path, capsys: Capture) -
     numbers[:, 3:7] = [0, 0, 0, 1]
     numbers[:, 10:] = [0, 0, 0, 1]
     write_csv(folder / "h.csv", PAIR, numbers)
-    line = refused(capsys, folder, "hand-eye")
+    line = refuses(capsys, folder, "hand-eye")
     assert f"{folder / 'h.csv'}: found poses that do not determine X" in line
     assert "turn the hand" in line
 
@@ -188,7 +183,7 @@ def test_points_on_a_line(folder: Path, capsys: Capture) -> None:
     along = np.linspace(0, 1, 12)[:, None] * [0.1, 0.2, -0.1]
     for name in "ab":
         write_csv(folder / f"{name}.csv", ("x", "y", "z"), along + 0.1)
-    line = refused(capsys, folder, "register")
+    line = refuses(capsys, folder, "register")
     assert f"{folder / 'a.csv'}: registered to {folder / 'b.csv'}: found points on a line" in line
 
 
@@ -196,12 +191,12 @@ def test_points_of_a_mirror(folder: Path, capsys: Capture) -> None:
     a, b = point_numbers(12)
     write_csv(folder / "a.csv", ("x", "y", "z"), a * [-1, 1, 1])
     write_csv(folder / "b.csv", ("x", "y", "z"), b)
-    assert "mirror image" in refused(capsys, folder, "register")
+    assert "mirror image" in refuses(capsys, folder, "register")
 
 
 def test_points_in_another_unit(folder: Path, capsys: Capture) -> None:
     write_csv(folder / "b.csv", ("x", "y", "z"), 1e3 * point_numbers(12)[1])
-    line = refused(capsys, folder, "register")
+    line = refuses(capsys, folder, "register")
     assert re.search(r"b\.csv: found points \d+ times as far apart", line)
 
 
@@ -209,7 +204,7 @@ def test_bad_targets(folder: Path, capsys: Capture) -> None:
     target = folder / "t.csv"
     for text, says in (("", "an empty file"), ("x,y,z\n1,2\n", ":2: found 2 cells")):
         target.write_text(text)
-        line = refused(capsys, folder, "register", "--target", target)
+        line = refuses(capsys, folder, "register", "--target", target)
         assert str(target) in line
         assert says in line
 
@@ -237,14 +232,14 @@ def test_an_output_folder_that_is_a_file(
     monkeypatch.setattr(f"suta_calib.pose_calibration.{module}", solving)
     taken = folder / "taken"
     taken.write_text("mine")
-    assert str(taken) in refused(capsys, folder, command, "--out", taken / below)
+    assert str(taken) in refuses(capsys, folder, command, "--out", taken / below)
     assert taken.read_text() == "mine"
 
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_folder_in_the_place_of_a_file(folder: Path, command: str, capsys: Capture) -> None:
     (folder / "out" / "result.json").mkdir(parents=True)
-    assert str(folder / "out" / "result.json") in refused(capsys, folder, command)
+    assert str(folder / "out" / "result.json") in refuses(capsys, folder, command)
 
 
 @pytest.mark.parametrize(
@@ -259,8 +254,5 @@ def test_a_folder_in_the_place_of_a_file(folder: Path, command: str, capsys: Cap
     ],
 )
 def test_bad_usage(arguments: list[str], says: str, capsys: Capture) -> None:
-    assert cli(*arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1
+    err = refuses(capsys, *arguments)
     assert says in err

@@ -11,15 +11,7 @@ import numpy as np
 import pytest
 from cli_job import Capture, answer, cli
 from pose_answers import XYZ, within
-from pose_scenes import (
-    PAIR,
-    POSE,
-    TIP,
-    pair_numbers,
-    pivot_numbers,
-    point_numbers,
-    write_csv,
-)
+from pose_scenes import PAIR, POSE, TIP, pair_numbers, pivot_numbers, point_numbers, write_csv
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 

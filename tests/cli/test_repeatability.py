@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import Capture, answer, cli, refused
 from lxml import html
 from visits import visits
 
 from suta_calib.measurements import Samples, write_samples
 
 pytestmark = pytest.mark.usefixtures("undrawn")
-
-Capture = pytest.CaptureFixture[str]
 
 
 @pytest.fixture
@@ -45,17 +42,8 @@ def resting(tmp_path: Path) -> Path:
     return tmp_path / "rest.csv"
 
 
-def answer(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]:
-    assert cli("repeatability", *arguments, "--json") == code
-    out, err = capsys.readouterr()
-    assert err == ""
-    found = json.loads(out)
-    assert isinstance(found, dict)
-    return found
-
-
 def test_figures_of_visits_are_printed_as_json(visited: Path, arm, capsys: Capture) -> None:
-    found = answer(capsys, visited, *arm)
+    found = answer(capsys, "repeatability", visited, *arm)
     assert found["visits"] == 60
     position = found["position"]
     assert position["rp_mm"] == pytest.approx(position["mean_mm"] + 3 * position["std_mm"])
@@ -78,7 +66,9 @@ def test_figures_of_visits_are_printed_as_json(visited: Path, arm, capsys: Captu
 
 
 def test_the_same_call_gives_the_same_answer(visited: Path, arm, capsys: Capture) -> None:
-    assert answer(capsys, visited, *arm) == answer(capsys, visited, *arm)
+    assert answer(capsys, "repeatability", visited, *arm) == answer(
+        capsys, "repeatability", visited, *arm
+    )
 
 
 def test_files_are_written_and_the_section_is_replaced(
@@ -99,7 +89,7 @@ def test_files_are_written_and_the_section_is_replaced(
 
 
 def test_a_stream_alone_needs_no_arm(resting: Path, tmp_path: Path, capsys: Capture) -> None:
-    found = answer(capsys, "--stationary", resting, "--out", tmp_path / "out")
+    found = answer(capsys, "repeatability", "--stationary", resting, "--out", tmp_path / "out")
     assert set(found) == {"stationary", "verdict", "files", "run"}
     joints = found["stationary"]["joints"]
     assert joints["joint_1"]["std_deg"] == pytest.approx(np.degrees(1e-5), rel=0.1)
@@ -111,17 +101,8 @@ def test_a_stream_alone_needs_no_arm(resting: Path, tmp_path: Path, capsys: Capt
 def test_an_arm_that_moved_is_not_usable(tmp_path: Path, capsys: Capture) -> None:
     rows = [f"{k / 100},{0.001 * k}" for k in range(500)]
     (tmp_path / "m.csv").write_text("\n".join(["time,joint_1", *rows]) + "\n")
-    found = answer(capsys, "--stationary", tmp_path / "m.csv", code=1)
+    found = answer(capsys, "repeatability", "--stationary", tmp_path / "m.csv", code=1)
     assert found["stationary"]["joints"]["joint_1"]["moved"] is True
-
-
-def refused(capsys: Capture, *arguments: object) -> str:
-    assert cli("repeatability", *arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert "Traceback" not in err
-    assert len(err.splitlines()) == 1
-    return err
 
 
 def spoilt(visited: Path, line: int, column: str, value: str) -> None:
@@ -144,31 +125,33 @@ def test_bad_cells_are_one_line(
     visited: Path, arm, capsys: Capture, line: int, column: str, value: str, said: str
 ) -> None:
     spoilt(visited, line, column, value)
-    assert said in refused(capsys, visited, *arm, "--out", visited.parent / "out")
+    assert said in refused(capsys, "repeatability", visited, *arm, "--out", visited.parent / "out")
     assert not (visited.parent / "out").exists()
 
 
 def test_bad_files_are_one_line(visited: Path, resting: Path, arm, capsys: Capture) -> None:
     text = visited.read_text()
     visited.write_text(text[: len(text) // 2])
-    assert "middle of a row" in refused(capsys, visited, *arm)
+    assert "middle of a row" in refused(capsys, "repeatability", visited, *arm)
     visited.write_text("")
-    assert "an empty file" in refused(capsys, visited, *arm)
+    assert "an empty file" in refused(capsys, "repeatability", visited, *arm)
     visited.unlink()
-    assert "no such file" in refused(capsys, visited, *arm)
+    assert "no such file" in refused(capsys, "repeatability", visited, *arm)
     resting.write_text("joint_1\n" + "0.1\n" * 200)
-    assert "time" in refused(capsys, "--stationary", resting)
+    assert "time" in refused(capsys, "repeatability", "--stationary", resting)
     resting.with_suffix(".parquet").write_bytes(b"PAR1")
-    assert "Parquet" in refused(capsys, "--stationary", resting.with_suffix(".parquet"))
+    assert "Parquet" in refused(
+        capsys, "repeatability", "--stationary", resting.with_suffix(".parquet")
+    )
 
 
 def test_bad_usage_is_one_line(visited: Path, arm, capsys: Capture) -> None:
-    assert "SAMPLES.csv" in refused(capsys)
-    assert "--urdf" in refused(capsys, visited)
-    assert "--tip" in refused(capsys, visited, *arm[:2])
-    assert "--urdf" in refused(capsys, "--stationary", visited, "--tip", "tip")
-    assert "nowhere" in refused(capsys, visited, *arm[:2], "--tip", "nowhere")
-    assert "no folder" in refused(capsys, visited, *arm, "--out", visited)
+    assert "SAMPLES.csv" in refused(capsys, "repeatability")
+    assert "--urdf" in refused(capsys, "repeatability", visited)
+    assert "--tip" in refused(capsys, "repeatability", visited, *arm[:2])
+    assert "--urdf" in refused(capsys, "repeatability", "--stationary", visited, "--tip", "tip")
+    assert "nowhere" in refused(capsys, "repeatability", visited, *arm[:2], "--tip", "nowhere")
+    assert "no folder" in refused(capsys, "repeatability", visited, *arm, "--out", visited)
 
 
 def test_files_of_a_calibration_are_pooled_over_their_points(
@@ -176,7 +159,7 @@ def test_files_of_a_calibration_are_pooled_over_their_points(
 ) -> None:
     files = sorted((repository / "data/suta/calibration").glob("P*.csv"))
     arm = ("--urdf", repository / "urdf/suta.urdf", "--tip", "tip")
-    found = answer(capsys, *files, *arm)
+    found = answer(capsys, "repeatability", *files, *arm)
     assert (found["touches"], found["points"]) == (225, 75)
     assert 0.2 < found["rms_of_others_mm"] < 0.4 < found["rms_mm"]
     joint = found["joints"]["joint_3"]

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import cli, write_simulated_job
+from cli_job import Capture, answer, cli, write_simulated_job
 
 from suta_calib.exchange.result import read_result
 from suta_calib.job import inputs_copy
@@ -18,7 +18,6 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.inputs_copy import InputsCopy, packed
 from suta_calib.tracking.read_back import read_calibrated
 
-Capture = pytest.CaptureFixture[str]
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
@@ -55,9 +54,7 @@ def test_a_copy_of_the_results_is_enough(alone: Path, tmp_path: Path, capsys: Ca
     assert cli("export", alone, "--format", "urdf", "--out", tmp_path / "arm.urdf") == 0
     assert (tmp_path / "arm.urdf").read_bytes() == (alone / "calibrated.urdf").read_bytes()
     assert cli("view", alone, "--html", tmp_path / "arm.html") == 0
-    capsys.readouterr()
-    assert cli("validate", alone / "calibrated.urdf", alone, "--json") == 0
-    told = json.loads(capsys.readouterr().out)
+    told = answer(capsys, "validate", alone / "calibrated.urdf", alone)
     metrics = json.loads((alone / "result.json").read_text())["metrics"]["validation"]
     assert told["metrics"]["validation"]["after"]["rms_mm"] == pytest.approx(
         metrics["after"]["rms_mm"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -10,7 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import Capture, answer, cli, printed, refused
 
 from suta_calib.stereotactic.cis_files import read_output1, read_points
 from suta_calib.stereotactic.cis_simulation import SimulatedSet, simulate_stereotactic
@@ -46,28 +45,15 @@ def of(prefix: Path, kind: str) -> Path:
     return prefix.with_name(f"{prefix.name}-{kind}.txt")
 
 
-def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, object]:
-    assert cli("stereotactic", *arguments, "--json") == 0
-    printed = capsys.readouterr()
-    found = json.loads(printed.out)
-    assert isinstance(found, dict)
-    return found
-
-
-def refused(capsys: pytest.CaptureFixture[str], prefix: Path, out: Path, *options: object) -> str:
+def refuses(capsys: Capture, prefix: Path, out: Path, *options: object) -> str:
     """The one line that says why; nothing is written."""
-    assert cli("stereotactic", prefix, "--out", out, *options) == 2
-    printed = capsys.readouterr()
-    errors = [line for line in printed.err.splitlines() if "warning" not in line]
-    assert printed.out == ""
-    assert len(errors) == 1
-    assert errors[0].startswith("suta-calib: error: ")
+    line = refused(capsys, "stereotactic", prefix, "--out", out, *options)
     assert not out.exists() or list(out.iterdir()) == []
-    return errors[0]
+    return line
 
 
-def test_first_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = answer(capsys, prefix, "--out", out)
+def test_first_assignment(prefix: Path, out: Path, capsys: Capture) -> None:
+    found = answer(capsys, "stereotactic", prefix, "--out", out)
     assert {f.name for f in out.iterdir()} == {f"{NAME}-output1.txt", f"{NAME}-stereotactic.svg"}
     output = read_output1(out / f"{NAME}-output1.txt")
     np.testing.assert_allclose(1e3 * output.em_post, found["em_post_mm"], atol=0.0051)
@@ -82,8 +68,8 @@ def test_first_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixture
 
 
 @pytest.mark.usefixtures("drawn")
-def test_second_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = answer(capsys, prefix, "--out", out, "--dewarp")
+def test_second_assignment(prefix: Path, out: Path, capsys: Capture) -> None:
+    found = answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")
     assert {f.name for f in out.iterdir()} == {
         f"{NAME}-output1.txt",
         f"{NAME}-output2.txt",
@@ -104,15 +90,14 @@ def test_second_assignment(prefix: Path, out: Path, capsys: pytest.CaptureFixtur
 
 
 def test_an_answer_that_must_not_be_used_is_written_all_the_same(
-    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
+    prefix: Path, out: Path, capsys: Capture
 ) -> None:
     """Where the optical tracker says the markers were does not hang on how they were read."""
     counts, *rows = of(prefix, "calreadings").read_text().splitlines()
     frames = np.array(rows).reshape(-1, 8 + 8 + 27)
     frames[:, 16:] = frames[:, 16:][:, np.random.default_rng(0).permutation(27)]
     of(prefix, "calreadings").write_text("\n".join([counts, *frames.ravel()]) + "\n")
-    assert cli("stereotactic", prefix, "--out", out, "--json") == 1
-    found = json.loads(capsys.readouterr().out)
+    found = answer(capsys, "stereotactic", "stereotactic", prefix, "--out", out, code=1)
     assert not found["verdict"]["usable"]
     assert "order of the C markers" in found["verdict"]["notes"][0]
     output = read_output1(out / f"{NAME}-output1.txt")
@@ -131,26 +116,25 @@ def test_headers_and_layout(prefix: Path, out: Path) -> None:
 
 
 @pytest.mark.parametrize("dewarp", [False, True])
-def test_table(prefix: Path, out: Path, dewarp: bool, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("stereotactic", prefix, "--out", out, *(["--dewarp"] if dewarp else [])) == 0
-    printed = capsys.readouterr().out
-    assert "optical post" in printed
-    assert ("tip in CT" in printed) == dewarp
-    assert ("--dewarp corrects it" in printed) != dewarp
-    assert f"{NAME}-output1.txt" in printed
+def test_table(prefix: Path, out: Path, dewarp: bool, capsys: Capture) -> None:
+    shown = printed(capsys, "stereotactic", prefix, "--out", out, *(["--dewarp"] if dewarp else []))
+    assert "optical post" in shown
+    assert ("tip in CT" in shown) == dewarp
+    assert ("--dewarp corrects it" in shown) != dewarp
+    assert f"{NAME}-output1.txt" in shown
 
 
 def test_a_wrong_marker_is_left_out_unless_all_are_to_be_believed(
-    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
+    prefix: Path, out: Path, capsys: Capture
 ) -> None:
     path = of(prefix, "optpivot")
     lines = path.read_text().splitlines()
     x, y, z = map(float, lines[1 + 8].split(","))
     lines[1 + 8] = f"{x + 8:8.2f}, {y - 6:8.2f}, {z + 9:8.2f}"
     path.write_text("\n".join(lines) + "\n")
-    believed = answer(capsys, prefix, "--out", out, "--no-robust")
-    unasked = answer(capsys, prefix, "--out", out)
-    found = answer(capsys, prefix, "--out", out, "--robust")
+    believed = answer(capsys, "stereotactic", prefix, "--out", out, "--no-robust")
+    unasked = answer(capsys, "stereotactic", prefix, "--out", out)
+    found = answer(capsys, "stereotactic", prefix, "--out", out, "--robust")
     assert unasked["comparison"]["optical_post_mm"] < 0.02
     assert believed["comparison"]["optical_post_mm"] > 0.1
     assert found["comparison"]["optical_post_mm"] < 0.02
@@ -159,39 +143,35 @@ def test_a_wrong_marker_is_left_out_unless_all_are_to_be_believed(
 
 
 def test_without_given_outputs_there_is_nothing_to_compare(
-    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
+    prefix: Path, out: Path, capsys: Capture
 ) -> None:
     for kind in ("output1", "output2"):
         of(prefix, kind).unlink()
-    assert answer(capsys, prefix, "--out", out, "--dewarp")["comparison"] == {}
+    assert answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")["comparison"] == {}
 
 
-def test_the_other_spelling_is_read(
-    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_other_spelling_is_read(prefix: Path, out: Path, capsys: Capture) -> None:
     of(prefix, "em-fiducials").rename(of(prefix, "em-fiducialss"))
-    assert answer(capsys, prefix, "--out", out, "--dewarp")["nav_mm"]
+    assert answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")["nav_mm"]
 
 
 def test_without_navigation_files_only_the_first_output(
-    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
+    prefix: Path, out: Path, capsys: Capture
 ) -> None:
     for kind in ("ct-fiducials", "em-fiducials", "EM-nav"):
         of(prefix, kind).unlink()
-    assert answer(capsys, prefix, "--out", out, "--dewarp")["nav_mm"] is None
+    assert answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")["nav_mm"] is None
     assert not (out / f"{NAME}-output2.txt").exists()
 
 
-def test_a_missing_navigation_file_is_told(
-    prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_missing_navigation_file_is_told(prefix: Path, out: Path, capsys: Capture) -> None:
     of(prefix, "EM-nav").unlink()
     assert cli("stereotactic", prefix, "--out", out, "--dewarp") == 0
     assert "EM-nav.txt" in capsys.readouterr().err
     assert not (out / f"{NAME}-output2.txt").exists()
 
 
-def test_given_outputs_are_not_replaced(prefix: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_given_outputs_are_not_replaced(prefix: Path, capsys: Capture) -> None:
     before = {f.name: f.read_bytes() for f in prefix.parent.iterdir()}
     assert cli("stereotactic", prefix, "--out", prefix.parent) == 2
     assert "choose another folder" in capsys.readouterr().err
@@ -266,10 +246,10 @@ def test_bad_input(
     says: tuple[str, ...],
     prefix: Path,
     out: Path,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capture,
 ) -> None:
     spoil(prefix)
-    error = refused(capsys, prefix, out, *options)
+    error = refuses(capsys, prefix, out, *options)
     for words in says:
         assert words in error
 
@@ -279,9 +259,7 @@ def test_navigation_files_do_not_matter_without_dewarp(prefix: Path, out: Path) 
     assert cli("stereotactic", prefix, "--out", out) == 0
 
 
-def test_one_frame_cannot_be_corrected(
-    tmp_path: Path, out: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_frame_cannot_be_corrected(tmp_path: Path, out: Path, capsys: Capture) -> None:
     seen = MADE.data.readings
     first = type(seen)(seen.base[:1], seen.optical[:1], seen.em[:1])
     data = type(MADE.data)(
@@ -289,14 +267,12 @@ def test_one_frame_cannot_be_corrected(
     )
     prefix = SimulatedSet(data, MADE.truth).write(tmp_path)
     of(prefix, "output1").unlink()
-    assert "1 frame of calibration readings" in refused(capsys, prefix, out, "--dewarp")
+    assert "1 frame of calibration readings" in refuses(capsys, prefix, out, "--dewarp")
     assert cli("stereotactic", prefix, "--out", out) == 0
 
 
-def test_bad_usage(prefix: Path, out: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert cli("stereotactic", prefix) == 2
-    assert "--out" in capsys.readouterr().err
+def test_bad_usage(prefix: Path, out: Path, capsys: Capture) -> None:
+    assert "--out" in refused(capsys, "stereotactic", prefix)
     out.write_text("mine")
-    assert cli("stereotactic", prefix, "--out", out) == 2
-    assert "expected a folder" in capsys.readouterr().err
+    assert "expected a folder" in refused(capsys, "stereotactic", prefix, "--out", out)
     assert out.read_text() == "mine"

@@ -9,7 +9,7 @@ from typing import Any
 
 import dask
 import pytest
-from cli_job import cli, write_simulated_job
+from cli_job import Capture, answer, cli, refused, write_simulated_job
 from lxml import etree
 from study_scene import SUTA
 
@@ -25,22 +25,8 @@ def tracked(tmp_path: Path, suta_urdf: Path) -> Path:
     return write_simulated_job(tmp_path / "job", suta_urdf)
 
 
-def answer(capsys: pytest.CaptureFixture[str], *arguments: object) -> dict[str, Any]:
-    assert cli("study", *arguments, "--json") == 0
-    return dict(json.loads(capsys.readouterr().out))
-
-
-def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
-    assert cli("study", *arguments) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err.count("\n") == 1, err
-    assert err.startswith("suta-calib: error: ")
-    return err
-
-
-def test_sizes_as_the_formats_have_them(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = answer(capsys, JOB, *FEW, "--sizes", "1-2,6", "--out", tmp_path)
+def test_sizes_as_the_formats_have_them(tmp_path: Path, capsys: Capture) -> None:
+    found = answer(capsys, "study", JOB, *FEW, "--sizes", "1-2,6", "--out", tmp_path)
     assert [s["size"] for s in found["sizes"]] == [1, 2, 6]
     keys = {"size", "trials", "mean_mm", "std_mm", "min_mm", "max_mm", "improvement_pct"}
     for size in found["sizes"]:
@@ -61,9 +47,7 @@ def test_sizes_as_the_formats_have_them(tmp_path: Path, capsys: pytest.CaptureFi
     ("kind", "name"),
     [("size", "study"), ("bootstrap", "bootstrap"), ("monte-carlo", "monte_carlo")],
 )
-def test_what_is_written(
-    tmp_path: Path, kind: str, name: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_written(tmp_path: Path, kind: str, name: str, capsys: Capture) -> None:
     ten = ("--trials", "12", "--jobs", "1", "--kind", kind, "--out", tmp_path)
     sizes = ("--sizes", "2,4") if kind == "size" else ()
     assert cli("study", JOB, *ten, *sizes) == 0
@@ -83,7 +67,7 @@ def test_what_is_written(
     assert len(lines) == 2 + 12 * (2 if kind == "size" else 1)
 
 
-def test_parameters_of_a_bootstrap(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_parameters_of_a_bootstrap(tmp_path: Path, capsys: Capture) -> None:
     found = answer(
         capsys, JOB, "--trials", "15", "--jobs", "1", "--kind", "bootstrap", "--out", tmp_path
     )
@@ -96,11 +80,9 @@ def test_parameters_of_a_bootstrap(tmp_path: Path, capsys: pytest.CaptureFixture
     assert found["validation"]["rms_mm"] == pytest.approx(0.925, abs=1e-3)
 
 
-def test_a_job_without_placements_draws_samples(
-    tracked: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_job_without_placements_draws_samples(tracked: Path, capsys: Capture) -> None:
     """Two samples cannot be solved: they are counted, and told."""
-    found = answer(capsys, tracked, *FEW, "--sizes", "2,20,40")
+    found = answer(capsys, "study", tracked, *FEW, "--sizes", "2,20,40")
     assert (found["unit"], found["sets"], found["set_is"]) == ("sample", 40, "one sample")
     few, *others = found["sizes"]
     assert (few["failed"], few["mean_mm"], few["improvement_pct"]) == (3, None, None)
@@ -111,7 +93,7 @@ def test_a_job_without_placements_draws_samples(
     assert (tracked.parent / "results" / "study.json").is_file()
 
 
-def test_no_result_at_all_exits_with_one(tracked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_no_result_at_all_exits_with_one(tracked: Path, capsys: Capture) -> None:
     assert cli("study", tracked, *FEW, "--sizes", "1-2") == 1
     out, err = capsys.readouterr()
     assert "Do not use" in out
@@ -119,14 +101,12 @@ def test_no_result_at_all_exits_with_one(tracked: Path, capsys: pytest.CaptureFi
     assert "Traceback" not in err
 
 
-def test_sizes_beyond_the_sets_are_left_out_and_told(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    found = answer(capsys, JOB, *FEW, "--sizes", "14-17", "--out", tmp_path)
+def test_sizes_beyond_the_sets_are_left_out_and_told(tmp_path: Path, capsys: Capture) -> None:
+    found = answer(capsys, "study", JOB, *FEW, "--sizes", "14-17", "--out", tmp_path)
     assert [s["size"] for s in found["sizes"]] == [14, 15]
     assert found["left_out_sizes"] == [16, 17]
     assert any("16 to 17" in note for note in found["verdict"]["notes"])
-    assert "up to 15" in refused(capsys, JOB, "--sizes", "16", "--out", tmp_path / "none")
+    assert "up to 15" in refused(capsys, "study", JOB, "--sizes", "16", "--out", tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 
@@ -149,30 +129,25 @@ def test_sizes_beyond_the_sets_are_left_out_and_told(
         (("--dask", "nowhere"), "no scheduler"),
     ],
 )
-def test_bad_usage(
-    tmp_path: Path,
-    arguments: tuple[str, ...],
-    says: str,
-    capsys: pytest.CaptureFixture[str],
-) -> None:
+def test_bad_usage(tmp_path: Path, arguments: tuple[str, ...], says: str, capsys: Capture) -> None:
     pytest.importorskip("distributed")  # its settings are there once it is loaded
     with dask.config.set({"distributed.comm.timeouts.connect": "0.5s"}):
-        line = refused(capsys, JOB, *arguments, "--out", tmp_path / "none")
+        line = refused(capsys, "study", JOB, *arguments, "--out", tmp_path / "none")
     assert re.search(says, line), line
     assert not (tmp_path / "none").exists()
 
 
-def test_another_study_is_not_resumed(tracked: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_another_study_is_not_resumed(tracked: Path, capsys: Capture) -> None:
     asked = (tracked, *FEW, "--sizes", "20", "--resume")
     assert cli("study", *asked) == 0
     results = tracked.parent / "results"
     before = {path: path.read_bytes() for path in results.iterdir()}
     capsys.readouterr()
-    assert "(seed differs)" in refused(capsys, *asked, "--seed", "1")
+    assert "(seed differs)" in refused(capsys, "study", *asked, "--seed", "1")
     samples = tracked.parent / "calibration" / "a.csv"
     lines = samples.read_text().splitlines(keepends=True)
     samples.write_text("".join(lines[:-1]))
-    assert "(job differs)" in refused(capsys, *asked)
+    assert "(job differs)" in refused(capsys, "study", *asked)
     assert {path: path.read_bytes() for path in results.iterdir()} == before
 
 
@@ -187,18 +162,16 @@ def test_another_study_is_not_resumed(tracked: Path, capsys: pytest.CaptureFixtu
     ],
     ids=["empty", "half-written", "missing column", "nan", "degrees"],
 )
-def test_bad_samples(
-    tracked: Path, spoil: Any, says: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_bad_samples(tracked: Path, spoil: Any, says: str, capsys: Capture) -> None:
     samples = tracked.parent / "calibration" / "a.csv"
     samples.write_text(spoil(samples.read_text()))
     before = sorted(tracked.parent.rglob("*"))
-    assert re.search(says, refused(capsys, tracked))
+    assert re.search(says, refused(capsys, "study", tracked))
     assert sorted(tracked.parent.rglob("*")) == before
 
 
 def test_an_interrupt_says_how_to_go_on(
-    tracked: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tracked: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from suta_calib.analysis.study import runner as study_runner
 

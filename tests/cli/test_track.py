@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import answer, cli, printed, refused
 from simulated import SUTA_URDF
 from swinging_arm import emulated
 from tracking_scene import TRUTH, calibrated
@@ -123,10 +123,9 @@ def test_what_was_held_and_moves_the_tip_is_streamed_and_said(device: Path, tmp_
     scene.path.write_text(json.dumps(scene.result | {"held": [within]}), encoding="utf-8")
     command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
     options = ("--result", scene.path, "--seconds", 0.3)
-    assert cli(*command, *options, "--json") == 0
-    answer = json.loads(capsys.readouterr().out)
-    assert answer["uncertainty"]["held_within"] == ["joint_6.z"]
-    assert np.linalg.norm(answer["last"]["std"]) == pytest.approx(0.06 / np.sqrt(3.0), rel=1e-3)
+    found = answer(capsys, *command, *options)
+    assert found["uncertainty"]["held_within"] == ["joint_6.z"]
+    assert np.linalg.norm(found["last"]["std"]) == pytest.approx(0.06 / np.sqrt(3.0), rel=1e-3)
     assert cli(*command, *options) == 0
     said = "from how far off joint_6.z may be, held at nominal; relative to joint_1.offset, which"
     assert said in capsys.readouterr().out
@@ -144,8 +143,7 @@ def test_an_arm_that_grows_with_warmth_is_said_to_be_taken_as_cool(
     (note,) = json.loads(capsys.readouterr().out)["notes"]
     assert "at 20 °C, though links.expansion was found" in note
     assert "10 K above, a metre of it is off by up to 0.23 mm" in note
-    assert cli(*command, *options) == 0
-    assert capsys.readouterr().out.count(note) == 1
+    assert printed(capsys, *command, *options).count(note) == 1
 
 
 def test_error_flags_make_poses_invalid(tmp_path: Path, capsys):
@@ -237,8 +235,7 @@ def test_bad_devices_are_one_clear_line(tmp_path: Path, capsys, joints: str, sai
 def test_a_port_that_is_not_there_leaves_no_file(tmp_path: Path, capsys):
     joints = ", ".join(f"{{name: joint_{k}}}" for k in range(1, 7))
     device = write_device(tmp_path, f"port: {tmp_path}/none\njoints: [{joints}]\n")
-    assert cli(*TRACK, device, "--csv", tmp_path / "log.csv") == 2
-    assert capsys.readouterr().err.count("\n") == 1
+    assert refused(capsys, *TRACK, device, "--csv", tmp_path / "log.csv").count("\n") == 1
     assert [file.name for file in tmp_path.iterdir()] == ["device.yaml"]
 
 
@@ -278,8 +275,7 @@ def test_no_recording_and_no_input_is_replaced_unasked(tmp_path: Path, capsys):
     for inputs in (device, SUTA_URDF):
         assert cli(*TRACK, device, "--csv", inputs, "--force") == 2
         assert "found an input of the same command" in capsys.readouterr().err
-    assert cli(*TRACK, device, "--csv", log, "--parquet", log) == 2
-    assert "found another output" in capsys.readouterr().err
+    assert "found another output" in refused(capsys, *TRACK, device, "--csv", log, "--parquet", log)
 
 
 def test_the_console_says_where_how_late_and_how_old(tmp_path: Path, capsys):

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import Capture, cli
 from simulated import random_readings
 from two_arms import ROBOT
 
@@ -54,7 +54,7 @@ def test_held_out_errors_are_the_noise(job: Path) -> None:
 
 
 def test_the_written_urdf_and_the_result_are_the_arm_that_was_found(
-    job: Path, capsys: pytest.CaptureFixture[str]
+    job: Path, capsys: Capture
 ) -> None:
     results = job.parent / "results"
     metrics = json.loads((results / "result.json").read_text())["metrics"]["validation"]["after"]

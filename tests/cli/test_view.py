@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import TRUTH, cli, simulated, write_simulated_job
+from cli_job import TRUTH, Capture, answer, cli, printed, refused, simulated, write_simulated_job
 from simulated import SUTA_URDF
 from swinging_arm import emulated
 from viser_page import held_by
@@ -45,12 +45,9 @@ def result(job: Path) -> Path:
     return job.parent / "results" / "result.json"
 
 
-def test_a_job_becomes_one_file(
-    job: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_job_becomes_one_file(job: Path, tmp_path: Path, capsys: Capture) -> None:
     page = tmp_path / "page.html"
-    assert cli("view", job, "--html", page) == 0
-    said = capsys.readouterr().out
+    said = printed(capsys, "view", job, "--html", page)
     assert f"Written: {page}" in said
     assert "mm RMS" in said
     assert max(time for time, _ in held_by(page.read_bytes()).messages) == 54 * EACH_S
@@ -58,7 +55,7 @@ def test_a_job_becomes_one_file(
 
 
 def test_a_result_is_what_the_job_gave(
-    job: Path, result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    job: Path, result: Path, tmp_path: Path, capsys: Capture
 ) -> None:
     made, read = CalibrationJob.load(job).run().calibrated, read_calibrated(result)
     for name in made.arm.parameters:
@@ -72,14 +69,13 @@ def test_a_result_is_what_the_job_gave(
             for own in term.own_parameters:
                 assert again[own.name] == pytest.approx(values[own.name], abs=1e-7)
     # The folder of a result is the result.
-    assert cli("view", result.parent, "--html", tmp_path / "a.html", "--json") == 0
-    answer = json.loads(capsys.readouterr().out)
-    assert answer["samples"] == 55
-    assert answer["verdict"]["usable"] is True
-    assert answer["html"] == str(tmp_path / "a.html")
+    found = answer(capsys, "view", result.parent, "--html", tmp_path / "a.html")
+    assert found["samples"] == 55
+    assert found["verdict"]["usable"] is True
+    assert found["html"] == str(tmp_path / "a.html")
 
 
-def test_it_is_served_until_the_time_is_over(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_it_is_served_until_the_time_is_over(job: Path, capsys: Capture) -> None:
     assert cli("view", job, "--port", "0", "--seconds", "0.1") == 0
     assert "Look at http://127.0.0.1:" in capsys.readouterr().out
 
@@ -100,7 +96,7 @@ def test_ctrl_c_ends_it_cleanly(result: Path) -> None:
     assert (rest, errors, run.returncode) == ("", "", 0)
 
 
-def test_a_port_that_is_taken_is_named(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_port_that_is_taken_is_named(job: Path, capsys: Capture) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         assert cli("view", job, "--port", port, "--seconds", "0.1") == 2
@@ -111,9 +107,7 @@ def test_a_port_that_is_taken_is_named(job: Path, capsys: pytest.CaptureFixture[
 
 
 @pytest.mark.parametrize("host", ["no.such.host.invalid", "203.0.113.7"])
-def test_a_host_that_is_not_this_computer_is_refused(
-    job: Path, host: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_host_that_is_not_this_computer_is_refused(job: Path, host: str, capsys: Capture) -> None:
     assert cli("view", job, "--host", host, "--port", "0", "--seconds", "0.1") == 2
     captured = capsys.readouterr()
     assert captured.out == ""
@@ -131,11 +125,10 @@ def unusable(folder: Path) -> Path:
 
 
 def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: Capture
 ) -> None:
     job, page = unusable(tmp_path / "job"), tmp_path / "page.html"
-    assert cli("view", job, "--html", page) == 1
-    assert "Do not use" in capsys.readouterr().out
+    assert "Do not use" in printed(capsys, "view", job, "--html", page, code=1)
     assert "Do not use" in page.read_text(encoding="utf-8")
     page.unlink()
     assert cli("calibrate", job, "--json") == 1
@@ -160,7 +153,7 @@ def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
     ],
 )
 def test_a_result_that_tells_too_little_is_refused(
-    result: Path, change: Any, told: str, capsys: pytest.CaptureFixture[str]
+    result: Path, change: Any, told: str, capsys: Capture
 ) -> None:
     data = json.loads(result.read_text())
     change(data)
@@ -168,8 +161,7 @@ def test_a_result_that_tells_too_little_is_refused(
     folder = result.parent.parent / "changed"
     folder.mkdir(exist_ok=True)
     (folder / "result.json").write_text(json.dumps(data))
-    assert cli("view", folder, "--html", folder / "page.html") == 2
-    assert told in capsys.readouterr().err
+    assert told in refused(capsys, "view", folder, "--html", folder / "page.html")
     assert not (folder / "page.html").exists()
 
 
@@ -200,7 +192,7 @@ def test_bad_input_is_one_line_and_nothing_is_written(
     tmp_path: Path,
     arguments: tuple[str, ...],
     told: str,
-    capsys: pytest.CaptureFixture[str],
+    capsys: Capture,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.chdir(tmp_path)
@@ -213,12 +205,11 @@ def test_bad_input_is_one_line_and_nothing_is_written(
 
 
 def test_without_the_extra_it_says_how_to_install_it(
-    job: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    job: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
 ) -> None:
     for name in ("viser", "yourdfpy"):
         monkeypatch.setitem(sys.modules, name, None)
-    assert cli("view", job, "--seconds", "0.1") == 2
-    assert "pip install 'suta_calib[view]'" in capsys.readouterr().err
+    assert "pip install 'suta_calib[view]'" in refused(capsys, "view", job, "--seconds", "0.1")
 
 
 # ── a device ────────────────────────────────────────────────────────────────────────────────
@@ -254,16 +245,12 @@ def test_an_encoder_that_is_wrong_stops_the_picture(result: Path, tmp_path: Path
     np.testing.assert_array_equal(before, after)
 
 
-def test_the_command_follows_a_device(
-    result: Path, device: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_follows_a_device(result: Path, device: Path, capsys: Capture) -> None:
     assert cli("view", result, "--device", device, "--port", "0", "--seconds", "0.5") == 0
     assert "Look at http" in capsys.readouterr().out
 
 
-def test_a_device_of_another_arm_is_refused(
-    result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_device_of_another_arm_is_refused(result: Path, tmp_path: Path, capsys: Capture) -> None:
     other = tmp_path / "device.yaml"
     other.write_text("port: loop://\njoints: [{name: elbow}]\n")
     assert cli("view", result, "--device", other, "--port", "0", "--seconds", "0.5") == 2

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import cli
+from cli_job import Capture, answer, cli, printed, refused
 
 from suta_calib.geometry.numbers import rpy_from_rotation, wrap
 from suta_calib.measurements import Samples, write_samples
@@ -39,21 +37,13 @@ def pose_of(samples: Samples, row: int = 0, *, oriented: bool = True) -> str:
     return ",".join(repr(float(number)) for number in numbers)
 
 
-def printed(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
-    out, err = capsys.readouterr()
-    assert err == ""
-    found: dict[str, Any] = json.loads(out)
-    return found
-
-
 def test_the_urdf_written_agrees_with_every_pose(
-    arm: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arm: ArmModel, tmp_path: Path, capsys: Capture
 ) -> None:
     samples, file, out = known(arm, 5), tmp_path / "r.csv", tmp_path / "out.urdf"
     write_samples(file, samples)
     command = ("baseline", arm.chain.path, "--tip", "tip", "--readings", file)
-    assert cli(*command, "--out", out, "--json") == 0
-    found = printed(capsys)
+    found = answer(capsys, *command, "--out", out)
     assert found["status"] == "found"
     assert found["urdf"] == str(out)
     assert len(found["branches"]) == 1
@@ -64,29 +54,23 @@ def test_the_urdf_written_agrees_with_every_pose(
     assert np.allclose(rotation, samples.rotation, atol=1e-8)
 
 
-def test_no_input_is_replaced(
-    arm: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_no_input_is_replaced(arm: ArmModel, tmp_path: Path, capsys: Capture) -> None:
     file, urdf = tmp_path / "r.csv", tmp_path / "arm.urdf"
     write_samples(file, known(arm, 5))
     urdf.write_bytes(arm.chain.path.read_bytes())
     for out in (urdf, file):
         before = out.read_bytes()
         command = ("zero-offsets", urdf, "--tip", "tip", "--readings", file, "--out", out)
-        assert cli(*command) == 2
-        assert f"{out}: found an input of the same command" in capsys.readouterr().err
+        assert f"{out}: found an input of the same command" in refused(capsys, *command)
         assert out.read_bytes() == before
 
 
-def test_a_branch_is_chosen_by_number(
-    arm: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_branch_is_chosen_by_number(arm: ArmModel, tmp_path: Path, capsys: Capture) -> None:
     samples, file = known(arm, 1), tmp_path / "r.csv"
     write_samples(file, Samples.from_arrays(arm.joints, samples.q))
     command = ["baseline", arm.chain.path, "--tip", "tip", "--readings", file]
     command += [f"--pose={pose_of(samples)}"]
-    assert cli(*command, "--json") == 0
-    found = printed(capsys)
+    found = answer(capsys, *command)
     count = len(found["branches"])
     assert count > 1
     assert found["branch"] == 1
@@ -100,36 +84,31 @@ def test_a_branch_is_chosen_by_number(
         capsys.readouterr().out
     )
     out = tmp_path / "last.urdf"
-    assert cli(*command, "--branch", count, "--out", out, "--json") == 0
-    assert printed(capsys)["branch"] == count
+    assert answer(capsys, *command, "--branch", count, "--out", out)["branch"] == count
     _, position = ArmModel.from_urdf(out, "tip").forward(samples.q)
     assert np.allclose(position, samples.position, atol=1e-8)
     assert cli(*command, "--branch", count + 1) == 2
     assert f"--branch: found {count + 1}; expected 1 to {count}" in capsys.readouterr().err
 
 
-def test_one_position_is_not_enough(
-    arm: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_one_position_is_not_enough(arm: ArmModel, tmp_path: Path, capsys: Capture) -> None:
     samples, file, out = known(arm, 1), tmp_path / "r.csv", tmp_path / "out.urdf"
     write_samples(file, Samples.from_arrays(arm.joints, samples.q))
     command = ("baseline", arm.chain.path, "--tip", "tip", "--readings", file, "--out", out)
-    assert cli(*command, f"--pose={pose_of(samples, oriented=False)}") == 1
-    said = capsys.readouterr().out
+    said = printed(capsys, *command, f"--pose={pose_of(samples, oriented=False)}", code=1)
     assert "only together with" in said
     assert "Not usable: give more poses" in said
     assert not out.exists()
 
 
 def test_poses_that_no_offsets_explain_exit_with_1(
-    arm: ArmModel, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    arm: ArmModel, tmp_path: Path, capsys: Capture
 ) -> None:
     samples, file, out = known(arm, 3), tmp_path / "r.csv", tmp_path / "out.urdf"
     write_samples(file, Samples.from_arrays(arm.joints, samples.q))
     command = ["baseline", arm.chain.path, "--tip", "tip", "--readings", file, "--out", out]
     command += [f"--pose={x},0,0" for x in (5000, 6000, 7000)]
-    assert cli(*command, "--json") == 1
-    assert printed(capsys)["status"] == "no_fit"
+    assert answer(capsys, *command, code=1)["status"] == "no_fit"
     assert not out.exists()
 
 
@@ -144,17 +123,10 @@ def test_poses_that_no_offsets_explain_exit_with_1(
     ],
 )
 def test_bad_poses_are_one_line(
-    arm: ArmModel,
-    tmp_path: Path,
-    capsys: pytest.CaptureFixture[str],
-    poses: list[str],
-    said: str,
+    arm: ArmModel, tmp_path: Path, capsys: Capture, poses: list[str], said: str
 ) -> None:
     file = tmp_path / "r.csv"
     write_samples(file, Samples.from_arrays(arm.joints, known(arm, 2).q))
     command = ["baseline", arm.chain.path, "--tip", "tip", "--readings", file]
-    assert cli(*command, *(f"--pose={pose}" for pose in poses)) == 2
-    out, err = capsys.readouterr()
+    err = refused(capsys, *command, *(f"--pose={pose}" for pose in poses))
     assert said in err
-    assert out == ""
-    assert err.count("\n") == 1

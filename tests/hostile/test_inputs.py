@@ -9,12 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from cli_job import cli
+from cli_job import Capture, cli
 from hostile_scene import GIVEN, JOB, SAMPLES, URDF, command_line
 
 from suta_calib.cli._app import COMMANDS
 
-Capture = pytest.CaptureFixture[str]
 # Longer than any file's name may be; a line that nobody reads is as good as none.
 LONGEST = 1500
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import cli
+from cli_job import Capture, cli, refused
 from hostile_scene import GIVEN, command_line
 from pose_answers import XYZ
 from pose_scenes import point_numbers, write_csv
@@ -29,7 +29,6 @@ from suta_calib.report.listing import Table
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-Capture = pytest.CaptureFixture[str]
 # Their answers are as any other's here, and take seconds.
 LONG = ("extend", "outliers", "plan")
 WRITING = [name for name, given in GIVEN.items() if given.out and not given.needs_device]
@@ -173,9 +172,7 @@ def test_a_place_that_cannot_be_written(
     )
     for place in ("file", "locked"):
         out = tmp_path / place / "out"
-        assert cli(*command_line(command, scene, out)) == 2
-        stdout, stderr = capsys.readouterr()
-        assert stdout == ""
+        stderr = refused(capsys, *command_line(command, scene, out))
         assert len(re.findall("^suta-calib: error: ", stderr, re.MULTILINE)) == 1
         assert str(out.parent) in stderr
     assert contents(tmp_path) == {"file": b"a file"}

@@ -152,9 +152,7 @@ def test_residuals_have_the_rms_of_the_report(result: Calibration) -> None:
     assert any(text.startswith("RMS after") and f"{mm(rms):.3g}" in text for text in texts)
 
 
-def test_prospects_are_drawn_for_every_parameter_that_was_asked_for(
-    result: Calibration,
-) -> None:
+def test_prospects_are_drawn_for_every_parameter_that_was_asked_for(result: Calibration) -> None:
     observability = observe(result.solution.problem)
     axes = observability.plot()
     arm = result.solution.problem.names[: result.solution.problem.arm_count]
@@ -169,9 +167,7 @@ def test_prospects_are_drawn_for_every_parameter_that_was_asked_for(
     np.testing.assert_allclose(ends, sorted(shares))
 
 
-def test_objects_are_short_on_a_console_and_tables_in_a_notebook(
-    result: Calibration,
-) -> None:
+def test_objects_are_short_on_a_console_and_tables_in_a_notebook(result: Calibration) -> None:
     observability = observe(result.solution.problem)
     job, solution = result.job, result.solution
     samples = job.observations[0].poses.samples

@@ -174,10 +174,7 @@ def test_json_without_validation_has_nulls_not_nan(result: Calibration) -> None:
     job = replace(result.job, spec=replace(result.job.spec, validation=()))
     alone = with_accuracy(replace(result, job=job), replace(result.accuracy, validation=()))
     part = json.loads(json.dumps(result_dict(alone), allow_nan=False))["metrics"]["validation"]
-    assert part["after"] == {
-        **dict.fromkeys(("rms_mm", "mean_mm", "std_mm", "max_mm")),
-        "count": 0,
-    }
+    assert part["after"] == {**dict.fromkeys(("rms_mm", "mean_mm", "std_mm", "max_mm")), "count": 0}
     assert "no validation data" in " ".join(alone.assessment.notes)
     document = calibration_document(alone)
     assert "no such data" in console_text(rendered(document))

@@ -11,7 +11,7 @@ from report_scenes import console_text
 
 from suta_calib.assessment import Assessment
 from suta_calib.report.console import rendered
-from suta_calib.report.document import Document, Folded, ShownOnly, Text
+from suta_calib.report.document import Document, Text
 from suta_calib.report.listing import Column, Listing, csv_text
 from suta_calib.report.page import page_with
 from suta_calib.units import NOTHING, Unit
@@ -85,8 +85,8 @@ def test_parts_are_shown_where_they_belong() -> None:
         Text("first", bullet=True),
         Text("do this", look="remedy"),
         Text("page <only>", place="page", look="verbatim"),
-        ShownOnly(PLAIN.of(ROWS), "console"),
-        Folded(OWN.of(ROWS, "Two of them")),
+        PLAIN.of(ROWS, place="console"),
+        OWN.of(ROWS, "Two of them", folded=True),
     )
     said = console_text(rendered(answer))
     assert "→ do this" in said

@@ -11,15 +11,7 @@ import numpy as np
 import pytest
 from lxml import etree
 from matplotlib.figure import Figure
-from pose_scenes import (
-    PAIR,
-    POSE,
-    matrix,
-    pair_numbers,
-    pivot_numbers,
-    point_numbers,
-    write_csv,
-)
+from pose_scenes import PAIR, POSE, matrix, pair_numbers, pivot_numbers, point_numbers, write_csv
 from rich.console import Console
 from scipy.spatial.transform import Rotation
 

@@ -27,9 +27,7 @@ from suta_calib.report.svg import svg_text
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" id="{}"><path d="M0 0"/></svg>'
 LANDMARKS = Listing[tuple[str, float]](
-    "",
-    Column("", "landmark", lambda row: row[0]),
-    Column("", "mm", lambda row: row[1], form=".1f"),
+    "", Column("", "landmark", lambda row: row[0]), Column("", "mm", lambda row: row[1], form=".1f")
 )
 
 
@@ -41,11 +39,7 @@ SECTION = Document(
     "outliers",
     "Outliers",
     Assessment("care", "one of 15 landmarks", ("one <b>note</b>",)),
-    [
-        Text("a < b"),
-        LANDMARKS.of([("S<2>", 1.2)]),
-        picture("p"),
-    ],
+    [Text("a < b"), LANDMARKS.of([("S<2>", 1.2)]), picture("p")],
 )
 
 

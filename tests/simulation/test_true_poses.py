@@ -15,7 +15,7 @@ from suta_calib.errors import JobError
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.report.external_poses import EXTERNAL_POSES
+from suta_calib.report.calibration_tables import EXTERNAL_POSES
 from suta_calib.simulation import Simulation, write_simulation
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve

@@ -75,3 +75,21 @@ def answer(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]
     found = json.loads(out)
     assert isinstance(found, dict)
     return found
+
+
+def printed(capsys: Capture, *arguments: object, code: int = 0) -> str:
+    """What a command prints on stdout."""
+    capsys.readouterr()
+    assert cli(*arguments) == code
+    return capsys.readouterr().out
+
+
+def refused(capsys: Capture, *arguments: object) -> str:
+    """The one line of a command that must refuse, beside warnings; nothing is on stdout."""
+    capsys.readouterr()
+    assert cli(*arguments) == 2
+    out, err = capsys.readouterr()
+    errors = [line for line in err.splitlines(keepends=True) if "warning: " not in line]
+    assert (out, len(errors)) == ("", 1), (out, err)
+    assert errors[0].startswith("suta-calib: error: ")
+    return errors[0]
