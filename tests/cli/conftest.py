@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from cli_job import write_simulated_job
+from measuring_bench import Bench
 from pose_answers import XYZ
 from pose_scenes import POSE, pivot_numbers, point_numbers, write_csv
 from swinging_arm import emulated
@@ -32,3 +35,21 @@ def device(tmp_path: Path) -> Iterator[Path]:
     """The ``device.yaml`` of an arm that swings while the test runs."""
     with EmulatedArm(emulated()) as emulator:
         yield emulator.write_device(tmp_path / "device.yaml")
+
+
+@pytest.fixture
+def job(tmp_path: Path, suta_urdf: Path) -> Path:
+    """The simulated job in a folder of its own."""
+    return write_simulated_job(tmp_path / "job", suta_urdf)
+
+
+@pytest.fixture(scope="module")
+def made_bench(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Bench:
+    return Bench.made(tmp_path_factory.mktemp("job"), repository)
+
+
+@pytest.fixture
+def bench(made_bench: Bench, tmp_path: Path) -> Bench:
+    """An arm on a cable, and a folder of its own for each test."""
+    shutil.copytree(made_bench.folder, tmp_path / "job")
+    return Bench(tmp_path / "job" / "calibration.yaml", made_bench.arm, made_bench.postures)

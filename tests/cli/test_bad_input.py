@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from cli_job import Capture, cli, refused, write_simulated_job
+from cli_job import Capture, cli, refused
 
 ARTEFACT = """\
 name: block
@@ -19,10 +19,9 @@ Spoil = Callable[[Path], None]
 
 
 @pytest.fixture
-def folder(tmp_path: Path, suta_urdf: Path) -> Path:
+def folder(job: Path) -> Path:
     """A job that runs, in its own folder, until a test spoils it."""
-    write_simulated_job(tmp_path / "job", suta_urdf)
-    return tmp_path / "job"
+    return job.parent
 
 
 def replaced(file: str, old: str, new: str) -> Spoil:

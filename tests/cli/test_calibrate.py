@@ -21,24 +21,18 @@ from cli_job import (
     Capture,
     answer,
     cli,
+    made_worse,
     printed,
     refused,
-    simulated,
     write_simulated_job,
 )
 
 from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError, did_you_mean
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
 
 RESULTS = {"calibrated.urdf", "result.json", "residuals.csv", "inputs.zip", "report.html"}
-
-
-@pytest.fixture
-def job(tmp_path: Path, suta_urdf: Path) -> Path:
-    return write_simulated_job(tmp_path / "job", suta_urdf)
 
 
 def files_below(folder: Path) -> set[str]:
@@ -179,28 +173,15 @@ def test_validate_registers_what_the_observations_do_not_have(job: Path, capsys:
     assert own["rms_mm"] < shared["rms_mm"]
 
 
+BOTH = {"calibration/samples.csv", "validation/samples.csv"}
+
+
 @pytest.mark.parametrize(
     ("kinds", "expected"),
     [
-        (
-            (),
-            {
-                "artefact.yaml",
-                "calibration/samples.csv",
-                "validation/samples.csv",
-                "fixed_point/samples.csv",
-            },
-        ),
-        (("tracked_point",), {"calibration/samples.csv", "validation/samples.csv"}),
-        (
-            ("landmark", "tracked_point"),
-            {
-                "artefact.yaml",
-                "calibration/samples.csv",
-                "validation/samples.csv",
-                "tracked_point/samples.csv",
-            },
-        ),
+        ((), {"artefact.yaml", *BOTH, "fixed_point/samples.csv"}),
+        (("tracked_point",), BOTH),
+        (("landmark", "tracked_point"), {"artefact.yaml", *BOTH, "tracked_point/samples.csv"}),
     ],
 )
 def test_init_writes_a_job_that_lacks_nothing_but_samples(
@@ -378,14 +359,6 @@ def test_a_write_protected_folder_is_refused(
     monkeypatch.setattr(os, "access", lambda *_: False)
     with pytest.raises(OutputError, match="write-protected"):
         check_folder(tmp_path / "new" / "deep")
-
-
-def made_worse(job: Path) -> Path:
-    """The same job with held-out data of an arm that is off the other way."""
-    arm = ArmModel.from_urdf(job.parent / "arm.urdf", "tip")
-    opposite = {name: 2 * arm.parameters[name].nominal - value for name, value in TRUTH.items()}
-    write_samples(job.parent / "validation" / "a.csv", simulated(arm, 15, 2, opposite))
-    return job
 
 
 def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(

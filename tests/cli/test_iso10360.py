@@ -242,7 +242,6 @@ def cell(file: Path, line: int, column: str, value: str) -> None:
 @pytest.mark.parametrize(
     ("file", "line", "column", "value", "said"),
     [
-        ("lengths", 7, "joint_1", "nan", "lengths.csv:7"),
         ("lengths", 7, "joint_1", "-37.7", "looks like degrees"),
         ("lengths", 4, "landmark", "Q9", "Q9"),
         ("articulation", 1, "point", "punkt", "point"),
@@ -257,20 +256,11 @@ def test_bad_cells_are_one_line(
     assert said in refuses(capsys, folder)
 
 
-def test_bad_files_are_one_line(folder: Path, capsys: Capture) -> None:
-    text = (folder / "lengths.csv").read_text()
-    (folder / "lengths.csv").write_text(text[: len(text) // 2])
-    assert "middle of a row" in refuses(capsys, folder)
-    (folder / "lengths.csv").write_text("")
-    assert "an empty file" in refuses(capsys, folder)
-    (folder / "lengths.csv").unlink()
-    assert "no file that matches" in refuses(capsys, folder)
+def test_an_arm_and_data_are_asked_for(folder: Path, capsys: Capture) -> None:
     change(folder, "arm: {urdf: suta.urdf", "arm: {urdf: other.urdf")
     assert "other.urdf" in refuses(capsys, folder)
     (folder / "job.yaml").write_text("arm: {urdf: suta.urdf, tip: tip}\n")
     assert "nothing that was measured" in refuses(capsys, folder)
-    (folder / "job.yaml").write_text("arm: [\n")
-    assert "YAML" in refuses(capsys, folder)
 
 
 def test_limits_for_what_is_not_tested_are_refused(folder: Path, capsys: Capture) -> None:

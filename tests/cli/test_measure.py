@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import pty
-import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -17,18 +15,6 @@ from suta_calib.acquisition.guided import Keyboard
 from suta_calib.emulation import EmulatedArm, Still, sweep
 from suta_calib.geometry.numbers import wrap
 from suta_calib.terms import FixedPoint
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Bench:
-    return Bench.made(tmp_path_factory.mktemp("job"), repository)
-
-
-@pytest.fixture
-def bench(made: Bench, tmp_path: Path) -> Bench:
-    """A folder of its own for each test."""
-    shutil.copytree(made.folder, tmp_path / "job")
-    return Bench(tmp_path / "job" / "calibration.yaml", made.arm, made.postures)
 
 
 def test_unattended_it_writes_what_the_arm_truly_did(bench: Bench, capsys: Capture) -> None:

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 import random
-import shutil
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -18,18 +16,6 @@ from cli_job import Capture, cli
 from measuring_bench import Bench
 
 from suta_calib.emulation import EmulatedArm, Still
-
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Bench:
-    return Bench.made(tmp_path_factory.mktemp("job"), repository)
-
-
-@pytest.fixture
-def bench(made: Bench, tmp_path: Path) -> Bench:
-    """A folder of its own for each test."""
-    shutil.copytree(made.folder, tmp_path / "job")
-    return Bench(tmp_path / "job" / "calibration.yaml", made.arm, made.postures)
 
 
 def waited_for(process: subprocess.Popen[str], text: str) -> str:

@@ -154,61 +154,6 @@ def test_budget_splits_the_errors(clean: Path, capsys: Capture) -> None:
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80
 
 
-@pytest.mark.parametrize("command", ["extend", "budget"])
-@pytest.mark.parametrize(
-    ("damage", "said"),
-    [
-        ("no job", "no such file"),
-        ("half a file", "calibration.yaml"),
-        ("degrees", "a.csv"),
-        ("no column", "joint_3"),
-        ("NaN", "a.csv:2"),
-        ("empty", "a.csv"),
-        ("compliance in degrees", "bound_deg_per_nm"),
-        ("encoders of 80 bits", "encoders.bits"),
-    ],
-)
-def test_bad_input_is_one_line(
-    clean: Path, command: str, damage: str, said: str, capsys: Capture
-) -> None:
-    samples = clean.parent / "calibration" / "a.csv"
-    head, first, *rest = samples.read_text().splitlines()
-    spoiled = {
-        "degrees": "\n".join([head, *(_scaled(row) for row in (first, *rest))]),
-        "no column": "\n".join([head.replace("joint_3", "j3"), first, *rest]),
-        "NaN": "\n".join([head, "nan" + first[first.index(",") :], *rest]),
-        "empty": "",
-    }
-    texts = {
-        "half a file": JOB[: len(JOB) // 3],
-        "compliance in degrees": JOB.replace(
-            "observations:", "  - {select: ['*.compliance'], bound_deg: 1}\nobservations:"
-        ),
-        "encoders of 80 bits": JOB + "encoders: {bits: 80}\n",
-    }
-    if damage == "no job":
-        clean.unlink()
-    elif damage in texts:
-        clean.write_text(texts[damage])
-    else:
-        samples.write_text(spoiled[damage])
-    assert cli(command, clean) == 2
-    out = capsys.readouterr()
-    assert out.out == ""
-    assert len(out.err.strip().splitlines()) == 1
-    assert said in out.err
-    assert not (clean.parent / "results").exists()
-
-
-def test_a_negative_seed_is_one_line(clean: Path, capsys: Capture) -> None:
-    assert len(refused(capsys, "extend", clean, "--seed", -1).strip().splitlines()) == 1
-
-
-def _scaled(row: str) -> str:
-    cells = row.split(",")
-    return ",".join(str(57.3 * float(c)) for c in cells[:6]) + "," + ",".join(cells[6:])
-
-
 def test_masses_that_are_missing_are_named(clean: Path, capsys: Capture) -> None:
     urdf = clean.parent / "arm.urdf"
     bare = re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL)
@@ -217,3 +162,16 @@ def test_masses_that_are_missing_are_named(clean: Path, capsys: Capture) -> None
     clean.write_text(text)
     said = refused(capsys, "calibrate", clean)
     assert "arm.urdf: joint_1.compliance: found no mass in any link beyond joint_1" in said
+
+
+@pytest.mark.parametrize("command", ["extend", "budget"])
+def test_bad_input_is_one_line(clean: Path, command: str, capsys: Capture) -> None:
+    compliance = "  - {select: ['*.compliance'], bound_deg: 1}\nobservations:"
+    for text, said in (
+        (JOB.replace("observations:", compliance), "bound_deg_per_nm"),
+        (JOB + "encoders: {bits: 80}\n", "encoders.bits"),
+    ):
+        clean.write_text(text)
+        assert said in refused(capsys, command, clean)
+    refused(capsys, "extend", clean, "--seed", -1)
+    assert not (clean.parent / "results").exists()

@@ -5,10 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from cli_job import TRUTH, Capture, answer, cli, refused, simulated, write_simulated_job
-
-from suta_calib.measurements import write_samples
-from suta_calib.model.arm import ArmModel
+from cli_job import Capture, answer, cli, made_worse, refused, write_simulated_job
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -19,11 +16,7 @@ BOX = ("--region", "150,600,-300,300,0,400", "--grid", "5")
 @pytest.fixture(scope="module")
 def job(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:
     """A job whose held-out data are of an arm that is off the other way."""
-    path = write_simulated_job(tmp_path_factory.mktemp("worse") / "job", suta_urdf)
-    arm = ArmModel.from_urdf(path.parent / "arm.urdf", "tip")
-    opposite = {name: 2 * arm.parameters[name].nominal - value for name, value in TRUTH.items()}
-    write_samples(path.parent / "validation" / "a.csv", simulated(arm, 15, 2, opposite))
-    return path
+    return made_worse(write_simulated_job(tmp_path_factory.mktemp("worse") / "job", suta_urdf))
 
 
 @pytest.mark.parametrize(

@@ -125,45 +125,6 @@ def test_exclusions_that_cannot_be_are_refused(
     assert not (made / "refused").exists()
 
 
-@pytest.mark.parametrize(
-    ("what", "said"),
-    [
-        ("empty", "found"),
-        ("half", "expected"),
-        ("nan", "finite"),
-        ("degrees", "joint_"),
-        ("column", "column"),
-        ("missing", "no file"),
-    ],
-)
-def test_bad_samples_are_one_line_and_leave_nothing(
-    tmp_path: Path, suta_urdf: Path, capsys: Capture, what: str, said: str
-) -> None:
-    job = write_simulated_job(tmp_path / "job", suta_urdf)
-    file = job.parent / "calibration" / "a.csv"
-    damage(file, what)
-    err = refused(capsys, "outliers", job)
-    assert said in err
-    assert not (job.parent / "results").exists()
-
-
-def damage(file: Path, what: str) -> None:
-    text = file.read_text()
-    lines = text.splitlines()
-    cells = lines[3].split(",")
-    if what == "missing":
-        file.unlink()
-        return
-    if what == "nan":
-        lines[3] = ",".join(["nan", *cells[1:]])
-    if what == "degrees":
-        lines[3] = ",".join(["170.0", *cells[1:]])
-    if what == "column":
-        lines[0] = lines[0].replace("joint_2", "joint_two")
-    damaged = {"empty": "", "half": text[: len(text) // 2].rpartition(",")[0]}
-    file.write_text(damaged.get(what, "\n".join(lines) + "\n"))
-
-
 def test_other_kinds_are_judged_row_by_row(
     tmp_path: Path, suta_urdf: Path, capsys: Capture
 ) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import Capture, answer, cli, printed, refused, write_simulated_job
+from cli_job import Capture, answer, cli, printed, write_simulated_job
 from hypothesis import given
 from hypothesis import strategies as st
 from simulated import arm_named
@@ -255,9 +255,3 @@ def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
     told = answer(capsys, "plan", job, "--candidates", file, "-n", 1, code=1)
     assert told["verdict"]["level"] == "bad"
     assert told["verdict"]["notes"][0].startswith("The calibration itself must not be used (not ")
-
-
-def test_a_missing_file_or_job_is_one_line(suta: Path, tmp_path: Path, capsys: Capture) -> None:
-    assert cli("plan", suta, "--candidates", tmp_path / "no.yaml", "--out", tmp_path / "o") == 2
-    assert "no.yaml" in capsys.readouterr().err
-    assert "no.yaml" in refused(capsys, "plan", tmp_path / "no.yaml")

@@ -70,8 +70,6 @@ def first_lines(count: int) -> Callable[[str, str], str]:
 
 # What is spoilt → what the one line must say after the file's name.
 BAD: dict[str, tuple[Callable[[str, str], str], str]] = {
-    "empty": (lambda *_: "", r": found an empty file"),
-    "header only": (first_lines(1), r":1: found a header and no data"),
     "column missing": (renamed("y", "why"), r":1: column '(b_)?y': found only"),
     "nan": (cell("x", 4, "nan"), r":4: column '(b_)?x': found 'nan'"),
     "infinite": (cell("z", 5, "-inf"), r":5: column '(b_)?z': found '-inf'"),
@@ -111,17 +109,6 @@ def test_a_zero_quaternion(folder: Path, command: str, capsys: Capture) -> None:
 def test_an_orientation_missing(folder: Path, command: str, capsys: Capture) -> None:
     spoil_text(folder, command, lambda text: renamed("qw", "w")(text, PREFIX[command]))
     assert re.search(r":1: column '(b_)?qw'.*quaternion", refuses(capsys, folder, command))
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_files_that_are_none(folder: Path, command: str, capsys: Capture) -> None:
-    path = folder / COMMANDS[command][-1]
-    path.write_bytes(b"\x00\xff\xfe\x01" * 50)
-    assert f"{path}:1: found bytes that are not UTF-8" in refuses(capsys, folder, command)
-    path.unlink()
-    assert f"{path}: found no such file" in refuses(capsys, folder, command)
-    path.mkdir()
-    assert f"{path}: found a folder" in refuses(capsys, folder, command)
 
 
 @pytest.mark.parametrize(
@@ -207,39 +194,6 @@ def test_bad_targets(folder: Path, capsys: Capture) -> None:
         line = refuses(capsys, folder, "register", "--target", target)
         assert str(target) in line
         assert says in line
-
-
-@pytest.mark.parametrize("below", ["", "results", "results/deep"])
-@pytest.mark.parametrize(
-    ("command", "module"),
-    [
-        ("pivot", "pivot.calibrate_pivot"),
-        ("hand-eye", "hand_eye.calibrate_hand_eye"),
-        ("register", "registration.register"),
-    ],
-)
-def test_an_output_folder_that_is_a_file(
-    folder: Path,
-    below: str,
-    command: str,
-    module: str,
-    capsys: Capture,
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    def solving(*_: object, **__: object) -> None:
-        raise AssertionError("it began to solve")
-
-    monkeypatch.setattr(f"suta_calib.pose_calibration.{module}", solving)
-    taken = folder / "taken"
-    taken.write_text("mine")
-    assert str(taken) in refuses(capsys, folder, command, "--out", taken / below)
-    assert taken.read_text() == "mine"
-
-
-@pytest.mark.parametrize("command", COMMANDS)
-def test_a_folder_in_the_place_of_a_file(folder: Path, command: str, capsys: Capture) -> None:
-    (folder / "out" / "result.json").mkdir(parents=True)
-    assert str(folder / "out" / "result.json") in refuses(capsys, folder, command)
 
 
 @pytest.mark.parametrize(

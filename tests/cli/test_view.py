@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import TRUTH, Capture, answer, cli, printed, refused, simulated, write_simulated_job
+from cli_job import Capture, answer, cli, made_worse, printed, refused, write_simulated_job
 from simulated import SUTA_URDF
 from swinging_arm import emulated
 from viser_page import held_by
@@ -23,8 +23,6 @@ from suta_calib.emulation import EmulatedArm, Faults
 from suta_calib.emulation.faults import Flag, Window
 from suta_calib.errors import InputError
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.measurements import write_samples
-from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.read_back import read_calibrated
 from suta_calib.tracking.viewing import LiveArm
 from suta_calib.view.calibration import view_calibration
@@ -115,19 +113,10 @@ def test_a_host_that_is_not_this_computer_is_refused(job: Path, host: str, capsy
     assert "--host" in captured.err
 
 
-def unusable(folder: Path) -> Path:
-    """A job whose held-out data are of an arm that is off the other way."""
-    path = write_simulated_job(folder, SUTA_URDF)
-    arm = ArmModel.from_urdf(path.parent / "arm.urdf", "tip")
-    opposite = {name: 2 * arm.parameters[name].nominal - value for name, value in TRUTH.items()}
-    write_samples(path.parent / "validation" / "a.csv", simulated(arm, 15, 2, opposite))
-    return path
-
-
 def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
     tmp_path: Path, capsys: Capture
 ) -> None:
-    job, page = unusable(tmp_path / "job"), tmp_path / "page.html"
+    job, page = made_worse(write_simulated_job(tmp_path / "job", SUTA_URDF)), tmp_path / "page.html"
     assert "Do not use" in printed(capsys, "view", job, "--html", page, code=1)
     assert "Do not use" in page.read_text(encoding="utf-8")
     page.unlink()

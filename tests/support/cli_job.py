@@ -61,6 +61,14 @@ def write_simulated_job(folder: Path, urdf: Path) -> Path:
     return folder / "calibration.yaml"
 
 
+def made_worse(job: Path) -> Path:
+    """The same job with held-out data of an arm that is off the other way."""
+    arm = ArmModel.from_urdf(job.parent / "arm.urdf", "tip")
+    opposite = {name: 2 * arm.parameters[name].nominal - value for name, value in TRUTH.items()}
+    write_samples(job.parent / "validation" / "a.csv", simulated(arm, 15, 2, opposite))
+    return job
+
+
 def cli(*arguments: object) -> int:
     """Run one command line; the exit code."""
     return run([str(a) for a in arguments])
