@@ -196,7 +196,11 @@ def test_a_job_may_judge_a_calibration(calibration: Path, capsys: Capture) -> No
         "job: calibration.yaml\nmpe: {length: {a_um: 250}}\n"
     )
     found = answer(
-        capsys, calibration.parent / "limits.yaml", "--urdf", calibration.parent / "suta.urdf"
+        capsys,
+        "iso10360",
+        calibration.parent / "limits.yaml",
+        "--urdf",
+        calibration.parent / "suta.urdf",
     )
     assert decisions(found) == {"E_Uni": "pass", "L_Dia": "no limit"}
     assert "--urdf" not in " ".join(found["verdict"]["notes"])

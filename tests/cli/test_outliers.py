@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import Capture, cli, printed, refused, write_simulated_job
+from cli_job import Capture, answer, cli, printed, refused, write_simulated_job
 from lxml import etree
 from outlier_studies import SUTA, description, moved
 
@@ -33,7 +33,7 @@ def made(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:
 
 
 @pytest.fixture(scope="module")
-def answer(made: Path) -> dict[str, Any]:
+def listed(made: Path) -> dict[str, Any]:
     """What a run writes; its exit code is checked here."""
     assert cli("outliers", made / "calibration.yaml", "--out", made / "out", "--json") == 0
     found = json.loads((made / "out" / "outliers.json").read_text())
@@ -50,30 +50,30 @@ def excluding(made: Path, what: str) -> Path:
 
 
 def test_the_displaced_landmark_is_named_with_everything_a_user_needs(
-    answer: dict[str, Any],
+    listed: dict[str, Any],
 ) -> None:
-    s2 = answer["landmarks"]["S2"]
+    s2 = listed["landmarks"]["S2"]
     assert s2["outlier"] is True
     assert set(s2["flags"]) == METRICS
     assert s2.keys() > METRICS
     assert s2["as_calibrated"].keys() == METRICS
     assert abs(s2["displacement_mm"][1] + 2.0) < 0.3
-    assert [name for name, g in answer["landmarks"].items() if g["outlier"]] == ["S2"]
-    assert len(answer["landmarks"]) == len(answer["sets"]) == 15
-    assert len(answer["placements"]) == 5
-    assert sum(g["contribution_pct"] for g in answer["landmarks"].values()) == pytest.approx(100)
-    assert answer["held_out"]["method"] == "validation"
-    assert answer["held_out"]["landmarks"]["S2"].keys() > {"rms_before_mm", "rms_after_mm"}
-    assert answer["exclude"] == [{"landmarks": ["S2"]}]
-    assert answer["thresholds"]["bias_mm"] == 1.0
-    assert answer["verdict"]["level"] == "care"
-    assert "S2" in answer["verdict"]["sentence"]
-    assert len(answer["touches"]) == 5
-    assert {"row", "what", "size_mm"} == answer["touches"][0].keys()
+    assert [name for name, g in listed["landmarks"].items() if g["outlier"]] == ["S2"]
+    assert len(listed["landmarks"]) == len(listed["sets"]) == 15
+    assert len(listed["placements"]) == 5
+    assert sum(g["contribution_pct"] for g in listed["landmarks"].values()) == pytest.approx(100)
+    assert listed["held_out"]["method"] == "validation"
+    assert listed["held_out"]["landmarks"]["S2"].keys() > {"rms_before_mm", "rms_after_mm"}
+    assert listed["exclude"] == [{"landmarks": ["S2"]}]
+    assert listed["thresholds"]["bias_mm"] == 1.0
+    assert listed["verdict"]["level"] == "care"
+    assert "S2" in listed["verdict"]["sentence"]
+    assert len(listed["touches"]) == 5
+    assert {"row", "what", "size_mm"} == listed["touches"][0].keys()
 
 
-def test_the_picture_and_the_section_are_written(answer: dict[str, Any], made: Path) -> None:
-    assert set(answer["files"]) == {"outliers.svg", "report.html", "outliers.json"}
+def test_the_picture_and_the_section_are_written(listed: dict[str, Any], made: Path) -> None:
+    assert set(listed["files"]) == {"outliers.svg", "report.html", "outliers.json"}
     svg = (made / "out" / "outliers.svg").read_text()
     etree.fromstring(svg.encode())
     assert "S2 " in svg

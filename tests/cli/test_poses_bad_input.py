@@ -208,5 +208,4 @@ def test_bad_targets(folder: Path, capsys: Capture) -> None:
     ],
 )
 def test_bad_usage(arguments: list[str], says: str, capsys: Capture) -> None:
-    err = refuses(capsys, *arguments)
-    assert says in err
+    assert says in refused(capsys, *arguments)

@@ -97,7 +97,7 @@ def test_an_answer_that_must_not_be_used_is_written_all_the_same(
     frames = np.array(rows).reshape(-1, 8 + 8 + 27)
     frames[:, 16:] = frames[:, 16:][:, np.random.default_rng(0).permutation(27)]
     of(prefix, "calreadings").write_text("\n".join([counts, *frames.ravel()]) + "\n")
-    found = answer(capsys, "stereotactic", "stereotactic", prefix, "--out", out, code=1)
+    found = answer(capsys, "stereotactic", prefix, "--out", out, code=1)
     assert not found["verdict"]["usable"]
     assert "order of the C markers" in found["verdict"]["notes"][0]
     output = read_output1(out / f"{NAME}-output1.txt")

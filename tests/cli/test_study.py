@@ -63,7 +63,17 @@ def test_what_is_written(tmp_path: Path, kind: str, name: str, capsys: Capture) 
 
 def test_parameters_of_a_bootstrap(tmp_path: Path, capsys: Capture) -> None:
     found = answer(
-        capsys, JOB, "--trials", "15", "--jobs", "1", "--kind", "bootstrap", "--out", tmp_path
+        capsys,
+        "study",
+        JOB,
+        "--trials",
+        "15",
+        "--jobs",
+        "1",
+        "--kind",
+        "bootstrap",
+        "--out",
+        tmp_path,
     )
     told, silent = found["parameters"]["joint_4.z"], found["parameters"]["tip.y"]
     assert silent == {"unit": "m", "state": "unidentified", "told": 0}
