@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import platform
 from collections.abc import Iterator, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from typing import Any, Final
 
@@ -39,7 +39,6 @@ from suta_calib.report.document import (
     Figure,
     File,
     Part,
-    Place,
     SpatialFigure,
     Text,
     entry,
@@ -55,7 +54,7 @@ from suta_calib.report.errors import (
     groups,
     residual_rows,
 )
-from suta_calib.report.listing import Json, csv_of_groups
+from suta_calib.report.listing import Json, Place, csv_of_groups
 from suta_calib.report.observability import (
     EXPLANATIONS,
     MOST_SENTENCES,
@@ -115,6 +114,12 @@ def versions() -> Mapping[str, str]:
     """Versions of what computed the result."""
     installed = {name: str(import_module(it).__version__) for name, it in COMPUTED_BY.items()}
     return {"python": platform.python_version()} | installed
+
+
+def _svg(plot: str, *arguments: Any) -> str:
+    """One of `calibration_plots`, which is imported when it is drawn: a console needs none."""
+    svg: str = getattr(report, plot)(*arguments)
+    return svg
 
 
 # What is shown
@@ -187,7 +192,7 @@ def _parameters(result: Calibration, *, verbose: bool) -> Iterator[Part]:
     )
     if changes := solution.changes:
         yield Figure(
-            lambda: report.changes_svg(changes, "parameter-changes"),
+            partial(_svg, "changes_svg", changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
     yield PARAMETERS.of(of_terms, f"The observations' own unknowns ({len(of_terms)})", folded=True)
@@ -224,9 +229,9 @@ def _errors(result: Calibration) -> Iterator[Part]:
     for name in ("validation", "calibration"):
         for k, errors in enumerate(by_kind(sets[name])):
             if len(errors.before):
-                told = errors.before, errors.after, errors.unit, errors.name
+                drawn = errors.before, errors.after, errors.unit, errors.name
                 yield Figure(
-                    lambda told=told, svg=f"histogram-{name}-{k}": report.histogram_svg(*told, svg),
+                    partial(_svg, "histogram_svg", *drawn, f"histogram-{name}-{k}"),
                     f"{name.capitalize()}: {errors.quantity}",
                 )
 
@@ -258,7 +263,7 @@ def _untold(result: Calibration) -> Iterator[Part]:
     values = solution.identification.singular_values
     if len(values):
         yield Figure(
-            lambda: report.singular_values_svg(values, 1.0 / WEAK, named, "singular-values"),
+            partial(_svg, "singular_values_svg", values, 1.0 / WEAK, named, "singular-values"),
             "Singular values: how strongly the data see each direction",
         )
 
@@ -275,9 +280,7 @@ def _remaining_errors(result: Calibration) -> Iterator[Part]:
             svg_name = f"errors-{name.lower()}-{label}"
             unit = terms[0].term.error_unit
             figures.append(
-                Figure(
-                    lambda told=(of[label], label, svg_name, unit): report.groups_svg(*told), title
-                )
+                Figure(partial(_svg, "groups_svg", of[label], label, svg_name, unit), title)
             )
     if figures:
         yield Text("Where the remaining errors are", place="page", look="heading")
@@ -306,7 +309,7 @@ def _noise_and_correlations(result: Calibration) -> Iterator[Part]:
     if (less := len(names) - MOST_CORRELATED) > 0:
         note = f"{less} parameters that are less correlated are left out; result.json has all."
         yield remark(note)
-    yield Figure(lambda: report.correlations_svg(names, matrix, "correlations"))
+    yield Figure(partial(_svg, "correlations_svg", names, matrix, "correlations"))
 
 
 def _computation(result: Calibration) -> Iterator[Part]:

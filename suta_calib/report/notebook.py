@@ -6,7 +6,6 @@ A class that is `showing.Shown` has an entry here: the parts of a document in or
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import singledispatch
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, Final
@@ -23,7 +22,7 @@ from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
 from suta_calib.pose_calibration.pivot import PivotCalibration
 from suta_calib.pose_calibration.registration import Registration
 from suta_calib.report.calibration import calibration_document
-from suta_calib.report.document import Document, Shown
+from suta_calib.report.document import Shown
 from suta_calib.report.errors import errors_table
 from suta_calib.report.hand_eye import frame_tables
 from suta_calib.report.listing import Column, Listing, components, shown_as
@@ -59,13 +58,6 @@ UNKNOWNS: Final = Listing[Parameter](
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
     Column("", "", lambda p: "" if p.free else "fixed"),
 )
-
-DOCUMENTS: Final[dict[type, Callable[[Any], Document]]] = {
-    Observability: observability_document,
-    Outliers: outliers_document,
-    Plan: plan_document,
-    TipMap: tip_map_document,
-}
 
 
 def html_of(shown: ShowsItself) -> str:
@@ -103,52 +95,27 @@ def write_page(answer: Calibration, path: Path) -> None:
     write_bytes_atomically(path, page.encode(errors="replace"))
 
 
-@singledispatch
-def parts_of(shown: ShowsItself) -> Sequence[Shown]:
-    """The parts that a notebook shows of an object; nothing beside its line, of any other."""
-    del shown
-    return ()
-
-
-@parts_of.register
-def _(shown: ArmModel) -> Sequence[Shown]:
-    return (JOINTS.of(shown.chain.joints),)
-
-
-@parts_of.register
-def _(shown: ParameterSet) -> Sequence[Shown]:
-    return (UNKNOWNS.of(shown.values()),)
-
-
-@parts_of.register
-def _(shown: Solution) -> Sequence[Shown]:
-    return (_parameters(CalibrationExamination.of(shown)),)
-
-
-@parts_of.register
-def _(shown: Calibration) -> Sequence[Shown]:
+def _of_calibration(shown: Calibration) -> Sequence[Shown]:
     sets = {"calibration": shown.accuracy.calibration, "validation": shown.accuracy.validation}
     return errors_table(sets), _parameters(shown.examined)
 
 
-@parts_of.register
-def _(shown: PivotCalibration) -> Sequence[Shown]:
-    return (places_table(shown, labelled=len(shown.posts) > 1),)
+# What is shown of an object beside its line, by its class.
+PARTS: Final[dict[type, Callable[[Any], Sequence[Shown]]]] = {
+    ArmModel: lambda arm: [JOINTS.of(arm.chain.joints)],
+    ParameterSet: lambda parameters: [UNKNOWNS.of(parameters.values())],
+    Solution: lambda solution: [_parameters(CalibrationExamination.of(solution))],
+    Calibration: _of_calibration,
+    PivotCalibration: lambda pivot: [places_table(pivot, labelled=len(pivot.posts) > 1)],
+    HandEyeCalibration: lambda eye: [*frame_tables(eye)],
+    Registration: lambda registration: [transform_table(registration)],
+    Observability: lambda shown: observability_document(shown).shown("console"),
+    Outliers: lambda shown: outliers_document(shown).shown("console"),
+    Plan: lambda shown: plan_document(shown).shown("console"),
+    TipMap: lambda shown: tip_map_document(shown).shown("console"),
+}
 
 
-@parts_of.register
-def _(shown: HandEyeCalibration) -> Sequence[Shown]:
-    return tuple(frame_tables(shown))
-
-
-@parts_of.register
-def _(shown: Registration) -> Sequence[Shown]:
-    return (transform_table(shown),)
-
-
-@parts_of.register(Observability)
-@parts_of.register(Outliers)
-@parts_of.register(Plan)
-@parts_of.register(TipMap)
-def _(shown: Observability | Outliers | Plan | TipMap) -> Sequence[Shown]:
-    return DOCUMENTS[type(shown)](shown).shown("console")
+def parts_of(shown: ShowsItself) -> Sequence[Shown]:
+    """The parts that a notebook shows of an object; nothing beside its line, of any other."""
+    return next((PARTS[kind](shown) for kind in type(shown).__mro__ if kind in PARTS), ())

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Final
 
-from suta_calib.report.document import Document, Part, Place, Text, section
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.document import Document, Part, Text, section
+from suta_calib.report.listing import Column, Json, Listing, Place
 from suta_calib.report.parameters import PROSPECTS, left_out
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.solution import Solution

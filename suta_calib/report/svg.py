@@ -9,7 +9,6 @@ from contextlib import contextmanager
 from typing import Any, Final, cast
 
 from lxml import etree
-from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
@@ -81,21 +80,21 @@ def _lay_out(figure: Figure, name: str) -> str:
     if engine is None:
         return ""
     figure.dpi = 72.0
-    size = figure.get_size_inches()
+    width, height = figure.get_size_inches()
     # A narrow page enlarges what is written in a figure (`templates/style.css`) so many times.
-    figure.set_size_inches(size / 1.22)
+    figure.set_size_inches(width / 1.22, height / 1.22)
     if len(figure.axes) == 1 and not figure.legends and figure.axes[0].get_aspect() == "auto":
         _fill(figure, figure.axes[0])
     else:
         engine.execute(figure)
-    figure.set_size_inches(size)
+    figure.set_size_inches(width, height)
     figure.set_layout_engine("none")
     parts = mark(figure, name) if figure.get_figwidth() > WIDTH else ""
     figure.dpi = resolution
     return parts
 
 
-def _fill(figure: Figure, axes: Axes) -> None:
+def _fill(figure: Any, axes: Any) -> None:
     """Give one panel all the room that what is written about it leaves: in one pass, not two."""
     axes.set_position((0.1, 0.15, 0.88, 0.75))
     (outer, inner), pad = (axes.get_tightbbox().padded(3.0), axes.bbox), figure.bbox

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import singledispatch
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -120,107 +119,45 @@ def draw_floor(api: viser.SceneApi, scene: ArmScene) -> None:
     )
 
 
-@singledispatch
-def draw(thing: Thing, api: viser.SceneApi, path: str, scene: ArmScene) -> Any:
-    """Draw one thing.
-
-    Args:
-        thing: of the scene.
-        api: of the server.
-        path: of its node.
-        scene: that it is of.
+def draw(thing: Thing, api: Any, path: str, scene: ArmScene) -> Any:
+    """Draw one thing of a scene through the server's ``api``, at the node ``path``.
 
     Returns:
         Its handle.
     """
-    raise TypeError(f"{type(thing).__name__} at {path} of {scene.title}, on {api}")
-
-
-@draw.register
-def _(thing: PointCloud, api: Any, path: str, scene: ArmScene) -> Any:
-    del scene
-    for k, label in enumerate(thing.labels):
-        api.add_label(f"{path}/{k}", label, position=thing.position[k], font_screen_scale=0.7)
-    return spheres(api, path, thing.position, np.full(3, thing.size), thing.colour)
-
-
-@draw.register
-def _(thing: ErrorVectors, api: Any, path: str, scene: ArmScene) -> Any:
-    # Of the scene's size.
-    shaft = 0.0012 * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
-    return api.add_arrows(
-        path,
-        thing.ends(scene.magnification).astype(np.float32),
-        thing.colours.astype(np.uint8),
-        shaft_radius=shaft,
-        head_radius=2.5 * shaft,
-        head_length=6.0 * shaft,
-    )
-
-
-@draw.register
-def _(thing: Ellipsoids, api: Any, path: str, scene: ArmScene) -> Any:
-    return spheres(
-        api,
-        path,
-        thing.at,
-        ellipsoid_scales(thing, scene.inflation),
-        thing.colour,
-        turn=thing.turn,
-        opacity=0.5,
-    )
-
-
-@draw.register
-def _(thing: Frame, api: Any, path: str, scene: ArmScene) -> Any:
-    del scene
-    api.add_label(f"{path}/label", thing.name.rpartition("/")[2], font_screen_scale=0.9)
-    return api.add_frame(
-        path,
-        wxyz=wxyz(thing.rotation),
-        position=thing.position,
-        axes_length=thing.size,
-        axes_radius=0.03 * thing.size,
-    )
-
-
-@draw.register
-def _(thing: Frustum, api: Any, path: str, scene: ArmScene) -> Any:
-    del scene
-    api.add_label(f"{path}/label", thing.name.rpartition("/")[2], font_screen_scale=0.9)
-    return api.add_camera_frustum(
-        path,
-        thing.field_of_view,
-        thing.aspect,
-        scale=thing.size,
-        thickness=2.0,
-        thickness_units="screen",
-        color=_CALIBRATED,
-        wxyz=wxyz(thing.rotation),
-        position=thing.position,
-    )
-
-
-@draw.register
-def _(thing: Patch, api: Any, path: str, scene: ArmScene) -> Any:
-    del scene
-    faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
-    corners = thing.corners.astype(np.float32)
-    return api.add_mesh_simple(
-        path, corners, faces, color=thing.colour, opacity=0.4, side="double", flat_shading=True
-    )
-
-
-@draw.register
-def _(thing: Stroke, api: Any, path: str, scene: ArmScene) -> Any:
-    del scene
-    return api.add_line_segments(
-        path,
-        thing.ends[None].astype(np.float32),
-        thing.colour,
-        thickness=3.0,
-        thickness_units="screen",
-    )
+    of_screen: dict[str, Any] = {"thickness_units": "screen"}
+    match thing:
+        case PointCloud():
+            for k, (label, at) in enumerate(zip(thing.labels, thing.position, strict=False)):
+                api.add_label(f"{path}/{k}", label, position=at, font_screen_scale=0.7)
+            return spheres(api, path, thing.position, np.full(3, thing.size), thing.colour)
+        case ErrorVectors():
+            # Of the scene's size.
+            shaft = 0.0012 * float(np.linalg.norm(np.ptp(scene.extent, axis=0)))
+            ends = thing.ends(scene.magnification).astype(np.float32)
+            head = {"head_radius": 2.5 * shaft, "head_length": 6.0 * shaft}
+            return api.add_arrows(
+                path, ends, thing.colours.astype(np.uint8), shaft_radius=shaft, **head
+            )
+        case Ellipsoids():
+            scales = ellipsoid_scales(thing, scene.inflation)
+            return spheres(api, path, thing.at, scales, thing.colour, thing.turn, 0.5)
+        case Frame():
+            api.add_label(f"{path}/label", thing.name.rpartition("/")[2], font_screen_scale=0.9)
+            place = {"wxyz": wxyz(thing.rotation), "position": thing.position}
+            if isinstance(thing, Frustum):
+                of_screen |= {"scale": thing.size, "thickness": 2.0, "color": _CALIBRATED}
+                lens = thing.field_of_view, thing.aspect
+                return api.add_camera_frustum(path, *lens, **of_screen, **place)
+            axes = {"axes_length": thing.size, "axes_radius": 0.03 * thing.size}
+            return api.add_frame(path, **place, **axes)
+        case Patch():
+            faces = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
+            flat = {"color": thing.colour, "opacity": 0.4, "side": "double", "flat_shading": True}
+            return api.add_mesh_simple(path, thing.corners.astype(np.float32), faces, **flat)
+        case Stroke():
+            ends = thing.ends[None].astype(np.float32)
+            return api.add_line_segments(path, ends, thing.colour, thickness=3.0, **of_screen)
 
 
 def ellipsoid_scales(thing: Ellipsoids, factor: float) -> FloatArray:
@@ -234,7 +171,6 @@ def spheres(
     at: FloatArray,
     scales: FloatArray,
     colour: Colour | FloatArray,
-    *,
     turn: FloatArray | None = None,
     opacity: float | None = None,
 ) -> Any:

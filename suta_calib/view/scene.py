@@ -109,22 +109,16 @@ class Frame:
 
 
 @dataclass(frozen=True, eq=False)
-class Frustum:
-    """What a camera sees, z ahead and y down.
+class Frustum(Frame):
+    """A camera's frame, z ahead and y down, and what it sees.
 
     Attributes:
-        name, rotation, position, size, carrier: as of a `Frame`.
         field_of_view: from top to bottom, rad.
         aspect: width over height.
     """
 
-    name: str
-    rotation: FloatArray
-    position: FloatArray
-    size: float
-    field_of_view: float
-    aspect: float
-    carrier: str = ""
+    field_of_view: float = 0.8
+    aspect: float = 4.0 / 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +151,7 @@ class Stroke:
     colour: Colour
 
 
-Thing = PointCloud | ErrorVectors | Ellipsoids | Frame | Frustum | Patch | Stroke
+Thing = PointCloud | ErrorVectors | Ellipsoids | Frame | Patch | Stroke
 
 
 @dataclass(frozen=True, eq=False)

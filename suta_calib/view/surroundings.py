@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -16,8 +17,6 @@ from suta_calib.view.scene import Colour, Frame, Frustum, Patch, PointCloud, Str
 
 # Orange, of Okabe and Ito: told apart by the colour-blind too.
 STANDING: Final[Colour] = (230, 159, 0)
-# Where nothing is known of a camera's lens, rad, and width over height of its picture.
-_LENS: Final = (0.8, 4.0 / 3.0)
 
 
 def surroundings(
@@ -63,13 +62,11 @@ def _frame(
         return PointCloud(name, p[None], colour, 0.08 * size, (_label(frame, what),), carrier)
     if not sees:
         return Frame(name, R, p, 0.6 * size, carrier)
-    camera = term.settings.get("camera")
-    if camera is None:
-        lens = _LENS
-    else:
-        angle = 2.0 * math.atan2(camera.height, 2.0 * camera.matrix[1, 1])
-        lens = (angle, camera.width / camera.height)
-    return Frustum(name, R, p, size, *lens, carrier)
+    seen = Frustum(name, R, p, size, carrier)
+    if (camera := term.settings.get("camera")) is None:
+        return seen
+    angle = 2.0 * math.atan2(camera.height, 2.0 * camera.matrix[1, 1])
+    return replace(seen, field_of_view=angle, aspect=camera.width / camera.height)
 
 
 def _tip_link(term: Term, frame: ExternalFrame) -> str:
