@@ -26,8 +26,6 @@ from suta_calib.units import deg, mm
 
 # With --json somebody waits for the answer.
 _JSON_SECONDS: Final = 3.0
-_LIVE_S: Final = 0.25
-_LINE_S: Final = 1.0
 
 
 @click.command()
@@ -152,10 +150,10 @@ class _View:
         if self._quiet:
             return
         if not self._next:  # a rate needs some time to be one
-            self._next = now + _LIVE_S
+            self._next = now + 0.25
         if now < self._next:
             return
-        self._next = now + (_LINE_S if self._live is None else _LIVE_S)
+        self._next = now + (1.0 if self._live is None else 0.25)
         if self._live is None:
             self._console.print(_line(report()), soft_wrap=True)
         else:

@@ -30,8 +30,6 @@ from suta_calib.units import from_deg, from_mm, stored
 if TYPE_CHECKING:
     from suta_calib.analysis.study.trial import Kind
 
-# Each is kept in memory and written down; no question needs more.
-MOST_TRIALS: Final = 100_000
 _RANGE: Final = re.compile(r"(\d{1,6})(?:-(\d{1,6})(?::(\d{1,6}))?)?")
 
 
@@ -59,7 +57,7 @@ def _sizes(
 @option(
     "--kind", "What to study.", click.Choice(["size", "bootstrap", "monte-carlo", "drift"]), "size"
 )
-@option("--trials", "How many; of each size.", click.IntRange(1, MOST_TRIALS), 100)
+@option("--trials", "How many; of each size.", click.IntRange(1, 100_000), 100)
 @option("--sizes LIST", "Sets to draw, as 1-10 or 2,4,8; default: 1-10.", callback=_sizes)
 @option(
     "--unit [set|placement|point|…|sample]",

@@ -31,9 +31,6 @@ if TYPE_CHECKING:
     from suta_calib.tracking.live import Tracking
     from suta_calib.tracking.session import TrackingSession
 
-# A pose older than this is not where the arm is.
-_STALE_S: Final = 0.5
-NO_POSE: Final = 1
 _ADDRESS: Final = re.compile(r"(?:\[(?P<six>[^\]]+)\]|(?P<host>[^\[\]]*)):(?P<port>\d+)")
 
 
@@ -119,7 +116,7 @@ def track(context: click.Context, /, **options: Any) -> None:
         raise KeyboardInterrupt
     if not tracking.session.valid:
         click.echo("suta-calib: no valid pose in all that time", err=True)
-        context.exit(NO_POSE)
+        context.exit(1)
 
 
 def _print_end(tracking: Tracking, *, stats: bool) -> None:
@@ -269,7 +266,8 @@ def _stale(session: TrackingSession) -> str:
     """What to say of a pose that is old, empty for a fresh one."""
     now = time.perf_counter() if session.running else session.ended
     age = 0.0 if session.last is None else now - session.last.arrival
-    return f"no reading for {age:.1f} s" if age > _STALE_S else ""
+    # By then it is not where the arm is.
+    return f"no reading for {age:.1f} s" if age > 0.5 else ""
 
 
 def _numbers(title: str, heads: Sequence[str], rows: list[tuple[str, ...]]) -> RenderableType:

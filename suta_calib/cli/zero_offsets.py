@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 import numpy as np
@@ -25,8 +25,6 @@ from suta_calib.units import from_deg, from_mm
 if TYPE_CHECKING:
     from suta_calib.measurements import Samples
     from suta_calib.model.arm import ArmModel
-
-_TOLERANCE_MM: Final = 20.0
 
 
 @answer_command
@@ -50,7 +48,7 @@ _TOLERANCE_MM: Final = 20.0
     "--tolerance-mm",
     "How far the tip may stay from where it is known to be (RMS).",
     POSITIVE,
-    _TOLERANCE_MM,
+    20.0,
 )
 def zero_offsets(
     urdf: Path,

@@ -39,8 +39,6 @@ _PILLARS: Final = (
     "diagonal of the holes to the middle of the other; 0-2, 1-3: their lengths; flats: their "
     "distance."
 )
-# The longest arrow or ellipse, as a part of the artefact's extent.
-LONGEST: Final = 0.15
 MARKERS: Final[tuple[dict[str, Any], ...]] = (
     {"marker": "o", "color": BLUE},
     {"marker": "s", "color": ORANGE, "markeredgecolor": "black", "markeredgewidth": 0.6},
@@ -309,8 +307,8 @@ def certification_plot(certification: Certification) -> str:
 def _from_above(axes: Axes, certification: Certification) -> None:
     places = np.array([mark.position for mark in certification.landmarks])
     damaged = np.array([mark.name in certification.damaged for mark in certification.landmarks])
-    # The longest arrow or ellipse, m.
-    most = LONGEST * (float(np.ptp(places[:, :2], axis=0).max()) or 1.0)
+    # The longest arrow or ellipse, m: a part of the artefact's extent.
+    most = 0.15 * (float(np.ptp(places[:, :2], axis=0).max()) or 1.0)
     if certification.comparison is None:
         factor = _ellipses(axes, certification, places, most)
         title = f"95 % ellipses, enlarged {factor:g} times"

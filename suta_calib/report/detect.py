@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from suta_calib.vision import Detection, SearchedPicture
 
 NAME: Final = "detect"
-# Most corners that are drawn, as a drawing of more is many megabytes.
-_MOST_MARKS: Final = 5000
 _PIXELS: Final = frozenset({"fx", "fy", "cx", "cy"})
 
 VIEWS: Final = Listing["SearchedPicture"](
@@ -137,7 +135,8 @@ def _plot(detection: Detection) -> str:
     assert residuals is not None
     with picture(NAME, (1.3 * WIDTH, 3.8)) as figure:
         where, left = figure.subplots(1, 2, width_ratios=(1.4, 1))
-        step = max(1, len(residuals) // _MOST_MARKS)
+        # A drawing of more corners is many megabytes.
+        step = max(1, len(residuals) // 5000)
         marks: dict[str, Any] = {"color": BLUE, "ms": 1.5, "alpha": 0.6, "linestyle": "none"}
         where.plot(*detection.corners.pixel[::step].T, marker="o", **marks)
         where.set_xlim(-0.5, camera.width - 0.5)

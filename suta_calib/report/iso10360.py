@@ -198,8 +198,6 @@ _LEGEND: Final[dict[str, Any]] = {
     **{"fontsize": 7, "ncols": 2, "loc": "lower left", "bbox_to_anchor": (0, 1)},
     **{"borderaxespad": 0.2, "handletextpad": 0.2, "columnspacing": 1.0},
 }
-# Placements of a legend above a panel as wide as the figure.
-_IN_A_ROW: Final = 7
 _LOOKS: Final = ((BLUE, "o"), (ORANGE, "s"), ("black", "D"), (GREY, "^"), (BLUE, "P"))
 
 
@@ -245,7 +243,8 @@ def _lengths(axes: Axes, test: AcceptanceTest, lengths: LengthErrors) -> None:
     axes.set_xlabel("calibrated length, mm")
     axes.set_ylabel("measured − calibrated, mm")
     axes.grid(axis="y")
-    axes.legend(**_LEGEND | {"ncols": _IN_A_ROW, "columnspacing": 3.5})
+    # The panel is as wide as the figure.
+    axes.legend(**_LEGEND | {"ncols": 7, "columnspacing": 3.5})
 
 
 def _articulations(axes: Axes, test: AcceptanceTest) -> None:

@@ -24,11 +24,7 @@ from suta_calib.report.spatial import scene_html
 
 # Documents that a report begins anew with.
 BEGINS: Final = ("opening", "result")
-# Width of a letter, of what is about a cell, and letters in which a text may be set, px; and the
-# widths of a page at which tables that need as much begin to stack.
-_LETTER: Final = 8.3
-_CELL: Final = 14.0
-_PROSE: Final = 24
+# Widths of a page at which tables that need as much begin to stack, px.
 _ROOM: Final = tuple(range(320, 1000, 60))
 _COLOUR: Final = re.compile(r"#[0-9a-fA-F]{6}\b")
 _END: Final = "<!-- analyses -->"
@@ -144,11 +140,13 @@ def _stacked(table: Table) -> str:
     """
     if not any(table.heads):
         return ""
-    needed = float(_CELL * len(table.heads))
+    # Width of a letter, and of what is about a cell, px; letters in which a text may be set.
+    letter, about, prose = 8.3, 14.0, 24
+    needed = about * len(table.heads)
     for k, column in enumerate(zip(table.heads, *table.cells, strict=True)):
         words = column if k in table.numeric else " ".join(column).split()
         shortest = max(map(len, words), default=0)
-        needed += _LETTER * max(shortest, min(_PROSE, max(map(len, column))))
+        needed += letter * max(shortest, min(prose, max(map(len, column))))
     return next((f"over-{step}" for step in _ROOM if needed <= step), f"over-{_ROOM[-1]}")
 
 

@@ -35,8 +35,6 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
-# Of the picture's width, how long the largest error is drawn.
-_ARROW: Final = 0.06
 _INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "linestyle": "none", "ms": 4.5}
 _OUTLIER: Final[dict[str, Any]] = {
     "marker": "X",
@@ -326,7 +324,8 @@ def picture_plot(calibration: PictureCalibration) -> str:
             fitted = camera.corners[camera.corners[:, 6] > 0]
             u, v, du, dv = fitted[:, 2:6].T
             largest = max(float(np.hypot(du, dv).max(initial=0.0)), 1e-9)
-            scale = largest / (_ARROW * camera.camera.width)
+            # The largest error is drawn as long as this part of the picture's width.
+            scale = largest / (0.06 * camera.camera.width)
             over.quiver(u, v, du, dv, angles="xy", scale_units="xy", scale=scale, width=3e-3)
             over.set(xlim=(0, camera.camera.width), ylim=(camera.camera.height, 0), aspect="equal")
             over.set(xlabel="u, px", ylabel="v, px", title=f"errors × {1 / scale:.0f}")

@@ -29,8 +29,6 @@ from suta_calib.report.repeated_touches import touches_data, touches_parts
 from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
 
 NAME: Final = "repeatability"
-# Encoders are finer than the decimals of a pose.
-_DIGITS: Final = 3
 _HOW: Final = (
     "RP is the mean distance of the visits to their barycentre plus three standard deviations "
     "(ISO 9283:1998, 7.2.2). Intervals are those of a jackknife on the logarithm."
@@ -212,7 +210,8 @@ ALLAN: Final = Listing[JointNoise](
 
 
 def _small(value: float | None, unit: Unit) -> str:
-    return NOTHING if value is None else f"{thousandths(value, unit):.{_DIGITS}g}"
+    """Thousandths: encoders are finer than the decimals of a pose."""
+    return NOTHING if value is None else f"{thousandths(value, unit):.3g}"
 
 
 def _with_half(value: float | None, half: float | None, unit: Unit) -> str:

@@ -25,10 +25,6 @@ AZIMUTH: Final = -55.0
 ELEVATION: Final = 22.0
 WIDTH: Final = 860.0
 HEIGHT: Final = 430.0
-_MARGIN: Final = 24.0
-# Cells of the floor's grid across the scene, about.
-_CELLS: Final = 8.0
-_TRIAD: Final = 0.08
 
 
 def scene_html(scene: Scene, name: str, templates: Environment) -> str:
@@ -40,7 +36,8 @@ def scene_html(scene: Scene, name: str, templates: Environment) -> str:
         templates: those of the report.
     """
     low, high = mm(scene.extent)
-    step = round_down(float((high - low).max()) / _CELLS * 2)
+    # About as many cells of the floor's grid across the scene.
+    step = round_down(float((high - low).max()) / 8.0 * 2)
     parts = [*_ground(low, high, step), *scene.parts]
     middle = (low + high) / 2
     scale = _fitting(np.concatenate([mm(part.points) for part in parts]) - middle)
@@ -96,7 +93,8 @@ def _fitting(points: FloatArray) -> float:
     across = float(np.linalg.norm(points[:, :2], axis=1).max())
     turned = [projected(points, 1.0, azimuth)[:, 1] for azimuth in range(0, 360, 30)]
     upward = float(np.abs(np.concatenate(turned)).max())
-    return min((WIDTH / 2 - _MARGIN) / across, (HEIGHT / 2 - _MARGIN) / upward)
+    margin = 24.0
+    return min((WIDTH / 2 - margin) / across, (HEIGHT / 2 - margin) / upward)
 
 
 def _ground(low: FloatArray, high: FloatArray, step: float) -> Iterator[Part]:
@@ -110,7 +108,7 @@ def _ground(low: FloatArray, high: FloatArray, step: float) -> Iterator[Part]:
             ends[2] = np.nan
             lines.append(ends)
     yield Line("", "grid", from_mm(np.concatenate(lines)))
-    length = _TRIAD * float(np.linalg.norm(high - low))
+    length = 0.08 * float(np.linalg.norm(high - low))
     triad = [np.array([np.zeros(3), length * axis, np.full(3, np.nan)]) for axis in np.eye(3)]
     yield Line("", "frame", from_mm(np.concatenate(triad)))
     yield PlacedPoints("", "frame", from_mm(1.25 * length * np.eye(3)), tuple("xyz"))

@@ -26,11 +26,8 @@ from suta_calib.view.scene import (
 if TYPE_CHECKING:
     import viser
 
-# Of lines between links, px: of the arm that is looked at, and of the other, which lies within.
-_BONES: Final = (4.0, 2.0)
 _NOMINAL: Final[Colour] = (150, 150, 150)
 _CALIBRATED: Final[Colour] = (40, 70, 120)
-_SEE_THROUGH: Final = 0.3
 
 
 def wxyz(rotation: FloatArray) -> FloatArray:
@@ -65,7 +62,7 @@ class ShownArm:
         ]
         for k, mesh in enumerate(drawn.meshes):
             *colour, alpha = mesh.colour
-            opacity = alpha / 255 * (1.0 if solid else _SEE_THROUGH)
+            opacity = alpha / 255 * (1.0 if solid else 0.3)
             api.add_mesh_simple(
                 f"{self.node(mesh.link)}/shape_{k}",
                 mesh.vertices.astype(np.float32),
@@ -79,7 +76,8 @@ class ShownArm:
             self.chain,
             np.zeros((len(drawn.bones), 2, 3)),
             _CALIBRATED if solid else _NOMINAL,
-            thickness=_BONES[0] if solid else _BONES[1],
+            # That of the other arm lies within.
+            thickness=4.0 if solid else 2.0,
             thickness_units="screen",
         )
 

@@ -37,11 +37,6 @@ if TYPE_CHECKING:
 
 # How long a sample is shown, s.
 EACH_S: Final = 0.25
-# How near a click must pass a sample, in radii of its mark.
-NEAR: Final = 3.0
-_WELL: Final = (150, 150, 150)
-# How far sliders of factors go beyond, and how far below, what they begin with.
-_WIDER: Final = 10.0
 _LEVELS: Final = {"good": "#009E73", "care": "#B8860B", "bad": "#D55E00"}
 
 
@@ -160,7 +155,7 @@ class Viewer:
     def _draw_rows(self) -> None:
         api, rows = self.server.scene, self.scene.rows
         size = self.mark
-        colours = np.where(rows.outlying[:, None], OUTLYING, _WELL)
+        colours = np.where(rows.outlying[:, None], OUTLYING, (150, 150, 150))
         marks = spheres(api, "/samples", rows.at, np.full(3, size), colours)
         marks.on_click(self._clicked)
         self._chosen = api.add_label("/name of the sample", rows.names[0], position=rows.at[0])
@@ -170,7 +165,8 @@ class Viewer:
         row = event.instance_index
         if row is None:
             ray = np.array(event.ray_origin), np.array(event.ray_direction)
-            row = self.scene.rows.along(*ray, NEAR * self.mark)
+            # A click may pass a sample so many radii of its mark away.
+            row = self.scene.rows.along(*ray, 3.0 * self.mark)
         if row is not None:
             self.choose(row)
 
@@ -221,7 +217,7 @@ class Viewer:
             node.visible = box.value
 
     def _add_factor(self, label: str, first: float, change: Callable[[float], None]) -> None:
-        slider = self.server.gui.add_slider(label, 0.0, _WIDER * first, first / 10.0, first)
+        slider = self.server.gui.add_slider(label, 0.0, 10.0 * first, first / 10.0, first)
         slider.on_update(lambda _: change(slider.value))
 
     def _add_joints(self) -> None:
