@@ -17,15 +17,7 @@ from suta_calib.units import Unit, shown, unit_name
 def draw_histogram(
     axes: Any, before: FloatArray, after: FloatArray, unit: Unit, quantity: str
 ) -> None:
-    """Draw a histogram of error norms before and after, with mean and RMS, in the reader's unit.
-
-    Args:
-        axes: empty `Axes`.
-        before: (n,) at least one, SI.
-        after: the same.
-        unit: of both.
-        quantity: whose errors they are, such as ``distance``.
-    """
+    """Draw a histogram of error norms (n,), SI, before and after, with mean and RMS."""
     sizes = {name: np.abs(shown(e, unit)) for name, e in (("before", before), ("after", after))}
     bins, logarithmic = _bins(*sizes.values())
     if logarithmic:
@@ -68,15 +60,9 @@ def _bins(before: FloatArray, after: FloatArray) -> tuple[FloatArray, bool]:
 def draw_grouped_errors(
     axes: Any, groups: Mapping[str, FloatArray], grouping: str, unit: Unit = "m"
 ) -> None:
-    """Draw boxes of errors as Tukey did, one a group, worst median first, in the reader's unit.
+    """Draw boxes of errors, SI, as Tukey did, one a group, worst median first, in mm or deg.
 
     A whisker ends at the last error within one and a half boxes; what is beyond is a point.
-
-    Args:
-        axes: empty `Axes`.
-        groups: errors, SI, by the group's name; those beyond `MOST_GROUPS` are left out.
-        grouping: what the groups are, e.g. ``landmark``.
-        unit: SI unit of the errors.
     """
     ranked = sorted(groups.items(), key=lambda item: -float(np.median(item[1])))[:MOST_GROUPS]
     boxes = boxplot_stats([shown(errors, unit) for _, errors in ranked])

@@ -38,10 +38,6 @@ def shortened(text: str, most: int = 40) -> str:
 
 
 def round_down(value: float) -> float:
-    """1, 2 or 5 times a power of ten, no larger than ``value``: a factor that can be told.
-
-    Args:
-        value: positive.
-    """
+    """1, 2 or 5 times a power of ten, at most a positive value: a factor that can be told."""
     decade = 10.0 ** np.floor(np.log10(value))
     return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))

@@ -14,15 +14,7 @@ from suta_calib.units import Unit, shown, unit_name
 
 
 def draw_changes(figure: Any, changes: Sequence[Change]) -> list[Any]:
-    """Draw every change ± one standard deviation, a panel for each unit, mm and degrees.
-
-    Args:
-        figure: an empty `Figure` or `SubFigure`.
-        changes: at least one; the panels are in the order in which their units first occur.
-
-    Returns:
-        The panels' `Axes`.
-    """
+    """Draw every change ± one standard deviation, a panel for each unit; returns the panels."""
     by_unit: dict[Unit, list[Change]] = {}
     for parameter in changes:
         by_unit.setdefault(parameter.unit, []).append(parameter)

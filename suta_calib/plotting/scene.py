@@ -24,13 +24,7 @@ Look = Literal["links", "axes", "tip", "touched", "place", "before", "after", "g
 
 @dataclass(frozen=True, eq=False)
 class Line(Displayable):
-    """A line from point to point.
-
-    Attributes:
-        name: in the legend.
-        look: what it stands for.
-        points: (n, 3) m.
-    """
+    """A line from point to point, (n, 3) m."""
 
     name: str
     look: Look
@@ -39,14 +33,7 @@ class Line(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class PlacedPoints(Displayable):
-    """Points, each with a label or none.
-
-    Attributes:
-        name: in the legend.
-        look: what they stand for.
-        points: (n, 3) m.
-        labels: (n,) written beside them; empty for none.
-    """
+    """Points (n, 3), m, each with a label or none."""
 
     name: str
     look: Look
@@ -56,15 +43,7 @@ class PlacedPoints(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class Arrows(Displayable):
-    """Vectors, drawn from their points on, so many times as long as they are.
-
-    Attributes:
-        name: in the legend.
-        look: what they stand for.
-        points: (n, 3) where they begin, m.
-        vectors: (n, 3) as they are, m.
-        factor: how many times as long they are drawn.
-    """
+    """Vectors (n, 3), m, drawn from their points (n, 3), m, on, ``factor`` times as long."""
 
     name: str
     look: Look

@@ -36,11 +36,7 @@ STYLE: Final[dict[str, Any]] = {
 
 @contextmanager
 def style(name: str) -> Iterator[None]:
-    """The look all plots of a page share, whatever the user's own Matplotlib settings are.
-
-    Args:
-        name: of the plot, unique on the page: keeps the ids in its SVG its own.
-    """
+    """The look of all plots of a page, whatever the user's settings are; by the plot's name."""
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         settings: Any = STYLE | {"svg.hashsalt": name}
@@ -86,14 +82,7 @@ def figure_or_new(figure: Any, size: tuple[float, float]) -> Any:
 def legend_above(
     axes: Any, handles: Sequence[Any] | None = None, columns: int = 2, title: str = ""
 ) -> None:
-    """Put the legend over the panel, where it hides nothing, and the title over that.
-
-    Args:
-        axes: `Axes`.
-        handles: what it names, in order; all that has a label by default.
-        columns: it fills one after the other.
-        title: of the panel.
-    """
+    """Put the legend over the panel, where it hides nothing, and the title over that."""
     handles = axes.get_legend_handles_labels()[0] if handles is None else handles
     # A row of a legend in letters of 8 points, and room about it.
     axes.set_title(title, pad=13.0 * -(-len(handles) // columns) + 6.0)
@@ -108,15 +97,7 @@ def shades() -> Any:
 
 
 def thinned(x: FloatArray, y: FloatArray) -> IntArray:
-    """Which of many marks to draw: where thousands hide each other, one of each small cell.
-
-    Args:
-        x: (n,) their places across.
-        y: (n,) their places along the other axis.
-
-    Returns:
-        Rows, in order.
-    """
+    """Rows of marks (n,) to draw: where thousands hide each other, one of each small cell."""
     if len(x) <= 2000:
         return np.arange(len(x))
     # Cells of a 300th: about two points of a panel, less than a mark.

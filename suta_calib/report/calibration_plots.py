@@ -31,29 +31,14 @@ from suta_calib.units import Unit
 def histogram_svg(
     before: FloatArray, after: FloatArray, unit: Unit, quantity: str, name: str
 ) -> str:
-    """Histogram of the error norms before and after, with mean and RMS; mm or deg.
-
-    Args:
-        before: (n,) error norms with the nominal arm, at least one, m or rad.
-        after: (n,) the same with the calibrated one.
-        unit: m or rad.
-        quantity: what errs, e.g. ``distance``.
-        name: id of the plot on its page.
-    """
+    """Histogram of error norms (n,) before and after, m or rad, with their mean and RMS."""
     with picture(name, (WIDTH, 3.2)) as figure:
         draw_histogram(figure.subplots(), before, after, unit, quantity)
         return svg_text(figure, name, f"Histogram of the {quantity} errors before and after")
 
 
 def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str, unit: Unit = "m") -> str:
-    """Box plot of the errors after calibration, one box a group, worst median first.
-
-    Args:
-        groups: errors, in SI, by the group's name; not empty.
-        grouping: what the groups are, e.g. ``landmark``.
-        name: id of the plot on its page.
-        unit: SI unit of the errors.
-    """
+    """Box plot of errors after calibration, SI: one box a group, worst median first."""
     # Fewer than three boxes have no room for the name of their axis.
     rows = max(min(len(groups), MOST_GROUPS), 3)
     with picture(name, (WIDTH, 0.6 + 1.1 * ROW_HEIGHT * rows)) as figure:
@@ -62,12 +47,7 @@ def groups_svg(groups: Mapping[str, FloatArray], grouping: str, name: str, unit:
 
 
 def changes_svg(changes: Sequence[Change], name: str) -> str:
-    """Change of every estimated parameter from nominal with ± one standard deviation; mm and deg.
-
-    Args:
-        changes: at least one.
-        name: id of the plot on its page.
-    """
+    """Change of every estimated parameter from nominal ± one standard deviation."""
     units = [change.unit for change in changes]
     rows = max(map(units.count, units))
     with picture(name, (WIDTH, 1.1 + ROW_HEIGHT * rows)) as figure:
@@ -78,14 +58,7 @@ def changes_svg(changes: Sequence[Change], name: str) -> str:
 def singular_values_svg(
     values: FloatArray, threshold: float, weak: Sequence[str], name: str
 ) -> str:
-    """Singular values on a log axis, and the threshold below which the data alone do not tell.
-
-    Args:
-        values: (n,) descending, dimensionless.
-        threshold: below it the data alone do not tell.
-        weak: the directions that were held, by name.
-        name: id of the plot on its page.
-    """
+    """Singular values (n,), descending, the threshold of what data tell, and what they do not."""
     floor = max(float(values.max(initial=0.0)), 1.0) * 1e-9
     heights = np.maximum(values, floor)
     by_data, numbers = heights >= threshold, np.arange(1, len(values) + 1)
@@ -117,13 +90,7 @@ def singular_values_svg(
 
 
 def correlations_svg(names: Sequence[str], matrix: FloatArray, name: str) -> str:
-    """Heat map of the size of the correlations, their signs written in; dimensionless.
-
-    Args:
-        names: (n,) parameters.
-        matrix: (n, n) correlations; where there are too many, those most correlated are shown.
-        name: id of the plot on its page.
-    """
+    """Heat map of correlations (n, n), their signs written in; of many those that are largest."""
     strongest = np.abs(matrix - np.eye(len(matrix))).max(axis=1, initial=0.0)
     keep = np.sort(np.argsort(-strongest, kind="stable")[:MOST_CORRELATED])
     shown = matrix[np.ix_(keep, keep)]

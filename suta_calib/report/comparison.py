@@ -15,13 +15,7 @@ NAME: Final = "validation"
 
 
 def comparison_document(comparison: ArmComparison, before: Path, given: Path) -> Document:
-    """A comparison to be shown; the figures of ``validation`` are those of the first term's kind.
-
-    Args:
-        comparison: errors with either arm.
-        before: the job's URDF.
-        given: the other one.
-    """
+    """Errors with the job's URDF, ``before``, and the ``given`` one; figures of the first kind."""
     before, given = plain(before), plain(given)
     terms = comparison.terms
     by_term = [{"kind": term.term.kind} | accuracy_json([term]) for term in terms]

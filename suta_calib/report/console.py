@@ -66,13 +66,7 @@ def rendered(answer: document.Document) -> RenderableType:
 
 @dataclass(frozen=True, eq=False)
 class Wrapped:
-    """A text whose lines are broken between words only.
-
-    Attributes:
-        text: of one line or several.
-        first, rest: what its first line begins with, and the others.
-        style: of the text.
-    """
+    """A text broken between words only; its lines begin with ``first`` and ``rest``."""
 
     text: str
     first: Text | str = ""
@@ -201,14 +195,7 @@ class Fitted:
         return drawn
 
     def _widths(self, beside: list[int], width: int, padding: int, *, broken: bool) -> list[int]:
-        """Of the columns, in a table as wide as that; none where it cannot be.
-
-        Args:
-            beside: which columns stand in it.
-            width: of the terminal.
-            padding: on either side of a column.
-            broken: whether names may go on in the next line after a dot.
-        """
+        """Of the columns ``beside``, in a table so wide; none where it cannot be."""
         every = list(zip(self.listed.heads, *self.listed.cells, strict=True))
         columns = [every[k] for k in beside]
         widths = [max(map(cell_len, column)) for column in columns]

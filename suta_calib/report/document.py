@@ -79,23 +79,14 @@ def _in_words(text: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class SpatialFigure:
-    """A scene on a page that its reader turns about; there is one at most.
-
-    Attributes:
-        scene: makes it.
-    """
+    """A scene on a page that its reader turns about; there is one at most."""
 
     scene: Callable[[], Scene]
 
 
 @dataclass(frozen=True, eq=False)
 class File:
-    """A whole file that is written beside the others, and shown nowhere.
-
-    Attributes:
-        name: in the folder of the answer.
-        content: makes it.
-    """
+    """A whole file of that name that is written beside the others, and shown nowhere."""
 
     name: str
     content: Callable[[], str | bytes]

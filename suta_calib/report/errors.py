@@ -25,12 +25,7 @@ PIXELS: Final[Unit] = "px"
 
 @dataclass(frozen=True)
 class QuantityErrors:
-    """Metrics of errors; None where there are no such data.
-
-    Attributes:
-        metrics: of the errors.
-        unit: m or rad.
-    """
+    """Metrics of errors, m or rad; None where there are no such data."""
 
     metrics: Metrics | None
     unit: Unit
@@ -139,12 +134,7 @@ ERRORS: Final = Listing[AccuracyRow](
 
 
 def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
-    """Metrics before and after, and how much smaller the RMS is.
-
-    Args:
-        sets: terms by what their data are; one pair of rows for each, and for each kind and
-            quantity where there are several.
-    """
+    """Metrics before and after of terms, by what their data are, and the improvement."""
     return ERRORS.of([row for name, terms in sets.items() for row in _accuracy_rows(name, terms)])
 
 

@@ -59,12 +59,7 @@ def _short(value: Any) -> str:
 
 
 def imported_document(imported: Imported, written: Path | None = None) -> Document:
-    """What a foreign file became, column by column.
-
-    Args:
-        imported: as it was read.
-        written: where it was written, if it was.
-    """
+    """What a foreign file became, column by column, and where it was written, if it was."""
     parts: list[Part] = []
     data: dict[str, Any] = {
         "source": str(imported.source),
@@ -95,12 +90,7 @@ def _pictures(imported: Imported, written: Path, data: dict[str, Any]) -> list[P
 
 
 def exported_document(export: Exported, written: Sequence[Path]) -> Document:
-    """What went out, and what the format could not hold.
-
-    Args:
-        export: the result in its format.
-        written: the file, and beside it what the format cannot hold.
-    """
+    """What went out, the files that hold it, and what the format could not hold."""
     parts = [Text(f"Written to {written[0]}.")]
     if written[1:]:
         parts.append(Text(f"What {export.form} cannot hold is in {written[1]}."))

@@ -241,15 +241,7 @@ def components(
     sign: bool = False,
     form: str = "",
 ) -> tuple[Column[Row], ...]:
-    """Columns that only show the components of a vector, one each.
-
-    Args:
-        headings: of the components, in order.
-        vector: of a row, as many components, SI; None where it has none.
-        unit: of them all.
-        sign: whether a plus is shown.
-        form: as of `Column`.
-    """
+    """Columns that only show the components of a row's vector, SI; a dash where it has none."""
 
     def component(k: int) -> Callable[[Row], float | None]:
         def of(row: Row) -> float | None:
@@ -265,13 +257,7 @@ def components(
 
 
 def csv_text(listing: Listing[Row], rows: Iterable[Row], digits: int | None = None) -> str:
-    """Rows as a CSV file; columns that hold lists are left out.
-
-    Args:
-        listing: its columns that have a key.
-        rows: in order.
-        digits: significant ones of numbers that are not whole; as many as they have by default.
-    """
+    """Rows as a CSV file, numbers with so many digits; columns that hold lists are left out."""
     columns = [c for c in listing.columns if c.key]
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

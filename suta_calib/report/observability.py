@@ -28,12 +28,7 @@ EXPLANATIONS: Final = Listing[Explanation](
 
 
 def observability_document(observability: Observability, *, verbose: bool = False) -> Document:
-    """An observability to be shown.
-
-    Args:
-        observability: what the data of a problem can tell.
-        verbose: list the terms' own unknowns too; otherwise one line counts them.
-    """
+    """What data can tell; ``verbose`` lists the terms' own unknowns, which a line counts."""
     prospects = list(observability.prospects.values())
     arm = observability.problem.arm_count or len(prospects)
     parts: list[Part] = [

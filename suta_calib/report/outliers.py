@@ -51,10 +51,7 @@ def _key(metric: Metric, unit: Unit) -> str:
 
 
 def _column(metric: Metric, errors: Unit, *, judged: bool) -> Column[Group]:
-    """A metric as it is judged, with a mark where it is flagged; or that of the job's own fit.
-
-    ``errors`` is the unit of the observation's errors.
-    """
+    """A metric as it is judged, marked where it is flagged; or that of the job's own fit."""
     unit, head, _ = metric_labels(metric, errors)
 
     def value(group: Group) -> float:

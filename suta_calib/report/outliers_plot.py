@@ -9,12 +9,7 @@ from suta_calib.report.svg import picture, svg_text
 
 
 def metrics_plot(term: TermOutliers, name: str) -> str:
-    """An SVG: the four metrics over the artefact, or group by group.
-
-    Args:
-        term: an observation that has groups.
-        name: id of the plot on its page.
-    """
+    """An SVG: the four metrics of an observation over the artefact, or group by group."""
     with picture(name, (LARGE, 7.2)) as figure:
         draw_metrics(figure, term)
         return svg_text(figure, name, f"The four outlier metrics {term.drawn_over}")

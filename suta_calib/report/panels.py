@@ -72,11 +72,7 @@ def numbered(root: Any, name: str, parts: str) -> None:
 
 
 def separated(svg: str) -> str:
-    """A figure for a page: in its parts where it has several beside each other, else as it is.
-
-    Args:
-        svg: as `report.svg.svg_text` makes it, in whatever colours.
-    """
+    """A figure of `svg_text` for a page: in its parts where several stand beside each other."""
     if f" {_PARTS}=" not in svg:
         return svg
 

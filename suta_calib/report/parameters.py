@@ -84,11 +84,7 @@ class Outcome:
         return self.estimate.given if self.converged else ()
 
     def worth_showing(self, among: int) -> bool:
-        """Whether it is more than what was known before; of a long list, also whether it is told.
-
-        Args:
-            among: length of the list.
-        """
+        """Whether it is more than what was known; among many, also whether the data tell it."""
         e = self.estimate
         if e.state == "prior":
             # Moved by a tenth of what is uncertain about it.
@@ -164,12 +160,7 @@ def outcomes(examined: CalibrationExamination) -> list[Outcome]:
 
 
 def left_out(unmoved: int, of_terms: Sequence[Estimate] | Sequence[Prospect]) -> list[Text]:
-    """A line on what a console's table leaves out; none where it has everything.
-
-    Args:
-        unmoved: parameters of the arm that are not in the table.
-        of_terms: the terms' own unknowns, none of which is.
-    """
+    """A line on unknowns that a console's table leaves out, of the arm and of terms, if any."""
     parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
     if of_terms:
         determined = sum(unknown.state in ("identified", "prior") for unknown in of_terms)

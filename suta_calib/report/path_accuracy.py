@@ -80,12 +80,7 @@ RATES: Final = Listing[tuple[float, float]](
 
 @dataclass(frozen=True, eq=False)
 class Reversals:
-    """What happens where one joint or axis turns back.
-
-    Attributes:
-        channel: the joint or axis.
-        hysteresis, hysteresis_std: of it, with its standard uncertainty; NaN where not known.
-    """
+    """What happens where one joint or axis turns back; NaN for a hysteresis that is not known."""
 
     channel: ChannelReversals
     hysteresis: float

@@ -80,12 +80,7 @@ def pivot_document(calibration: PivotCalibration, data: ToolPoses) -> Document:
 
 
 def places_table(calibration: PivotCalibration, *, labelled: bool) -> Table:
-    """Tip and posts, ± std, mm.
-
-    Args:
-        calibration: the answer.
-        labelled: whether the posts have names of their own.
-    """
+    """Tip and posts, ± std, mm; posts that are labelled have their names."""
     posts = [
         (f"post {name}" if labelled else "post", post, calibration.post_std(name))
         for name, post in list(calibration.posts.items())[:MOST_POSTS]

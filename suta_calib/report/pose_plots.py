@@ -119,17 +119,7 @@ def _draw_residuals(
     unit: Unit,
     row: str,
 ) -> None:
-    """Draw lengths of residuals by row; log where outliers are far.
-
-    Args:
-        axes: empty `Axes`.
-        title: above the legend.
-        residuals: (n, 3), m or rad.
-        inliers: (n,) which were fitted.
-        rms: of these, m or rad, drawn as a line.
-        unit: of both.
-        row: what a row is.
-    """
+    """Draw lengths of residuals (n, 3), m or rad, by row; log where outliers are far."""
     sizes, level = shown(np.linalg.norm(residuals, axis=1), unit), shown(rms, unit)
     # Outliers so many times the others' scatter would press these flat on a linear scale.
     if level > 0 and (sizes[~inliers] > 10.0 * level).any():

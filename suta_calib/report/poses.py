@@ -29,14 +29,7 @@ def residuals_file(
     slides: FloatArray,
     turns: FloatArray | None = None,
 ) -> File:
-    """``residuals.csv``: one row for every row of the input, mm and degrees.
-
-    Args:
-        inliers: (n,) rows that were fitted.
-        names: what names the rows, (n,) each, such as ``line``.
-        slides: (n, 3) residuals, m.
-        turns: (n, 3) the same of orientations, rad.
-    """
+    """``residuals.csv``: names, slides (n, 3), m, and turns (n, 3), rad, of every row."""
     columns = [Column[int]("row", value=int)]
     columns += [Column(name, value=cells.__getitem__) for name, cells in names.items()]
     vectors: list[tuple[str, Unit, FloatArray]] = [("", "m", slides)]

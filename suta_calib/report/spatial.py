@@ -28,13 +28,7 @@ HEIGHT: Final = 430.0
 
 
 def scene_html(scene: Scene, name: str, templates: Environment) -> str:
-    """A scene as an HTML fragment that needs nothing else.
-
-    Args:
-        scene: what is drawn.
-        name: id on its page.
-        templates: those of the report.
-    """
+    """A scene as an HTML fragment that needs nothing else, under an id of its page."""
     low, high = mm(scene.extent)
     # About as many cells of the floor's grid across the scene.
     step = round_down(float((high - low).max()) / 8.0 * 2)

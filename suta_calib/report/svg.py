@@ -24,24 +24,13 @@ _FINE: Final = re.compile(r"(-?\d+\.\d\d)\d+")
 
 @contextmanager
 def picture(name: str, size: tuple[float, float]) -> Iterator[Figure]:
-    """An empty figure in the look that all share, for `svg_text`.
-
-    Args:
-        name: of the plot, unique on the page.
-        size: width and height, inch.
-    """
+    """An empty figure in the look that all share, so wide and high, inch, for `svg_text`."""
     with style(name):
         yield Figure(figsize=size, layout="constrained")
 
 
 def svg_text(figure: Figure, name: str, description: str) -> str:
-    """A figure as an SVG element, without XML declaration, metadata or clashing ids.
-
-    Args:
-        figure: a `picture` of the same name.
-        name: of the plot, unique on the page.
-        description: what a reader who cannot see it is told.
-    """
+    """A `picture` as an SVG element under the plot's name, without metadata or clashing ids."""
     buffer = io.BytesIO()
     parts = _lay_out(figure, name)
     cast("Any", FigureCanvasSVG(figure)).print_svg(buffer, metadata=_METADATA)
@@ -71,11 +60,7 @@ def svg_text(figure: Figure, name: str, description: str) -> str:
 
 
 def _lay_out(figure: Figure, name: str) -> str:
-    """Place the panels, with room for letters as a narrow page enlarges them; and name them.
-
-    Returns:
-        What `numbered` writes of the panels of a wide figure; empty for any other.
-    """
+    """Place panels, with room for letters that a narrow page enlarges; what `numbered` writes."""
     engine, resolution = cast("Any", figure.get_layout_engine()), figure.dpi
     if engine is None:
         return ""

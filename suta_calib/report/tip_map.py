@@ -103,13 +103,7 @@ def tip_map_document(tip_map: TipMap) -> Document:
 
 
 def tip_map_plot(tip_map: TipMap, name: str = NAME, *, absolute: bool = False) -> str:
-    """An SVG element: a vertical and a horizontal section, levels labelled in mm.
-
-    Args:
-        tip_map: the maps.
-        name: id of the plot on its page.
-        absolute: the uncertainty in the base frame instead of that after registration.
-    """
+    """An SVG: a vertical and a horizontal section, in mm, after registration or absolute."""
     with picture(name, (1.35 * WIDTH, 5.4)) as figure:
         draw_tip_map(figure, tip_map, absolute=absolute)
         description = "Map of the tip's uncertainty, from the side and from above"

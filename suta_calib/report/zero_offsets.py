@@ -25,12 +25,7 @@ CONTRADICTED: Final = Listing[ContradictedZero](
 
 
 def zero_offsets_document(offsets: ZeroOffsets, written: Path | None = None) -> Document:
-    """The branches that fit, each with its residuals, and the one that was chosen.
-
-    Args:
-        offsets: the answer.
-        written: the URDF that holds the chosen offsets.
-    """
+    """The branches that fit, with residuals, the chosen one, and the URDF that holds it, if any."""
     parts: list[Part] = [_branches(offsets).of(offsets.branches)]
     if written is not None:
         parts.append(Text(f"Written to {written}: raw readings are its joint positions."))

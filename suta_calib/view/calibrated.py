@@ -102,14 +102,7 @@ def term_sets(
     values: Mapping[str, float],
     held_out: Mapping[str, float],
 ) -> dict[str, tuple[tuple[Term, Mapping[str, float]], ...]]:
-    """Terms of ``calibration`` and ``validation``, each with the values that belong to it.
-
-    Args:
-        observations: fitted.
-        validation: held out.
-        values: of all parameters that were fitted, m or rad.
-        held_out: of the unknowns that are the held-out terms' alone, perhaps with others.
-    """
+    """Terms of ``calibration`` and ``validation``, each with the values that belong to it."""
     both = {**values, **held_out}
     return {
         "calibration": tuple((term, values) for term in observations),

@@ -129,12 +129,7 @@ def view_calibration(calibrated: Calibrated, port: int = 0, host: str = "127.0.0
 
 
 def calibration_scene(calibrated: Calibrated, meshes: tuple[LinkMesh, ...] = ()) -> ArmScene:
-    """The arm before and after, all that was touched or seen, errors and uncertainty.
-
-    Args:
-        calibrated: the calibration.
-        meshes: shapes of the arm's links; none where no file of them was found.
-    """
+    """The arm before and after, its shapes, what was touched or seen, errors and uncertainty."""
     # Of the scene's size: how large frames are drawn, and at first how long large errors and how
     # wide usual uncertainties.
     axes = 0.05

@@ -18,14 +18,7 @@ from suta_calib.showing import Displayable
 
 @dataclass(frozen=True, eq=False)
 class LinkMesh:
-    """A triangle mesh that is rigid with a link.
-
-    Attributes:
-        link: its name.
-        vertices: (n, 3) in the link's frame, m.
-        faces: (m, 3) vertices of each triangle, from 0.
-        colour: red, green, blue and opacity, 0 to 255.
-    """
+    """A triangle mesh that is rigid with a link: vertices (n, 3), m, and faces (m, 3) from 0."""
 
     link: str
     vertices: FloatArray

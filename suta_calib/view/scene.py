@@ -123,13 +123,7 @@ class Frustum(Frame):
 
 @dataclass(frozen=True, eq=False)
 class Patch:
-    """A flat rectangle.
-
-    Attributes:
-        name: likewise.
-        corners: (4, 3) in order around it, m.
-        colour: of it.
-    """
+    """A flat rectangle: corners (4, 3) in order around it, m."""
 
     name: str
     corners: FloatArray
@@ -138,13 +132,7 @@ class Patch:
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """A straight line.
-
-    Attributes:
-        name: likewise.
-        ends: (2, 3) m.
-        colour: of it.
-    """
+    """A straight line between two ends (2, 3), m."""
 
     name: str
     ends: FloatArray
@@ -174,13 +162,7 @@ class SampleRows:
         return len(self.names)
 
     def along(self, origin: FloatArray, direction: FloatArray, within: float) -> int | None:
-        """The sample that a ray passes nearest to; None where it passes all of them farther off.
-
-        Args:
-            origin: (3,) where the ray begins, m.
-            direction: (3,) unit vector.
-            within: how near it must pass, m.
-        """
+        """The sample nearest to a ray along a unit vector; None if none is ``within``, m."""
         off = np.linalg.norm(np.cross(self.at - origin, direction), axis=1)
         nearest = int(np.argmin(off))
         return nearest if off[nearest] <= within else None
