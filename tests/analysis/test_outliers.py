@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
-from outlier_studies import Study, named, suta_job, suta_study
+from outlier_studies import Kind, Study, displaced_landmark, moved, named, suta_job, suta_study
 from scipy.stats import binom
 from simulated import (
     Scene,
@@ -30,6 +30,7 @@ from suta_calib.analysis.outliers.groups import Registered, groupings
 from suta_calib.analysis.outliers.metrics import JudgedFit as Metrics
 from suta_calib.analysis.outliers.metrics import measures, shares
 from suta_calib.analysis.outliers.reference import ReferenceFit
+from suta_calib.analysis.outliers.search import not_searched
 from suta_calib.analysis.outliers.touches import (
     RobustLinearFit,
     Touches,
@@ -42,7 +43,7 @@ from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import ArmPoses, Noise, Term
+from suta_calib.terms import ArmPoses, Noise, PairwiseDistance, Term
 
 ARM = arm_named("suta")
 PARAMETERS = dh_parameters(ARM)
@@ -53,6 +54,13 @@ MM = 1e-3
 @pytest.fixture(scope="module")
 def study() -> Study:
     return suta_study(1, {"S2": np.array([2 * MM, 0.0, 0.0])})
+
+
+@pytest.fixture(scope="module")
+def registered(study: Study) -> Registered:
+    found = Registered.of(study.calibration, np.ones(len(study.calibration.poses), dtype=bool))
+    assert found is not None
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -97,10 +105,12 @@ def test_contributions_share_every_squared_error_by_its_two_landmarks(
     assert got.sum() == pytest.approx(1.0)
 
 
-def test_contributions_of_every_level_sum_to_one(found: Outliers) -> None:
+def test_every_metric_has_a_value_and_a_probability(found: Outliers) -> None:
     for one in found.terms[0].levels:
         assert sum(g.values["contribution"] for g in one.groups) == pytest.approx(1.0)
         assert sum(g.as_calibrated["contribution"] for g in one.groups) == pytest.approx(1.0)
+        for g in one.groups:
+            assert all(np.isfinite(g.values[m]) and 0 < g.p[m] <= 1 for m in METRICS)
 
 
 def test_a_displaced_landmark_answers_for_its_distances_alone() -> None:
@@ -148,19 +158,11 @@ def test_simulated_metrics_are_those_of_exact_refits() -> None:
     assert np.mean(exact, axis=(0, 2))[2] == pytest.approx(simulated[2], abs=0.01)
 
 
-def test_registration_takes_out_every_rigid_motion(study: Study) -> None:
-    kept = np.ones(len(study.calibration.poses), dtype=bool)
-    registered = Registered.of(study.calibration, kept)
-    assert registered is not None
+def test_registration_takes_out_every_rigid_motion(registered: Registered) -> None:
     turned = np.cross([0.01, -0.02, 0.03], registered.certified)
     motion = turned + np.array([0.1, 0.2, 0.3])
     assert np.abs(registered.registered(motion[None])).max() < 1e-12
-
-
-def test_small_displacements_register_as_the_arm_s_own_touches_do(study: Study) -> None:
-    kept = np.ones(len(study.calibration.poses), dtype=bool)
-    registered = Registered.of(study.calibration, kept)
-    assert registered is not None
+    # Small displacements register as the arm's own touches do.
     exact = registered.residuals(TRUTH)
     np.testing.assert_allclose(registered.registered(exact[None])[0], exact, atol=1e-5)
 
@@ -274,12 +276,6 @@ def test_too_few_groups_are_refused() -> None:
         find_outliers(Problem([term], ParameterSet()))
 
 
-def test_every_metric_has_a_value_and_a_probability(found: Outliers) -> None:
-    for one in found.terms[0].levels:
-        for g in one.groups:
-            assert all(np.isfinite(g.values[m]) and 0 < g.p[m] <= 1 for m in METRICS)
-
-
 def test_turning_the_artefact_s_frame_changes_nothing(study: Study, found: Outliers) -> None:
     turn = rotation_from_vector([0.4, -0.2, 1.1])
     known = study.calibration.artefact
@@ -358,3 +354,59 @@ def test_outliers_draw_a_panel_for_each_metric(found: Outliers) -> None:
         assert sorted(said) == sorted(group.label for group in landmarks.groups)
     assert "S2" in repr(found)
     assert "exclude: {landmarks: [S2]}" in found._repr_html_()
+
+
+def test_without_noise_nothing_is_named_but_what_is_displaced() -> None:
+    scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(8), placements(5))
+    clean = find_outliers(Problem([scene.exact()], PARAMETERS))
+    assert clean.assessment.level == "good"
+    marks = moved(artefact(8), {"L2": np.array([2 * MM, 0, 0])})
+    wrong = PairwiseDistance(scene.exact().poses, marks, Noise(None, 1 * MM))
+    found = find_outliers(Problem([wrong], PARAMETERS))
+    assert named(found) == ({"L2": 4}, ["L2"])
+
+
+@pytest.mark.parametrize("places", [3, 4])
+def test_hardly_more_data_than_unknowns_blame_nothing(places: int) -> None:
+    scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(4), placements(places))
+    samples = scene.samples(Spread(position=0.2 * MM), seed=3)[0]
+    whole = Problem([scene.term(samples)], ARM.select("geometric", "*.offset"))
+    found = find_outliers(whole)
+    assert found.assessment.level == "good"
+    assert not any(g.flags for level in found.terms[0].levels for g in level.groups)
+
+
+def test_what_fits_exactly_is_not_searched() -> None:
+    scene = artefact_scene("pairwise_distance", ARM, TRUTH, artefact(8), placements(4))
+    solution = solve(Problem([scene.exact()], PARAMETERS))
+    assessment = Outliers(
+        solution, [not_searched(scene.exact(), exact=True)], Thresholds(), ()
+    ).assessment
+    assert not assessment.usable
+    assert "as many unknowns as data" in assessment.notes[0]
+
+
+KINDS: tuple[Kind, ...] = ("touches", "certificate")
+
+
+def right(seed: int, kind: Kind) -> bool:
+    """All four metrics name the displaced landmark, and none names another."""
+    name, shift = displaced_landmark(seed)
+    flags, outliers = named(suta_study(seed, {name: shift}, kind).outliers("landmarks"))
+    return flags == {name: 4} and outliers == [name]
+
+
+def silent(seed: int) -> bool:
+    """Nothing is displaced, and no landmark is called an outlier."""
+    return not named(suta_study(seed, {}).outliers("landmarks"))[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_in_95_of_100_seeds_the_displaced_landmark_and_no_other(kind: Kind) -> None:
+    assert sum(right(seed, kind) for seed in range(100)) >= 95
+
+
+@pytest.mark.slow
+def test_in_95_of_100_seeds_nothing_where_nothing_is_displaced() -> None:
+    assert sum(silent(seed) for seed in range(100)) >= 95

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator
-from concurrent.futures import Future
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -35,6 +35,36 @@ ASKED: dict[str, dict[str, Any]] = {
 }
 IDENTITY = {"kind": "size", "seed": "0", "job": "abc"}
 NAMES = ("joint_1.offset", "tip.z")
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "study.trials.csv"
+
+
+@pytest.fixture
+def logged(path: Path) -> Path:
+    """A log with one trial."""
+    with StudyLog(path, IDENTITY, NAMES) as log:
+        log.append(Trial(1, 0, "", 1e-3))
+    return path
+
+
+@contextmanager
+def interrupted(task: int) -> Iterator[list[tuple[int, ...]]]:
+    """An interrupt in place of this process's trial of that number; those that it began."""
+    run_trial, begun = study_runner.run_trial, list[tuple[int, ...]]()
+
+    def run(data: Any, *at: int) -> Trial:
+        begun.append(at)
+        if len(begun) > task:
+            raise KeyboardInterrupt
+        return run_trial(data, *at)
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(study_runner, "run_trial", run)
+        with pytest.raises(KeyboardInterrupt):
+            yield begun
 
 
 def plan_of(kind: str) -> StudyPlan:
@@ -79,22 +109,10 @@ def test_the_command_prints_the_same_json_wherever_it_runs(
     assert printed[0] == printed[1] == printed[2]
 
 
-def test_this_process_takes_part_and_an_interrupt_of_it_ends_the_others(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, run_trial, mine = tmp_path / "study.trials.csv", study_runner.run_trial, []
-
-    def interrupted(data: Any, *task: int) -> Trial:
-        mine.append(task)
-        if len(mine) == 3:
-            raise KeyboardInterrupt
-        return run_trial(data, *task)
-
+def test_this_process_takes_part_and_an_interrupt_of_it_ends_the_others(path: Path) -> None:
     plan, others = planned(sizes=(2, 3), trials=10), set(multiprocessing.active_children())
-    with monkeypatch.context() as patched:
-        patched.setattr(study_runner, "run_trial", interrupted)
-        with pytest.raises(KeyboardInterrupt), StudyLog(path, IDENTITY, ()) as log:
-            run_study(plan, log, workers=2)
+    with interrupted(2) as mine, StudyLog(path, IDENTITY, ()) as log:
+        run_study(plan, log, workers=2)
     assert set(multiprocessing.active_children()) <= others
     with StudyLog(path, IDENTITY, ()) as log:
         assert set(mine[:2]) <= set(log.finished())
@@ -105,50 +123,19 @@ def test_this_process_takes_part_and_an_interrupt_of_it_ends_the_others(
         assert run_study(plan, log, resume=True, workers=2) == run_study(plan)
 
 
-def test_workers_are_killed_when_all_that_was_handed_out_has_come_to_them(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """Else loky's thread ends in an error, which a terminal shows beside the one line."""
-    asked = []
-
-    class PassedOnWhenAskedAgain(Future[list[Trial]]):
-        def running(self) -> bool:
-            asked.append(self)
-            return len(asked) > 2
-
-    done: Future[list[Trial]] = Future()
-    done.set_result([])
-    study_runner._wait_until_passed_on({done, PassedOnWhenAskedAgain()})
-    assert len(asked) == 3
-    monkeypatch.setattr(study_runner, "PASSING_ON", 0.01)
-    study_runner._wait_until_passed_on({Future()})  # a pool that is dead is not waited for
-
-
 def test_what_is_sent_to_workers_holds_no_compiled_function() -> None:
     content = pickle.dumps(plan_of("monte-carlo").data)
     assert b"casadi" not in content
     assert len(content) < 1_000_000
 
 
-@pytest.mark.parametrize("writable", [True, False])
-def test_workers_read_the_data_where_this_process_set_them_down(
-    writable: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+def test_workers_get_the_data_where_no_file_can_be_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """In a file that is gone afterwards; where none can be written they come with each batch."""
-    folder = tmp_path / "temporary"
-    if writable:
-        folder.mkdir()
-    monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    plan = planned(sizes=(3,), trials=2)
-    content, key = study_runner._packed(plan.data)
-    with study_runner._set_down(content) as place:
-        assert isinstance(place, Path) == writable
-        monkeypatch.setattr(study_runner, "_loaded", {"another study": plan.data})
-        first = study_runner._run(key, place, plan.tasks[:1])
-        assert set(study_runner._loaded) == {key}
-        monkeypatch.setattr(pickle, "loads", None)  # They are read once.
-        assert tuple(first + study_runner._run(key, place, plan.tasks[1:])) == run_study(plan)
-    assert not writable or not any(folder.iterdir())
+    """Then they come with each batch."""
+    plan = planned(sizes=(3,), trials=4)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "none"))
+    assert run_study(plan, workers=2) == run_study(plan)
 
 
 def test_progress_counts_every_trial() -> None:
@@ -210,32 +197,21 @@ def test_trials_are_read_as_they_were_written(scratch: Path, trials: list[Trial]
     assert list(found.values()) == trials
 
 
-def test_a_resumed_study_runs_only_what_is_missing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    plan, path = plan_of("size"), tmp_path / "study.trials.csv"
+def test_a_resumed_study_runs_only_what_is_missing(path: Path) -> None:
+    plan, told = plan_of("size"), list[int]()
     with StudyLog(path, IDENTITY, plan.names) as log:
         whole = run_study(plan, log)
     lines = path.read_text().splitlines(keepends=True)
     # Seven trials were done when the power failed in the middle of a line.
     path.write_text("".join(lines[:9]) + lines[9][: len(lines[9]) // 2])
-    ran = []
-    run_trial = study_runner.run_trial
-
-    def counted(*arguments: Any) -> Trial:
-        ran.append(arguments)
-        return run_trial(*arguments)
-
-    monkeypatch.setattr(study_runner, "run_trial", counted)
     with StudyLog(path, IDENTITY, plan.names) as log:
-        again = run_study(plan, log, resume=True)
+        again = run_study(plan, log, resume=True, progress=lambda done, _: told.append(done))
     assert again == whole
-    assert len(ran) == 3
+    assert told == [8, 9, 10]
     assert sorted(path.read_text().splitlines()) == sorted(line.strip() for line in lines)
 
 
-def test_more_trials_may_be_asked_for_later(tmp_path: Path) -> None:
-    path = tmp_path / "study.trials.csv"
+def test_more_trials_may_be_asked_for_later(path: Path) -> None:
     few = planned(sizes=(2,), trials=2)
     many = planned(sizes=(2, 3), trials=3)
     with StudyLog(path, IDENTITY, ()) as log:
@@ -245,31 +221,18 @@ def test_more_trials_may_be_asked_for_later(tmp_path: Path) -> None:
     assert len(path.read_text().splitlines()) == 2 + 6
 
 
-def test_an_interrupt_loses_only_what_was_running(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path, run_trial = tmp_path / "study.trials.csv", study_runner.run_trial
-
-    def interrupted(data: Any, size: int, number: int) -> Trial:
-        if (size, number) == (4, 2):
-            raise KeyboardInterrupt
-        return run_trial(data, size, number)
-
+def test_an_interrupt_loses_only_what_was_running(path: Path) -> None:
     plan = plan_of("size")
-    with monkeypatch.context() as patched:
-        patched.setattr(study_runner, "run_trial", interrupted)
-        with pytest.raises(KeyboardInterrupt), StudyLog(path, IDENTITY, ()) as log:
-            run_study(plan, log)
+    with interrupted(7), StudyLog(path, IDENTITY, ()) as log:
+        run_study(plan, log)
     with StudyLog(path, IDENTITY, ()) as log:
         assert len(log.finished()) == 7
         assert run_study(plan, log, resume=True) == run_study(plan)
 
 
 @pytest.mark.parametrize("end", ["", "# suta-calib stu", "WHOLE FIRST LINE"])
-def test_a_file_without_a_trial_is_begun_again(tmp_path: Path, end: str) -> None:
-    path = tmp_path / "study.trials.csv"
-    with StudyLog(path, IDENTITY, NAMES) as log:
-        log.append(Trial(1, 0, "", 1e-3))
+def test_a_file_without_a_trial_is_begun_again(logged: Path, end: str) -> None:
+    path = logged
     first = path.read_text().splitlines(keepends=True)[0]
     path.write_text(first if end == "WHOLE FIRST LINE" else first + end)
     with StudyLog(path, IDENTITY, NAMES) as log:
@@ -279,31 +242,24 @@ def test_a_file_without_a_trial_is_begun_again(tmp_path: Path, end: str) -> None
 
 
 @pytest.mark.parametrize("what", ["seed", "job", "kind"])
-def test_trials_of_another_study_are_refused(tmp_path: Path, what: str) -> None:
-    path = tmp_path / "study.trials.csv"
-    with StudyLog(path, IDENTITY, NAMES) as log:
-        log.append(Trial(1, 0, "", 1e-3))
-    before = path.read_bytes()
+def test_trials_of_another_study_are_refused(logged: Path, what: str) -> None:
+    before = logged.read_bytes()
     with pytest.raises(JobError, match=rf"trials\.csv:1: .*another study \({what} differs\)"):
-        StudyLog(path, IDENTITY | {what: "other"}, NAMES).finished()
-    assert path.read_bytes() == before
+        StudyLog(logged, IDENTITY | {what: "other"}, NAMES).finished()
+    assert logged.read_bytes() == before
 
 
-def test_a_file_that_is_no_log_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "study.trials.csv"
+def test_a_file_that_is_no_log_is_refused(path: Path) -> None:
     path.write_text("size,trial\n1,2\n")
     with pytest.raises(JobError, match="another study"):
         StudyLog(path, IDENTITY, NAMES).finished()
 
 
 @pytest.mark.parametrize(("old", "new"), [("0.001", "x"), ("\n1,0", "\n1,-"), ("\n1,0,", "\n")])
-def test_a_spoilt_line_is_named(tmp_path: Path, old: str, new: str) -> None:
-    path = tmp_path / "study.trials.csv"
-    with StudyLog(path, IDENTITY, NAMES) as log:
-        log.append(Trial(1, 0, "", 1e-3))
-    path.write_text(path.read_text().replace(old, new))
+def test_a_spoilt_line_is_named(logged: Path, old: str, new: str) -> None:
+    logged.write_text(logged.read_text().replace(old, new))
     with pytest.raises(SamplesError, match=r"trials\.csv:3"):
-        StudyLog(path, IDENTITY, NAMES).finished()
+        StudyLog(logged, IDENTITY, NAMES).finished()
 
 
 def test_without_resuming_a_log_is_begun_anew(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from certified_artefact import (
     NOISE,
     TRUE_POSITIONS,
     certified,
+    moved,
     positions,
     raw_points,
     truth,
@@ -26,7 +27,7 @@ from suta_calib.certification.points import FEATURES, CertificationOptions, read
 from suta_calib.certification.procedure import certify
 from suta_calib.certification.result import write_certified
 from suta_calib.errors import InputError, SamplesError
-from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector, wrap
+from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector, skew, wrap
 from suta_calib.measurements import Artefact, Landmark, read_artefact
 
 
@@ -87,6 +88,7 @@ def test_a_rough_ground_is_no_worse_an_instrument(tmp_path: Path) -> None:
     assert found.landmarks[0].std[2] > 3 * smooth.landmarks[0].std[2]
 
 
+DRAWN = CertificationOptions(drawing=truth())
 # What is spoilt → (which point, by how much (m)), the landmark, the fault's words.
 BENT = {
     "leaning top": ("rise", lambda f, _k, p: [0, 0, 0.02 * (p[0] - 0.036)] if f == "top" else 0),
@@ -113,18 +115,14 @@ def test_a_damaged_pillar_is_named_and_no_other(tmp_path: Path, what: str) -> No
     def damage(feature: str, name: str, index: int, point: FloatArray) -> FloatArray:
         return point + (by(feature, index, point) if name == "L1" else 0)
 
-    options = CertificationOptions(drawing=truth())
-    assert certified(tmp_path, options=options).damaged == ()
-    found = certified(tmp_path, damage, options=options)
+    assert certified(tmp_path, options=DRAWN).damaged == ()
+    found = certified(tmp_path, damage, options=DRAWN)
     assert found.damaged == ("L1",)
     assert any(words in fault.what for fault in found.faults)
     assert found.assessment.level == "bad"
-    assert not certified(
-        tmp_path, damage, options=CertificationOptions(drawing=truth(), tolerance=1e-3)
-    ).damaged
-    assert certified(
-        tmp_path, damage, options=CertificationOptions(drawing=truth(), tolerance=1e-5)
-    ).damaged
+    for tolerance in (1e-3, 1e-5):
+        options = replace(DRAWN, tolerance=tolerance)
+        assert bool(certified(tmp_path, damage, options=options).damaged) == (tolerance < 1e-4)
 
 
 def test_what_a_workshop_scatters_is_not_damage(tmp_path: Path) -> None:
@@ -135,7 +133,7 @@ def test_what_a_workshop_scatters_is_not_damage(tmp_path: Path) -> None:
     def made(feature: str, name: str, index: int, point: FloatArray) -> FloatArray:
         return point + off.get(name, 0)
 
-    found = certified(tmp_path, made, options=CertificationOptions(drawing=truth()))
+    found = certified(tmp_path, made, options=DRAWN)
     assert found.damaged == ()
     assert found.comparison is not None
     assert 1e-5 < found.comparison.rms < 6e-5
@@ -143,10 +141,7 @@ def test_what_a_workshop_scatters_is_not_damage(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("index", range(5))
 def test_a_slip_on_a_top_is_found_and_left_out(tmp_path: Path, index: int) -> None:
-    def slip(feature: str, name: str, k: int, point: FloatArray) -> FloatArray:
-        return point + np.array([0, 0, -2e-5 * ((feature, name, k) == ("top", "L2", index))])
-
-    found = certified(tmp_path, slip)
+    found = certified(tmp_path, moved([0, 0, -2e-5], "top", "L2", [index]))
     mark = {m.name: m for m in found.landmarks}["L2"]
     raw = read_raw_points(tmp_path / "points.csv")
     tops = {pillar.name: pillar.top for pillar in raw.pillars}
@@ -157,12 +152,8 @@ def test_a_slip_on_a_top_is_found_and_left_out(tmp_path: Path, index: int) -> No
 
 
 def test_wrong_touches_of_ground_and_side_are_left_out(tmp_path: Path) -> None:
-    def slip(feature: str, name: str, k: int, point: FloatArray) -> FloatArray:
-        if (feature, k) in (("ground", 3), ("ground", 17)):
-            return point + np.array([0, 0, 5e-4])
-        return point + np.array([0, -2e-4 * ((feature, k) == ("side", 4)), 0])
-
-    found = certified(tmp_path, slip)
+    ground, side = moved([0, 0, 5e-4], "ground", "", [3, 17]), moved([0, -2e-4, 0], "side", "", [4])
+    found = certified(tmp_path, lambda f, n, k, point: side(f, n, k, ground(f, n, k, point)))
     assert len(found.ground.wrong_touches) == 2
     assert found.side is not None
     assert len(found.side.wrong_touches) == 1
@@ -189,54 +180,44 @@ def test_without_a_side_the_direction_is_a_convention(tmp_path: Path) -> None:
     assert far[1] == pytest.approx(0.0, abs=1e-12)
     assert found.landmarks[4].std[1] == pytest.approx(0.0, abs=1e-12)
     assert "convention" in found.assessment.notes[0]
-    drawn = certified(tmp_path, leave_out=("side",), options=CertificationOptions(drawing=truth()))
+    drawn = certified(tmp_path, leave_out=("side",), options=DRAWN)
     assert np.abs(positions(drawn) - TRUE_POSITIONS).max() < 1e-5
 
 
-@pytest.mark.parametrize(("scale", "level"), [(1.0, "good"), (1.0015, "care"), (0.985, "bad")])
+TWICE = "times as far apart"
+ALONG = "times along (1.00, 0.00, 0.00)"
+
+
+@pytest.mark.parametrize(
+    ("scale", "level", "notes"),
+    [
+        (1.0, "good", []),
+        (1.0015, "care", [TWICE]),
+        (0.985, "bad", [TWICE]),
+        # As an instrument has it of which one axis counts too much; its mean says less.
+        ([1.015, 1.0, 1.0], "bad", [ALONG]),
+    ],
+)
 def test_a_scale_between_artefact_and_drawing_is_told(
-    tmp_path: Path, scale: float, level: str
+    tmp_path: Path, scale: float | list[float], level: str, notes: list[str]
 ) -> None:
     """An instrument's scale, or a wrong unit: no rigid superposition makes up for it."""
-    marks = {
-        name: replace(mark, position=scale * mark.position)
-        for name, mark in truth().landmarks.items()
-    }
-    drawing = Artefact("drawing", marks)
-    assessment = certified(tmp_path, options=CertificationOptions(drawing=drawing)).assessment
-    assert assessment.level == level
-    assert any("times as far apart" in note for note in assessment.notes) == (scale != 1.0)
-
-
-def test_one_axis_of_another_scale_than_the_drawing_s_is_told(tmp_path: Path) -> None:
-    """As an instrument has it of which one axis counts too much; its mean says less."""
-    marks = {
-        name: replace(mark, position=mark.position * [1.015, 1.0, 1.0])
-        for name, mark in truth().landmarks.items()
-    }
+    marks = {n: replace(m, position=m.position * scale) for n, m in truth().landmarks.items()}
     options = CertificationOptions(drawing=Artefact("drawing", marks))
     assessment = certified(tmp_path, options=options).assessment
-    assert assessment.level == "bad"
-    assert any("times along (1.00, 0.00, 0.00)" in note for note in assessment.notes)
-    assert not any("times as far apart" in note for note in assessment.notes)
-
-
-def turned_drawing(degrees: float) -> Artefact:
-    turn = rotation_from_rpy(np.radians([0.0, 0.0, degrees]))
-    return Artefact(
-        "turned",
-        {
-            n: Landmark(n, turn @ m.position, None if m.rotation is None else turn @ m.rotation)
-            for n, m in truth().landmarks.items()
-        },
-    )
+    assert assessment.level == level
+    for words in (TWICE, ALONG):
+        assert any(words in note for note in assessment.notes) == (words in notes)
 
 
 @pytest.mark.parametrize("degrees", [0, 90, 180, 270])
 def test_any_side_may_be_the_one_touched_if_there_is_a_drawing(
     tmp_path: Path, degrees: int
 ) -> None:
-    drawing = turned_drawing(degrees)
+    turn = rotation_from_rpy(np.radians([0.0, 0.0, degrees]))
+    marks = truth().landmarks.items()
+    turned = {n: Landmark(n, turn @ m.position, turn @ m.rotation) for n, m in marks}
+    drawing = Artefact("turned", turned)
     found = certified(tmp_path, options=CertificationOptions(drawing=drawing))
     expected = np.array([m.position for m in drawing.landmarks.values()])
     assert np.abs(positions(found) - expected).max() < 1e-5
@@ -263,7 +244,7 @@ def test_options(tmp_path: Path) -> None:
     assert found.landmarks[0].flats == pytest.approx(8e-3, abs=1e-5)
     assert found.spacers[0].length == pytest.approx(0.038, abs=1e-5)
     assert any("Spacer A" in note for note in found.assessment.notes)
-    common = certified(tmp_path, options=CertificationOptions(drawing=truth(), front=np.pi))
+    common = certified(tmp_path, options=replace(DRAWN, front=np.pi))
     assert any("--front-deg" in note for note in common.assessment.notes)
 
 
@@ -317,7 +298,7 @@ def test_the_shape_does_not_know_where_the_artefact_stands() -> None:
     """Errors that are a motion of the whole vanish; what is left does not touch distances."""
     random = np.random.default_rng(0)
     places = random.uniform(-0.1, 0.1, (6, 3))
-    motion = np.hstack([np.tile(np.eye(3), (6, 1)), np.vstack([skewed(p) for p in places])])
+    motion = np.hstack([np.tile(np.eye(3), (6, 1)), np.vstack([-skew(p) for p in places])])
     moved = motion @ np.diag(random.uniform(1, 2, 6)) @ motion.T
     np.testing.assert_allclose(shape_covariance(places, moved), 0.0, atol=1e-12)
     covariance = np.diag(random.uniform(1, 2, 18))
@@ -326,7 +307,3 @@ def test_the_shape_does_not_know_where_the_artefact_stands() -> None:
     by = np.zeros(18)
     by[3:6], by[12:15] = difference, -difference
     assert by @ shape @ by == pytest.approx(by @ covariance @ by)
-
-
-def skewed(p: FloatArray) -> FloatArray:
-    return np.array([[0, p[2], -p[1]], [-p[2], 0, p[0]], [p[1], -p[0], 0]])

@@ -38,10 +38,19 @@ def truth() -> Artefact:
     return Artefact("simulated", marks)
 
 
-def unchanged(feature: str, name: str, index: int, point: FloatArray) -> FloatArray:
+def unchanged(_feature: str, _name: str, _index: int, point: FloatArray) -> FloatArray:
     """No damage."""
-    del feature, name, index
     return point
+
+
+def moved(by: Sequence[float], feature: str, name: str = "", indices: Sequence[int] = ()) -> Change:
+    """Touches of a feature elsewhere, of one landmark or of all, those of some numbers or all."""
+
+    def change(touched: str, mark: str, index: int, point: FloatArray) -> FloatArray:
+        here = touched == feature and name in ("", mark) and (not indices or index in indices)
+        return point + np.array(by) * here
+
+    return change
 
 
 def rows(change: Change = unchanged, leave_out: Sequence[str] = ()) -> list[Row]:
