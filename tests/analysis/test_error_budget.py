@@ -57,7 +57,6 @@ def shipped(*, bent: bool, unknown: str) -> ErrorBudget:
 
 def root(block: BlockBudget, *sources: str) -> float:
     variance = block.variance_of(*sources)  # type: ignore[arg-type]
-    assert variance is not None
     return math.sqrt(variance)
 
 

@@ -190,7 +190,6 @@ def test_errors_of_length_are_measured_minus_calibrated() -> None:
 
 def test_every_length_has_its_own_limit_and_the_artefact_its_uncertainty() -> None:
     measured = AcceptanceMeasurements(lengths(stretch=1e-3))
-    assert measured.lengths is not None
     longest = float(measured.lengths.length.max())
     worst_error = 1e-3 * longest
     limit = LengthLimit(None, 0.0, worst_error + 20e-6)

@@ -142,7 +142,6 @@ def test_the_held_out_error_of_the_truth_is_that_of_the_noise() -> None:
     arm = arm_named("suta")
     term = tracked_scene(arm, {}, 60).exact(Noise(1e-4))
     found = cross_validate(folds_of([term]), arm.select("joint_4.z"), [1e-4])
-    assert found is not None
     assert found.loss < 1e-6
     assert found.rms < 1e-9
 
@@ -178,7 +177,6 @@ def test_a_linear_fit_is_that_of_the_solver(kind: str) -> None:
         if estimate.std is not None:
             assert step[name] == pytest.approx(estimate.value, abs=0.3 * estimate.std)
     exact = cross_validate(folds, more, solution.noise)
-    assert exact is not None
     np.testing.assert_allclose(linear.cross_validation(fit).losses, exact.losses, rtol=0.05)
 
 

@@ -124,7 +124,6 @@ def test_leaving_out_is_the_solve_without_the_samples(study: Study, calibrated: 
     kept = study.calibration.poses.samples.labels["landmark"] != "S2"
     quick = calibrated.reference.over(kept)
     exact = solve(Problem([study.calibration.take(kept)], suta_job().parameters))
-    assert quick is not None
     for name in calibrated.moved:
         assert abs(quick.values[name] - exact.values[name]) < 1e-3 * exact.estimates[name].std
 
@@ -133,7 +132,6 @@ def test_leave_one_out_is_the_relative_fall_of_the_rms(study: Study, calibrated:
     landmarks = groupings(study.calibration)[0]
     k = landmarks.labels.index("S2")
     whole, without = calibrated.full_refit, calibrated.reference.over(~landmarks.rows(k))
-    assert without is not None
     rms = [np.sqrt(np.mean(fit.residual**2)) for fit in (whole, without)]
     got = measures(calibrated, landmarks, [k])[METRICS.index("leave_one_out"), k]
     assert got == pytest.approx(1 - rms[1] / rms[0])
@@ -170,7 +168,6 @@ def test_registration_takes_out_every_rigid_motion(registered: Registered) -> No
 def test_all_four_metrics_name_the_landmark_and_say_where_it_is(found: Outliers) -> None:
     assert named(found) == ({"S2": 4}, ["S2"])
     (s2,) = level(found, "landmarks").outliers
-    assert s2.displacement is not None
     error = s2.displacement.vector - [-2 * MM, 0.0, 0.0]
     assert np.all(np.abs(error) < 4 * s2.displacement.std)
     assert not level(found, "placements").outliers
@@ -346,7 +343,6 @@ def test_outliers_draw_a_panel_for_each_metric(found: Outliers) -> None:
     figure = found.plot(figure=Figure())
     panels = [axes for axes in figure.axes if axes.get_title(loc="left") or axes.get_title()]
     landmarks = found.terms[0].level("landmarks")
-    assert landmarks is not None
     named_panels = [axes for axes in panels if len(axes.texts) >= len(landmarks.groups)]
     assert len(named_panels) == len(METRICS)
     for axes in named_panels:

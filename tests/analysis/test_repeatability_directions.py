@@ -51,7 +51,6 @@ def with_play(values: FloatArray, joint: int, play: float) -> FloatArray:
 def test_a_joint_with_play_is_named_and_measured(joint: int) -> None:
     found = pushed(with_play(seated(joint), joint, 8e-4))
     assert giving(found) == [f"joint_{joint + 1}"]
-    assert found.loosest is not None
     assert found.loosest.backlash == pytest.approx(8e-4, rel=0.3)
     assert found.loosest.tip == pytest.approx(0.3 * found.loosest.backlash)
     assert found.loosest.backlash > 3 * found.loosest.by_chance
@@ -60,7 +59,6 @@ def test_a_joint_with_play_is_named_and_measured(joint: int) -> None:
 def test_two_joints_with_play_are_both_named() -> None:
     found = pushed(with_play(with_play(seated(1), 1, 8e-4), 4, 2e-3))
     assert giving(found) == ["joint_2", "joint_5"]
-    assert found.loosest is not None
     assert found.loosest.joint == "joint_5"
 
 
@@ -102,7 +100,6 @@ def test_play_in_the_arms_own_joint_is_named_through_its_kinematics() -> None:
     q = samples.q.copy()
     q[:, 2] += np.where(np.array(PUSHES) == "left", math.radians(0.1), 0.0)
     found = repeatability(arm, Samples.from_arrays(arm.joints, q, labels={"direction": PUSHES}))
-    assert found.directions is not None
     assert giving(found.directions) == ["joint_3"]
     assert found.directions.tip_p_value < 0.01
     joint_3 = found.directions.joints[2]

@@ -246,7 +246,6 @@ def test_a_bootstrap_of_placements_agrees_with_the_sandwich() -> None:
 
 def test_the_interval_and_the_spread_are_those_of_the_trials() -> None:
     plan = simulated_plan(kind="bootstrap", trials=101)
-    assert plan.solution is not None
     values = np.linspace(-1.0, 1.0, 101)
     trials = [Trial(12, k, "", 1e-4, {"joint_2.offset": (v, 0.5)}) for k, v in enumerate(values)]
     found = judge_spread(plan, trials).parameters["joint_2.offset"]
@@ -259,7 +258,6 @@ def test_the_interval_and_the_spread_are_those_of_the_trials() -> None:
 def test_a_value_relative_to_other_held_parameters_is_not_counted() -> None:
     plan = simulated_plan(kind="bootstrap", trials=1)
     reference = plan.data.reference
-    assert reference is not None
     other = FullDataFit(
         reference.values, reference.noise, {**reference.given, "joint_3.z": ("joint_9.z",)}
     )
@@ -270,7 +268,6 @@ def test_a_value_relative_to_other_held_parameters_is_not_counted() -> None:
 
 def test_a_prior_explains_a_small_spread_and_no_large_one() -> None:
     plan = simulated_plan(kind="bootstrap", trials=1)
-    assert plan.solution is not None
     estimate, values = plan.solution.estimates["tip.z"], TrialScatter(np.linspace(-1.0, 1.0, 200))
     for predicted, alone, with_prior in ((2.0, False, True), (0.2, False, False)):
         assert ParameterSpread(estimate, values, predicted).as_predicted is alone

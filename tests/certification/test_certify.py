@@ -135,7 +135,6 @@ def test_what_a_workshop_scatters_is_not_damage(tmp_path: Path) -> None:
 
     found = certified(tmp_path, made, options=DRAWN)
     assert found.damaged == ()
-    assert found.comparison is not None
     assert 1e-5 < found.comparison.rms < 6e-5
 
 
@@ -155,7 +154,6 @@ def test_wrong_touches_of_ground_and_side_are_left_out(tmp_path: Path) -> None:
     ground, side = moved([0, 0, 5e-4], "ground", "", [3, 17]), moved([0, -2e-4, 0], "side", "", [4])
     found = certified(tmp_path, lambda f, n, k, point: side(f, n, k, ground(f, n, k, point)))
     assert len(found.ground.wrong_touches) == 2
-    assert found.side is not None
     assert len(found.side.wrong_touches) == 1
     assert np.abs(positions(found) - TRUE_POSITIONS).max() < 1e-5
 
@@ -222,7 +220,6 @@ def test_any_side_may_be_the_one_touched_if_there_is_a_drawing(
     expected = np.array([m.position for m in drawing.landmarks.values()])
     assert np.abs(positions(found) - expected).max() < 1e-5
     assert found.turned == degrees // 90
-    assert found.comparison is not None
     assert np.abs(found.comparison.turn).max() < 1e-3
 
 

@@ -55,7 +55,6 @@ def test_a_ball_s_radius_that_is_taken_off_on_one_plane_alone(
     (note,) = told(found)
     assert word in note
     assert "ball's radius" in note
-    assert found.over_ground is not None
     assert found.over_ground.height == pytest.approx(size, abs=4 * found.over_ground.std[0])
     assert found.damaged == ()
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -52,17 +51,13 @@ def seats(made: Simulation, path: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 # ── What is simulated is what the model says ─────────────────────────────────────────────────
-def test_without_noise_the_true_tip_is_at_the_landmark(made: Simulation) -> None:
+def test_without_noise_the_true_tip_is_seated_in_the_landmark(made: Simulation) -> None:
     assert [file.path for file in made.files][:2] == ["calibration/P1.csv", "calibration/P2.csv"]
     for path in ("calibration/P1.csv", "calibration/P2.csv"):
         tip, landmark = seats(made, path)
         np.testing.assert_allclose(tip, landmark, atol=1e-10, rtol=0)
-    nominal = made.arm.forward(made.files[0].samples.q)[1]
-    assert np.abs(nominal - tip).max() > 1e-3
-
-
-def test_without_noise_the_true_tip_has_the_landmarks_orientation(made: Simulation) -> None:
     samples, plan = made.files[0].samples, made.spec.sets[0]
+    assert np.abs(made.arm.forward(samples.q)[1] - tip).max() > 1e-3
     rotation = made.arm.forward(samples.q, made.values)[0]
     marks = made.artefacts["calibration"].landmarks
     for row, name in enumerate(samples.labels["landmark"]):
@@ -86,8 +81,6 @@ def test_the_instrument_sees_the_true_tip(made: Simulation) -> None:
     samples = made.files[3].samples
     base = made.spec.sets[2].frames["base_in_instrument"]
     rotation, tip = made.arm.forward(samples.q, made.values)
-    assert samples.position is not None
-    assert samples.rotation is not None
     T = homogeneous(base.rotation, base.position)
     np.testing.assert_allclose(samples.position, tip @ T[:3, :3].T + T[:3, 3], atol=1e-12)
     np.testing.assert_allclose(samples.rotation, T[:3, :3] @ rotation, atol=1e-12)
@@ -142,17 +135,15 @@ def test_the_true_artefact_is_one_for_all_sets(folder: Folder) -> None:
 
 # ── Noise ────────────────────────────────────────────────────────────────────────────────────
 def test_seating_noise_has_the_size_asked_for(folder: Folder) -> None:
-    text = with_noise("{seating_mm: 0.2}").replace("repeats: 2", "repeats: 150")
-    tip, landmark = seats(folder.simulate(text), "calibration/P1.csv")
+    text = with_noise("{seating_mm: 0.2, seating_deg: 0.3}").replace("repeats: 2", "repeats: 150")
+    made, exact = (
+        folder.simulate(text),
+        folder.simulate(EXACT.replace("repeats: 2", "repeats: 150")),
+    )
+    tip, landmark = seats(made, "calibration/P1.csv")
     away = 1e3 * (tip - landmark)
     np.testing.assert_allclose(away.std(axis=0), 0.2, rtol=0.1)
     np.testing.assert_allclose(away.mean(axis=0), 0, atol=0.04)
-
-
-def test_seating_tilt_has_the_size_asked_for(folder: Folder) -> None:
-    text = with_noise("{seating_deg: 0.3}").replace("repeats: 2", "repeats: 150")
-    made = folder.simulate(text)
-    exact = folder.simulate(EXACT.replace("repeats: 2", "repeats: 150"))
     tilted, straight = (m.arm.forward(m.files[0].samples.q, m.values)[0] for m in (made, exact))
     oriented = made.files[0].samples.labels["landmark"] != "C"
     turn = vector_from_rotation(np.swapaxes(straight, 1, 2) @ tilted)[oriented]
@@ -173,14 +164,8 @@ def test_encoder_noise_and_resolution(suta_urdf: Path) -> None:
 def test_instrument_noise_has_the_size_asked_for(folder: Folder) -> None:
     text = EXACT.replace("samples: 30", "samples: 600")
     exact = folder.simulate(text).files[3].samples
-    noisy_text = text.replace(
-        "sets:\n", "noise: {instrument_mm: 0.1, instrument_deg: 0.2}\nsets:\n", 1
-    )
-    noisy = folder.simulate(noisy_text).files[3].samples
-    assert exact.position is not None
-    assert noisy.position is not None
-    assert exact.rotation is not None
-    assert noisy.rotation is not None
+    noise = "noise: {instrument_mm: 0.1, instrument_deg: 0.2}\nsets:\n"
+    noisy = folder.simulate(text.replace("sets:\n", noise, 1)).files[3].samples
     assert 1e3 * (noisy.position - exact.position).std() == pytest.approx(0.1, rel=0.1)
     turn = vector_from_rotation(np.swapaxes(exact.rotation, 1, 2) @ noisy.rotation)
     assert np.degrees(turn.std()) == pytest.approx(0.2, rel=0.1)
@@ -199,19 +184,11 @@ def test_outliers_listed_are_the_outliers_present(folder: Folder) -> None:
 
 
 # ── Inverse kinematics ───────────────────────────────────────────────────────────────────────
-@settings(max_examples=20)
+@pytest.mark.parametrize("name", ["suta", "panda"])
+@settings(max_examples=15)
 @given(seed=st.integers(0, 2**32 - 1))
-def test_reachable_poses_are_reached_by_the_suta(seed: int) -> None:
-    _round_trip("suta", seed)
-
-
-@settings(max_examples=10)
-@given(seed=st.integers(0, 2**32 - 1))
-def test_reachable_poses_are_reached_by_a_redundant_arm_within_its_limits(seed: int) -> None:
-    _round_trip("panda", seed)
-
-
-def _round_trip(name: str, seed: int) -> None:
+def test_reachable_poses_are_reached_within_the_limits(name: str, seed: int) -> None:
+    """By a redundant arm, too."""
     arm, rng = arm_named(name), np.random.default_rng(seed)
     values = {n: p.nominal + 0.002 * rng.standard_normal() for n, p in arm.parameters.items()}
     kinematics = InverseKinematics(arm, values)
@@ -288,21 +265,6 @@ def test_targets_that_count_together_are_given_up_together(suta_urdf: Path) -> N
     np.testing.assert_array_equal(found.reached[kept], alone.reached[kept])
     np.testing.assert_array_equal(np.flatnonzero(found.failed), np.flatnonzero(alone.failed))
     assert not found.reached[6:9].all()
-
-
-def test_a_search_that_stalls_ends(suta_urdf: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked: list[int] = []
-    evaluate = inverse_kinematics._residuals
-
-    def counted(batch: Any, targets: Targets, *rest: Any) -> Any:
-        asked.append(len(targets))
-        return evaluate(batch, targets, *rest)
-
-    monkeypatch.setattr(inverse_kinematics, "_residuals", counted)
-    arm = ArmModel.from_urdf(suta_urdf, "tip")
-    far = Targets(np.array([[3.0, 0.0, 0.047]]), np.eye(3)[None], "position")
-    InverseKinematics(arm, {}).solve(far, np.full(6, 0.3), np.random.default_rng(0), 1)
-    assert sum(asked) < inverse_kinematics._ITERATIONS / 2
 
 
 def test_full_turns_are_taken_off_exactly(suta_urdf: Path) -> None:
