@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
@@ -24,9 +23,6 @@ from suta_calib.certification.measuring import DIAGONALS, SLOPES, UNEVEN, WIDTH,
 from suta_calib.certification.plane import MAD
 from suta_calib.certification.result import CertifiedLandmark, Fault
 from suta_calib.certification.scatter import FALSE_ALARM, RISK, STANDS_OUT, deviates
-
-# Pillars from which on the others say what is usual.
-ENOUGH: Final = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +56,8 @@ def faults(
 def _faults_of(
     names: Sequence[str], quantity: Quantity, factor: float, tolerance: float | None
 ) -> list[Fault]:
-    enough = int(np.isfinite(quantity.value).all(axis=1).sum()) >= ENOUGH
+    # Five pillars say what is usual.
+    enough = int(np.isfinite(quantity.value).all(axis=1).sum()) >= 5
     if not (enough or quantity.nominal):
         return []
     usual = spread = np.zeros(quantity.value.shape[1])

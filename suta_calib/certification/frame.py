@@ -35,8 +35,6 @@ from suta_calib.geometry.numbers import right_singular, skew, wrap
 from suta_calib.measurements import Artefact
 
 Source = Literal["side plane", "farthest landmark"]
-# Heights of the side's touches that differ less say nothing of how upright it is (m).
-UPRIGHT: Final = 2e-3
 ORIGIN: Final = "O"
 
 
@@ -73,7 +71,8 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
             where="side",
         )
     middle = np.mean([g.values[:2] for g in measured.geometry], axis=0)
-    leaning = len(side) > 4 and float(np.std(side[:, 2])) > UPRIGHT
+    # Heights that differ less say nothing of how upright the side is (m).
+    leaning = len(side) > 4 and float(np.std(side[:, 2])) > 2e-3
     columns = 2 + leaning
 
     def fit(rows: BoolArray) -> tuple[FloatArray, FloatArray]:

@@ -27,8 +27,6 @@ CENTRE, SLOPES, UNEVEN, DIAGONALS = slice(0, 3), slice(3, 5), slice(5, 7), slice
 YAW, WIDTH = 9, 10
 # Inputs about the ground: turns about x and y (rad), height (m).
 GROUND: Final = 3
-# Conditioning of the top's fit: its touches are millimetres apart.
-_MM: Final = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +48,15 @@ def _pillar(tops: int, flats: bool) -> Any:
     level = levelled(touches, ground)
     top, hole = level[:, :tops], level[:2, tops : tops + 4]
     centre = crossing(hole)
-    # Least squares plane through the top: its height at the centre, and its slopes.
-    across = (top[:2, :] - ca.repmat(centre, 1, tops)).T / _MM
+    # Least squares plane through the top: its height at the centre, and its slopes. Touches are
+    # millimetres apart, which conditions the fit.
+    mm_apart = 1e-3
+    across = (top[:2, :] - ca.repmat(centre, 1, tops)).T / mm_apart
     design = ca.horzcat(ca.SX.ones(tops, 1), across)
     plane = ca.inv(design.T @ design) @ (design.T @ top[2, :].T)
     middle = (hole[:, 0] + hole[:, 2] - hole[:, 1] - hole[:, 3]) / 2
     diagonals = [ca.norm_2(hole[:, 2] - hole[:, 0]), ca.norm_2(hole[:, 3] - hole[:, 1])]
-    rows = [centre, plane[0], plane[1:] / _MM, middle, *diagonals]
+    rows = [centre, plane[0], plane[1:] / mm_apart, middle, *diagonals]
     if flats:
         ahead = level[:2, tops + 4] - level[:2, tops + 5]
         rows += [ca.atan2(ahead[1], ahead[0]), ca.norm_2(ahead)]

@@ -23,7 +23,6 @@ FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
 HOLES: Final = 4
 # What a plane takes; more touches are needed to judge it.
 LEAST_ON_PLANE: Final = 3
-LEAST_ON_SIDE: Final = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +91,7 @@ def read_raw_points(path: str | Path) -> RawPoints:
         raise rows.missing(f"{len(ground)} touches of the ground", "at least 3, not on a line")
     if not names:
         raise rows.missing("no landmark", "touches of 'top' and 'hole' for every landmark")
-    if 0 < len(side) < LEAST_ON_SIDE:
+    if len(side) == 1:
         raise rows.missing("1 touch of the side", "two or more along it, or none")
     pillars = tuple(_pillar(rows, name) for name in names)
     # No artefact that an arm can touch is larger or smaller (m): another unit was meant.

@@ -26,10 +26,6 @@ from suta_calib.units import deg, from_deg, mm, um
 
 # The tip points down when seated.
 DOWN: Final = np.pi
-# A turn that all landmarks share is another way of counting, not a fault (rad).
-OTHER_FRONT: Final = from_deg(1.0)
-MOST_LINES: Final = 6
-_WIDTH: Final = 98  # of the comments in an artefact's file
 
 
 @dataclass(frozen=True)
@@ -278,8 +274,9 @@ def _touches(result: Certification) -> Iterator[str]:
 
 
 def _lines(lines: tuple[int, ...]) -> str:
-    shown = ", ".join(map(str, lines[:MOST_LINES]))
-    return f"line{'s' * (len(lines) > 1)} {shown}{', …' * (len(lines) > MOST_LINES)}; not used"
+    most = 6
+    shown = ", ".join(map(str, lines[:most]))
+    return f"line{'s' * (len(lines) > 1)} {shown}{', …' * (len(lines) > most)}; not used"
 
 
 def _drawing(result: Certification) -> Iterator[str]:
@@ -292,7 +289,8 @@ def _drawing(result: Certification) -> Iterator[str]:
         yield f"In the drawing, but not touched: {', '.join(comparison.not_touched)}."
     turns = comparison.turn[np.isfinite(comparison.turn)]
     common = float(np.angle(np.mean(np.exp(1j * turns)))) if len(turns) else 0.0
-    if abs(common) > OTHER_FRONT:
+    # A turn that all landmarks share is another way of counting, not a fault.
+    if abs(common) > from_deg(1.0):
         yield (
             f"All seated tips are turned by {deg(common):.1f}° from the drawing: is the "
             "front flat another one there? --front-deg says where it is in the tip's frame."
@@ -325,7 +323,7 @@ def write_certified(path: Path, result: Certification) -> None:
             f"DAMAGED, OR TOUCHED WRONGLY: {', '.join(result.damaged)}. Do not calibrate with this "
             "file before that is settled."
         )
-    comment = textwrap.TextWrapper(_WIDTH, initial_indent="# ", subsequent_indent="# ")
+    comment = textwrap.TextWrapper(98, initial_indent="# ", subsequent_indent="# ")
     header = [line for paragraph in story for line in comment.wrap(paragraph)]
     write_text(path, "\n".join([*header, artefact_text(result.artefact())]))
 

@@ -34,12 +34,6 @@ _LENGTH: Final = 0.25
 _TOLERANCE: Final = 1e-12
 # Rounding may keep the last step from the tolerance; nobody notices a nanometre.
 _ARRIVED: Final = 1e3 * _TOLERANCE
-_ITERATIONS: Final = 80
-# A step that takes less than this off the squared residual ends a search: it has come as near to a
-# target out of reach as it can. On the way to one within reach, steps take off a thousand times
-# as much.
-_STALLED: Final = 1e-6
-_PRISMATIC_REACH: Final = 1.0
 # Targets times starts that are searched at once: so few take hardly longer than one.
 _AT_ONCE: Final = 16
 
@@ -236,7 +230,7 @@ class InverseKinematics:
     def _range(self) -> tuple[FloatArray, FloatArray]:
         """Finite limits to draw readings from."""
         prismatic = np.array([joint.type == "prismatic" for joint in self.arm.chain.moving])
-        reach = np.where(prismatic, _PRISMATIC_REACH, np.pi)
+        reach = np.where(prismatic, 1.0, np.pi)
         lower = np.where(np.isfinite(self._lower), self._lower, -reach)
         return lower, np.where(np.isfinite(self._upper), self._upper, reach)
 
@@ -247,7 +241,7 @@ class InverseKinematics:
         error, jacobian = _residuals(batch, targets, q, self.true.gearing)
         cost = (error**2).sum(axis=1)
         damping = np.full(len(q), 1e-3)
-        for _ in range(_ITERATIONS):
+        for _ in range(80):
             transposed = np.swapaxes(jacobian, 1, 2)
             # The floor keeps redundant arms, and rows of zeros, solvable.
             floor = (damping * cost + 1e-12)[:, None, None] * np.eye(q.shape[1])
@@ -255,7 +249,9 @@ class InverseKinematics:
             moved = np.clip(q + np.clip(step[..., 0], -1.0, 1.0), self._lower, self._upper)
             new_error, new_jacobian = _residuals(batch, targets, moved, self.true.gearing)
             new_cost = (new_error**2).sum(axis=1)
-            better, gains = new_cost < cost, new_cost < (1.0 - _STALLED) * cost
+            # A step that takes off less of it ends a search, as near to a target out of reach as it
+            # comes. On the way to one within reach, steps take off a thousand times as much.
+            better, gains = new_cost < cost, new_cost < (1.0 - 1e-6) * cost
             q = np.where(better[:, None], moved, q)
             error = np.where(better[:, None], new_error, error)
             jacobian = np.where(better[:, None, None], new_jacobian, jacobian)

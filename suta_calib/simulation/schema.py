@@ -46,13 +46,6 @@ from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key, stored
 
 T = TypeVar("T")
 
-# What takes some ten seconds: 8,000 rows a second are simulated of what is seen, and 1,400 of what
-# is touched, for each of which a posture is sought.
-MOST_SAMPLES: Final = 100_000
-# Hundreds of corners each: 120 a second.
-MOST_PICTURES: Final = 2000
-MOST_DIRECTIONS: Final = 10_000
-MOST_REPEATS: Final = 200
 # A name becomes a file's or a folder's, on any system.
 _PORTABLE_NAME: Final = re.compile(r"\w[\w.-]*")
 
@@ -301,7 +294,8 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
         optional = kind.columns.orientation == "optional"
         turned = "Whether orientations are seen too."
         marks = f"Where on the tip's link each {kind.mark} sits; the tip itself without it."
-        most = MOST_PICTURES if "image" in kind.columns.labels else MOST_SAMPLES
+        # Some ten seconds: 8,000 rows a second are simulated, but 120 pictures with their corners.
+        most = 2000 if "image" in kind.columns.labels else 100_000
         return (
             Field("samples", whole_number(1, most), "How many samples are taken.", required=True),
             Field(
@@ -331,7 +325,7 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
             where,
             Field(
                 "repeats",
-                whole_number(1, MOST_REPEATS),
+                whole_number(1, 200),
                 "How often each placement is gone through; 1 without.",
             ),
             Field(
@@ -344,7 +338,8 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
         where,
         Field(
             "directions",
-            whole_number(1, MOST_DIRECTIONS),
+            # Of 1,400 a second, for each of which a posture is sought.
+            whole_number(1, 10_000),
             "From how many directions each is touched; 20 without.",
         ),
         Field(

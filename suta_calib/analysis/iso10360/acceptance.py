@@ -43,8 +43,6 @@ ARTICULATIONS: Final = 5
 TOUCHES_EACH: Final = 5
 LINES: Final = 35
 LENGTHS: Final = 105
-# Four touches on the equator and one on the pole give 1.5.
-_BADLY_SPREAD: Final = 4.0
 NO_LIMITS: Final = Limits()
 NOTHING_STATED: Final = StatedUncertainty()
 GUARDED: Final = DecisionRule()
@@ -198,7 +196,8 @@ class AcceptanceTest(Displayable):
         spread = {point.point: point.amplification for point in self.measured.articulations}
         spread |= {sphere.sphere: sphere.amplification for sphere in self.measured.spheres}
         for name, amplification in spread.items():
-            if amplification > _BADLY_SPREAD:
+            # Four touches on the equator and one on the pole give 1.5.
+            if amplification > 4.0:
                 notes.append(
                     f"{name}: touches lie so that a sphere's centre is up to {amplification:.0f} "
                     "times less sure than a touch; spread them over a pole and the equator."

@@ -33,8 +33,6 @@ from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
-# Angle between the artefact's z axis and the vertical below which it stands flat, rad.
-FLAT: Final = from_deg(1.0)
 _MOST: Final = 5000
 DEFAULT_CONE: Final = from_deg(60.0)
 DOWN: Final = (0.0, 0.0, -1.0)
@@ -177,8 +175,7 @@ class Candidate(Displayable):
     def sort(self) -> str:
         """What sort of candidate it is, for people."""
         if isinstance(self.place, Placement):
-            tilt = self.place.tilt
-            return "placement, flat" if tilt < FLAT else "placement, tilted"
+            return f"placement, {'flat' if self.place.tilt < from_deg(1.0) else 'tilted'}"
         if isinstance(self.place, TouchPoint):
             return f"{self.place.kind} from many directions"
         return "pose"

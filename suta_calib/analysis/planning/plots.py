@@ -15,7 +15,6 @@ from suta_calib.plotting.style import plain_log
 from suta_calib.units import mm, shown
 
 AXES: Final = "xyz"
-_ARROW: Final = 0.05
 
 
 def draw_bench(figure: Any, plan: Plan) -> list[Axes]:
@@ -131,7 +130,7 @@ def _artefact(
         look = {"facecolor": TINT, "alpha": 0.8, "lw": 1.6, "zorder": 3}
     hull = outline(mm(body[:, list(plane)]))
     axes.add_patch(Polygon(hull, edgecolor=colour, label=label or None, **look))
-    tip = tuple(mm((place.position + _ARROW * place.rotation[:, 0])[list(plane)]))
+    tip = tuple(mm((place.position + 0.05 * place.rotation[:, 0])[list(plane)]))
     at = tuple(mm(place.position[list(plane)]))
     arrow = {"arrowstyle": "->", "color": colour, "lw": 1.4}
     axes.annotate("", tip, at, arrowprops=arrow, zorder=7)

@@ -37,9 +37,6 @@ from suta_calib.terms.landmark import seated
 
 # Of the directions of a point, the part that must be reached; more are tried than are needed.
 _ENOUGH: Final = 0.5
-_TRIED: Final = 2
-_GOLDEN: Final = (math.sqrt(5.0) - 1.0) / 2.0
-_ROBERTS: Final = np.array([0.7548776662466927, 0.5698402909980532])
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,19 +152,19 @@ class Reach(Displayable):
     def _points(self, places: Sequence[TouchPoint]) -> dict[str, Candidate | Unreachable]:
         if not places:
             return {}
-        counts = [_TRIED * place.directions for place in places]
+        counts = [2 * place.directions for place in places]
         kind = self.situation.places
         settings = kind.settings if isinstance(kind, Term) else {}
         position, rotation = [], []
         for p, n in zip(places, counts, strict=True):
             k = np.arange(n, dtype=np.float64)
-            # The z axes fill the cone along a spiral; the places touched fill theirs in another
-            # order, by Roberts' sequence: powers of the root of x³ = x + 1, as the golden ratio is
-            # of x² = x + 1.
-            square = (0.5 + k[:, None] * _ROBERTS) % 1.0
+            # The z axes fill the cone along a spiral by the golden ratio, the root of x² = x + 1;
+            # the places touched fill theirs by Roberts' sequence: powers of that of x³ = x + 1.
+            square = (0.5 + k[:, None] * [0.7548776662466927, 0.5698402909980532]) % 1.0
             facing = rotation_from_vector(vector_turning_z_to(-p.axis))
             position.append(kind.touches(facing, p.position, square, settings))
-            rotation.append(directions(p.axis, p.cone, (k + 0.5) / n, (k * _GOLDEN) % 1.0))
+            around = (k * (math.sqrt(5.0) - 1.0) / 2.0) % 1.0
+            rotation.append(directions(p.axis, p.cone, (k + 0.5) / n, around))
         # An arm of few joints comes as it can.
         matching = self.situation.kinematics.most("axis")
         targets = Targets(np.concatenate(position), np.concatenate(rotation), matching)

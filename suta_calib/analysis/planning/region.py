@@ -29,24 +29,11 @@ from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.trust.tip import Sensitivity, sensitivity
 from suta_calib.units import deg, from_deg, from_mm, mm
 
-# Beyond what was touched: a hand's breadth and a half, and as much above as an artefact is wide.
-_BESIDE: Final = 0.15
-_ABOVE: Final = 0.30
-_GRID: Final = 0.01
 POSTURES: Final = 240
-# Postures at random, of which those with the tip in the region are taken.
-_DRAWN: Final = 20000
-_STARTS: Final = 6
-_CONE: Final = from_deg(45.0)
-_FEWEST: Final = 20
 # What a person sets with a ruler and a protractor.
 _LENGTH_STEP: Final = 0.01
 _YAW_STEP: Final = from_deg(15.0)
 _TILT_STEP: Final = from_deg(5.0)
-_LEAST_TILT: Final = from_deg(10.0)
-_POSES_IN_REGION: Final = 4
-# Readings whose sight is asked for at once.
-_AT_ONCE: Final = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +49,7 @@ class Region(Displayable):
     lower: FloatArray
     upper: FloatArray
     axis: FloatArray
-    cone: float = _CONE
+    cone: float = from_deg(45.0)
 
     def __post_init__(self) -> None:
         if not np.all(self.upper > self.lower):
@@ -77,9 +64,10 @@ class Region(Displayable):
         """Around what was touched, not below it, with the tool as it was held."""
         rotation, position = situation.tips
         low, high = position.min(axis=0), position.max(axis=0)
-        beside = np.array([_BESIDE, _BESIDE, 0.0])
-        lower = np.floor((low - beside) / _GRID + 0.5) * _GRID
-        upper = np.ceil((high + beside + [0, 0, _ABOVE]) / _GRID - 0.5) * _GRID
+        # A hand's breadth and a half, and as much above as an artefact is wide.
+        beside, above, grid = np.array([0.15, 0.15, 0.0]), np.array([0.0, 0.0, 0.3]), 0.01
+        lower = np.floor((low - beside) / grid + 0.5) * grid
+        upper = np.ceil((high + beside + above) / grid - 0.5) * grid
         return cls(lower, upper, mean_axis(rotation))
 
     @classmethod
@@ -118,7 +106,8 @@ class Region(Displayable):
             JobError: the arm reaches next to nothing of the region.
         """
         if not kinematics.attainable["position"]:
-            q = kinematics.random_readings(np.random.default_rng(seed), _DRAWN)
+            # So many that those with the tip in the region are enough.
+            q = kinematics.random_readings(np.random.default_rng(seed), 20_000)
             _, position = kinematics.arm.forward(q, kinematics.values)
             return self._enough(q[self.inside(position)][:POSTURES])
         u = qmc.Halton(5, seed=np.random.default_rng(seed)).random(POSTURES)
@@ -128,17 +117,18 @@ class Region(Displayable):
             Targets(position, rotation, kinematics.most("axis")),
             visited[nearest(tips, position)],
             np.random.default_rng(seed),
-            _STARTS,
+            starts=6,
         )
         return self._enough(answer.q[answer.reached])
 
     def _enough(self, q: FloatArray) -> FloatArray:
         """These postures in the region, if they are enough to say anything of it."""
-        if len(q) < _FEWEST:
+        fewest = 20
+        if len(q) < fewest:
             raise JobError(
                 f"{len(q)} of {POSTURES} postures within reach in the region "
                 f"from {_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
-                f"at least {_FEWEST}",
+                f"at least {fewest}",
                 where="region",
                 hint="give a region the arm reaches with its tool as in the samples",
             )
@@ -222,7 +212,7 @@ def _placements(
     for k, row in enumerate(u):
         flat = k % 2 == 0 or pool.most_tilt < _TILT_STEP
         most = 0.0 if flat else pool.most_tilt
-        least = min(_LEAST_TILT, most)
+        least = min(from_deg(10.0), most)
         # Yaw, tilt, and where it leans to, in steps one can set.
         yaw = _YAW_STEP * round((2 * math.pi * row[3] - math.pi) / _YAW_STEP)
         tilt = _TILT_STEP * round((least + row[4] * (most - least)) / _TILT_STEP)
@@ -260,7 +250,8 @@ def _points(
 def _first(rows: FloatArray, fitting: Callable[[FloatArray], BoolArray], count: int) -> FloatArray:
     """The first ``count`` rows that fit, or all that do; no more are looked at than it takes."""
     fitting_rows = rows[:0]
-    for chunk in np.array_split(rows, math.ceil(len(rows) / _AT_ONCE) or 1):
+    # A thousand are asked about at once.
+    for chunk in np.array_split(rows, math.ceil(len(rows) / 1000) or 1):
         fitting_rows = np.concatenate([fitting_rows, chunk[fitting(chunk)]])
         if len(fitting_rows) >= count:
             break
@@ -276,7 +267,7 @@ def _postures(
     q = situation.kinematics.random_readings(rng, int(50 * pool.poses / chance))
     _, position = situation.arm.forward(q, situation.values)
     chosen = _first(q[region.inside(position)], situation.in_sight, pool.poses)
-    if len(chosen) < pool.poses / _POSES_IN_REGION:
+    if len(chosen) < pool.poses / 4:
         chosen = _first(q, situation.in_sight, pool.poses)
     turning = [joint.type != "prismatic" for joint in situation.arm.chain.moving]
     limits = np.array([(joint.lower, joint.upper) for joint in situation.arm.chain.moving])

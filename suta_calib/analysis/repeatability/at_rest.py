@@ -31,9 +31,6 @@ from suta_calib.units import Unit, from_deg
 # Of the drift: few batches, so that each is longer than what correlates within it.
 _BATCHES: Final = 20
 _CONFIDENCE: Final = 0.95
-# Levels are whole steps apart to this share of one.
-_MULTIPLE_OF_STEP: Final = 0.1
-_ROUNDING: Final = 1e-12
 LEAST_ROWS: Final = 100
 # Columns of recordings that are no joints.
 NO_JOINTS: Final = frozenset(
@@ -242,7 +239,7 @@ def _joint(
     size = np.abs(off - np.median(off))
     # Where most readings are one and the same, the median deviation is zero and says nothing.
     scale = max(normal * float(np.median(size)), float(np.quantile(size, 0.99)) / 3)
-    inliers = size <= gross * scale + _ROUNDING
+    inliers = size <= gross * scale + 1e-12
     mean, away = deviations(readings[inliers], unit)
     moment = time[inliers]
     levels, step = _steps(readings[inliers])
@@ -278,7 +275,8 @@ def _steps(readings: FloatArray) -> tuple[int, float | None]:
         return len(levels), None
     counts = np.round(gaps / gaps.min())
     step = float(gaps.sum() / counts.sum())
-    multiples = np.abs(gaps / step - np.round(gaps / step)).max() < _MULTIPLE_OF_STEP
+    # Levels are whole steps apart, to a tenth of one.
+    multiples = np.abs(gaps / step - np.round(gaps / step)).max() < 0.1
     return len(levels), step if multiples else None
 
 

@@ -27,12 +27,7 @@ from suta_calib.showing import Displayable
 from suta_calib.terms.block import grouped
 from suta_calib.units import Unit
 
-# Noise names a joint in this share of arms without any play.
-FALSE_ALARM: Final = 0.01
 PERMUTATIONS: Final = 1999
-# Twice the logarithm of a hundred: odds that are no longer worth mentioning.
-_AS_WELL: Final = 9.2
-_FEW: Final = 500
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,10 +96,12 @@ def search_backlash(
         further = [k for k in range(values.shape[1]) if k not in loose]
         p_values[further] = chance[further]
         best = max(further, key=lambda k: float(taken[k]), default=None)
-        if best is None or chance[best] > FALSE_ALARM:
+        # Noise names a joint in one of a hundred arms without any play.
+        if best is None or chance[best] > 0.01:
             backlash = np.where(np.isin(range(values.shape[1]), loose), shifts, alone)
             return BacklashSearch(tuple(loose), as_well, backlash, p_values, by_chance)
-        close = taken[best] - taken < _AS_WELL
+        # Twice the logarithm of a hundred: odds that are no longer worth mentioning.
+        close = taken[best] - taken < 9.2
         as_well[best] = tuple(k for k in further if k != best and close[k])
         loose.append(best)
 
@@ -124,7 +121,7 @@ def _step(
     )
     by_chance, wide = _explained(groups, values, drawn, loose)
     # The joints already found have a chance too: that of being looked at alone.
-    _, alone = _explained(groups, values, drawn[:_FEW], ())
+    _, alone = _explained(groups, values, drawn[:500], ())
     # What noise exceeds in the other share of permutations.
     chance, first = (np.quantile(np.ptp(draws, axis=1), 0.95, axis=0) for draws in (wide, alone))
     # An effect that is equal but for rounding is no smaller one.

@@ -40,9 +40,6 @@ from suta_calib.units import Unit, from_deg, from_mm, mm
 # most exact arm comes back by, where several postures make the deviations large; rad or m.
 SHARE: Final = 0.05
 LEAST, MOST = 5e-7, 3e-6
-# Share of the rows that must be copies for more than the least to be what parts them: of many exact
-# visits two may be as near.
-MANY: Final = 0.05
 # Visits that are enough for no reading to fit by chance, and for a joint that stands still to show;
 # and ways in which the joints must have moved for a reading to fit: between two points they move in
 # one way, which some reading undoes.
@@ -53,10 +50,6 @@ UNITS: Final[dict[Unit, dict[str, float]]] = {
     "rad": {"degrees": from_deg(1.0), "turns": 2 * np.pi},
     "m": {"mm": from_mm(1.0)},
 }
-# Different readings, at most so many of all rows, that are few where most joints never repeat one.
-FEW: Final = 0.2
-# The least part of what the other joints move the tip by: a joint moves with them.
-PART: Final = 0.15
 
 
 def first_written(q: FloatArray, units: Sequence[Unit]) -> BoolArray:
@@ -77,7 +70,9 @@ def first_written(q: FloatArray, units: Sequence[Unit]) -> BoolArray:
         near = np.clip(SHARE * off.std(axis=0), LEAST, most)
         first[:] = False
         first[np.unique(together(off / near, 1.0), return_index=True)[1]] = True
-        if np.mean(~first) >= MANY:
+        # So many must be copies for more than the least to be what parts them: of many exact visits
+        # two may be as near.
+        if np.mean(~first) >= 0.05:
             break
     # Share of the rows that read in a joint as another one does, from which on its encoder is
     # coarse.
@@ -204,7 +199,8 @@ def stuck(arm: ArmModel, q: FloatArray, group: IntArray) -> tuple[Stuck, ...]:
         return ()
     levels = [len(np.unique(readings)) for readings in q.T]
     fine = float(np.median(levels)) > len(q) / 2
-    few = [fine and count <= max(2.0, FEW * len(q)) for count in levels]
+    # Readings that are few where most joints never repeat one.
+    few = [fine and count <= max(2.0, 0.2 * len(q)) for count in levels]
     spread = departures(q, arm.units.values()).std(axis=0)
     moved = spread * tip_levers(arm, q)
     stuck_joints = list[Stuck]()
@@ -218,7 +214,8 @@ def stuck(arm: ArmModel, q: FloatArray, group: IntArray) -> tuple[Stuck, ...]:
             along = lever * missing
             size = float(np.sqrt(np.mean(along**2)))
             typical = float(np.median(np.delete(moved, k)))
-            if size > PART * typical and _far(along, left, group):
+            # The least part of what the other joints move the tip by: a joint moves with them.
+            if size > 0.15 * typical and _far(along, left, group):
                 tip = about_mean(arm.forward(q)[1], group, np.bincount(group))
                 stuck_joints.append(
                     Stuck(arm.joints[k], levels[k], few[k], size, rms_length(tip), rms_length(left))

@@ -49,9 +49,6 @@ from suta_calib.units import Unit, from_deg, mm
 
 # Farther from the median than this many times the median distance: another point, or a slip.
 ELSEWHERE: Final = 6.0
-# Of all visits, and in numbers, the least that make a group and no outliers.
-_GROUP: Final = 0.1
-_LEAST_OF_GROUP: Final = 3
 # m between two places, or that visits scatter by, RMS, which no play and no bending of an arm
 # explains: they are no visits to one point.
 SEVERAL_POINTS: Final = 20e-3
@@ -75,7 +72,8 @@ def places(away: FloatArray) -> tuple[IntArray, ...]:
     # 1,000 is so, whether it scatters like a ball, a disc, a ring or a line.
     separation = 3.0
     few = 10
-    least = max(_LEAST_OF_GROUP, math.ceil(_GROUP * len(away)))
+    # The fewest that make a group and no outliers.
+    least = max(3, math.ceil(0.1 * len(away)))
     merged = linkage(away, "single")
     size = np.concatenate([np.ones(len(away)), merged[:, 3]])
     gap = merged[:, 2]

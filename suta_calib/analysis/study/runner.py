@@ -34,8 +34,6 @@ Task = tuple[int, int]  # size, number
 # Trials handed out at a time; a worker has two such batches at the most, which is what an interrupt
 # loses of it.
 BATCH: Final = 4
-# Seconds that a pool may take to pass on what it was handed: milliseconds, if it is alive.
-PASSING_ON: Final = 1.0
 # What keeps libraries from starting threads of their own beside the others'.
 ONE_THREAD: Final = {
     f"{library}_NUM_THREADS": "1" for library in ("OMP", "OPENBLAS", "MKL", "BLIS")
@@ -137,7 +135,8 @@ def _beside_others(
 
 def _wait_until_passed_on(handed_out: set[Future[list[Trial]]]) -> None:
     """What has come to no worker when they are killed, the pool's own thread looks for in vain."""
-    end = time.monotonic() + PASSING_ON
+    # A pool that is alive passes it on within milliseconds, s.
+    end = time.monotonic() + 1.0
     while time.monotonic() < end and not all(f.running() or f.done() for f in handed_out):
         time.sleep(0.001)
 
