@@ -59,6 +59,12 @@ def spread(deviations: FloatArray) -> FloatArray:
     return np.asarray(NORMAL * np.median(np.abs(deviations), axis=0), dtype=float)
 
 
+def row_noise(rows: FloatArray, axis: int | None = None) -> FloatArray:
+    """Standard deviation of what changes from row to row without direction; 0 of few rows."""
+    second = np.abs(np.diff(rows, 2, axis=0))
+    return np.asarray(NORMAL * np.median(second, axis=axis) / np.sqrt(6.0) if second.size else 0.0)
+
+
 def steps(deviations: FloatArray) -> FloatArray:
     """Smallest step each column shows, (n,) rad; zero where noise hides it.
 

@@ -8,7 +8,7 @@ errors whose shape is known, such as those of a joint with play.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import permutations, product
 from typing import Any, Final
@@ -27,17 +27,10 @@ from suta_calib.geometry.numbers import (
 from suta_calib.pose_calibration.registration import register
 from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
 
-_SHIFTS: Final = 201
-# Blocks of consecutive rows, and how many neighbours one of them may depend on.
+# Blocks of consecutive rows.
 _BLOCKS: Final = 100
-_NEIGHBOURS: Final = 4
-# How many minima over the latency are looked at. One is as good as the deepest where it leaves
-# less than this many times its distance, or next to nothing (m), and where the difference is less
-# than so many of its standard errors.
-_MINIMA: Final = 24
-_AS_DEEP: Final = 1.5
+# m; what is left of a distance of which nothing is left.
 _NEXT_TO_NOTHING: Final = 1e-6
-_SIGNIFICANT: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,23 +90,19 @@ class ReferencePath:
         return np.asarray(self._spline(time))
 
     def velocity(self, time: FloatArray) -> FloatArray:
-        """(n, 3) m/s, mean over some milliseconds."""
-        # s; half the interval over which a velocity is taken: below it, a measured reference is
-        # noise.
-        half_interval = 5e-3
-        after = np.minimum(time + half_interval, self.end)
-        before = np.maximum(time - half_interval, self.begin)
-        change = self.position(after) - self.position(before)
-        return np.asarray(change / (after - before)[:, None])
+        """(n, 3) m/s, mean over some milliseconds: over less, a measured reference is noise."""
+        return self._rate(self.position, time, 5e-3)
 
     def acceleration(self, time: FloatArray) -> FloatArray:
-        """(n, 3) m/s², mean over a time in which the noise of a reference hardly counts."""
-        # The same of an acceleration, s: 0.02 mm of noise then make some 0.05 m/s².
-        half_acceleration = 0.025
-        after = np.minimum(time + half_acceleration, self.end)
-        before = np.maximum(time - half_acceleration, self.begin)
-        change = self.velocity(after) - self.velocity(before)
-        return np.asarray(change / (after - before)[:, None])
+        """(n, 3) m/s², mean over a time in which 0.02 mm of noise make some 0.05 m/s²."""
+        return self._rate(self.velocity, time, 0.025)
+
+    def _rate(
+        self, of: Callable[[FloatArray], FloatArray], time: FloatArray, half_interval: float
+    ) -> FloatArray:
+        after = np.minimum(time + half_interval, self.end)
+        before = np.maximum(time - half_interval, self.begin)
+        return np.asarray((of(after) - of(before)) / (after - before)[:, None])
 
 
 def align(
@@ -145,9 +134,8 @@ def align(
         raise SamplesError(
             "a reference that stands still", "a motion: only it tells time", file=reference.path
         )
-    rows_of_search = 800
-    few = np.unique(np.linspace(0, len(rows) - 1, rows_of_search).astype(int))
-    shifts = np.linspace(-largest, largest, _SHIFTS)
+    few = np.unique(np.linspace(0, len(rows) - 1, 800).astype(int))  # enough rows to search in
+    shifts = np.linspace(-largest, largest, 201)
     targets = [path.position(time[few] - shift) for shift in shifts]
     rms = np.array([_misfit(points[few], target, registered) for target in targets])
     shapes = np.zeros((len(rows), 3, 0)) if errors is None else errors[rows]
@@ -210,13 +198,9 @@ def _misfit(points: FloatArray, target: FloatArray, registered: bool) -> float:
 def _other_axes(points: FloatArray, targets: Sequence[FloatArray], left: float) -> str:
     """Axes of the points (n, 3), in order and with signs, with which they fit a target far better.
 
-    Far better, that is, than the fit that left so much, m. The power that is left is that of both
-    less twice what they share.
+    Far better, that is, than the fit that left so much, m: they leave less than a third of it, and
+    less than half of the motion. The power that is left is that of both less twice what they share.
     """
-    # Other axes are the likelier ones where they leave less than this share of the distance, and
-    # less than this share of the motion.
-    far_better = 1 / 3
-    explained = 0.5
     signed = [
         np.eye(3)[list(order)] * np.array(signs)[:, None]
         for order in permutations(range(3))
@@ -229,12 +213,10 @@ def _other_axes(points: FloatArray, targets: Sequence[FloatArray], left: float) 
     squares = (power - 2 * np.einsum("pij,sij->ps", signed, shared)).min(axis=1)
     best = int(np.argmin(squares))
     fits = best == 0 or left < _NEXT_TO_NOTHING
-    if fits or squares[best] > min(far_better * left, explained * rms_length(away)) ** 2:
+    if fits or squares[best] > min(left / 3, rms_length(away) / 2) ** 2:
         return ""
-    names = [
-        ("", "-")[int(row.min() < 0)] + "xyz"[int(np.argmax(np.abs(row)))] for row in signed[best]
-    ]
-    return ", ".join(names)
+    axes = ((row.min() < 0, int(np.argmax(np.abs(row)))) for row in signed[best])
+    return ", ".join("-" * bool(negative) + "xyz"[axis] for negative, axis in axes)
 
 
 class _AlignmentFit:
@@ -256,14 +238,12 @@ class _AlignmentFit:
     def minima(self, shifts: FloatArray, rms: FloatArray) -> list[float]:
         """Latencies that leave the least distance, s: the smallest that does, then as good ones.
 
-        Args:
-            shifts: latencies (k,), s, at even steps.
-            rms: distance (k,) that each leaves, m.
+        They are looked for from latencies (k,), s, at even steps, each of which leaves so much, m.
         """
         padded = np.concatenate([[np.inf], rms, [np.inf]])
         low = np.flatnonzero((rms <= padded[:-2]) & (rms <= padded[2:]))
         minima: list[tuple[float, FloatArray]] = []
-        for k in low[np.argsort(rms[low])][:_MINIMA]:
+        for k in low[np.argsort(rms[low])][:24]:
             self.latency, self.sizes = float(shifts[k]), np.zeros_like(self.sizes)
             if self.registered:
                 target = self.path.position(self.time - self.latency)
@@ -273,27 +253,27 @@ class _AlignmentFit:
         _, least = min(minima, key=lambda minimum: float(minimum[1].mean()))
 
         def as_good(squares: FloatArray) -> bool:
-            """Whether chance explains that these squares of distances are larger than the least."""
-            worth = max(_AS_DEEP**2 * float(least.mean()), _NEXT_TO_NOTHING**2)
-            blocks = np.array(
-                [part.mean() for part in np.array_split(squares - least, _BLOCKS // 5)]
-            )
+            """Whether chance explains that these squares of distances are larger than the least.
+
+            They are not if they leave 1.5 times the distance, or three standard errors more.
+            """
+            worth = max(1.5**2 * float(least.mean()), _NEXT_TO_NOTHING**2)
+            parts = np.array_split(squares - least, _BLOCKS // 5)
+            blocks = np.array([part.mean() for part in parts])
             error = float(blocks.std(ddof=1)) / np.sqrt(len(blocks))
             near = squares.mean() < _NEXT_TO_NOTHING**2
-            return bool(squares.mean() <= worth and (near or blocks.mean() <= _SIGNIFICANT * error))
+            return bool(squares.mean() <= worth and (near or blocks.mean() <= 3.0 * error))
 
         separate: list[float] = []
-        for latency in sorted(
-            (latency for latency, squares in minima if as_good(squares)), key=abs
-        ):
+        good = (latency for latency, squares in minima if as_good(squares))
+        for latency in sorted(good, key=abs):
             if all(abs(latency - other) > shifts[1] - shifts[0] for other in separate):
                 separate.append(latency)
         return separate
 
     def refine(self, largest: float) -> None:
         """Until the latency does not change, or is as large as it may be."""
-        steps = 20
-        for _ in range(steps):
+        for _ in range(20):
             residual, jacobian = self._linearised()
             inverse = _inverse(jacobian)
             step = -inverse @ np.einsum("nki,nk->i", jacobian, residual)
@@ -311,14 +291,15 @@ class _AlignmentFit:
 
         Newey, West (1987, doi:10.2307/1913610), with sums over blocks for single rows.
         """
+        neighbours = 4  # blocks that one of them may depend on
         residual, jacobian = self._linearised()
         inverse = _inverse(jacobian)
         score = np.einsum("nki,nk->ni", jacobian, residual)
         blocks = np.array([part.sum(axis=0) for part in np.array_split(score, _BLOCKS)])
         variance = blocks.T @ blocks
-        for lag in range(1, _NEIGHBOURS + 1):
+        for lag in range(1, neighbours + 1):
             product = blocks[lag:].T @ blocks[:-lag]
-            variance += (1 - lag / (_NEIGHBOURS + 1)) * (product + product.T)
+            variance += (1 - lag / (neighbours + 1)) * (product + product.T)
         free = max(_BLOCKS - score.shape[1], 1)
         covariance = _BLOCKS / free * inverse @ variance @ inverse
         return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)))

@@ -27,12 +27,8 @@ from suta_calib.tracking.trajectory import Trajectory
 from suta_calib.units import mm, ms
 from suta_calib.words import listed
 
-# Stretches of time a record is cut into, which are taken for independent of each other.
-_STRETCHES: Final = 12
-_LEAST_STRETCHES: Final = 3
 # Update rates of optical trackers, Hz, and of one that is read as the SUTA's encoders are.
 UPDATE_RATES: Final = (60.0, 120.0, 768.0)
-_AGES: Final = 8
 
 
 @dataclass(frozen=True)
@@ -126,8 +122,6 @@ class PathAccuracy:
         order = np.argsort(size, kind="stable")
         squares = np.sum(self.error**2, axis=1), np.sum(self.error_same_time**2, axis=1)
         stretch = _stretches(len(size))
-        # Rows by the quarters of how fast they are.
-        quarters = 4
         return tuple(
             MotionQuarter(
                 float(size[rows[0]]),
@@ -136,7 +130,7 @@ class PathAccuracy:
                 _jackknife(squares[0][rows], stretch[rows]),
                 float(np.sqrt(squares[1][rows].mean())),
             )
-            for rows in np.array_split(order, quarters)
+            for rows in np.array_split(order, 4)
             if len(rows)
         )
 
@@ -149,7 +143,7 @@ class PathAccuracy:
         Args:
             rate: of updates, Hz.
         """
-        ages = (np.arange(_AGES) + 0.5) / (_AGES * rate)
+        ages = (np.arange(8) + 0.5) / (8 * rate)
         time = self.time[self.time - ages[-1] >= self._path.begin]
         time = time[time <= self._path.end]
         here = self._path.position(time)
@@ -159,11 +153,9 @@ class PathAccuracy:
     @property
     def _other_unit(self) -> str:
         """What is said where one motion is as much larger as millimetres are than metres."""
-        # Times that a motion in another unit seems larger.
-        millimetres = 1e3
         there, here = extent(self.reference.position), self.alignment.motion
         larger = max(there, here) / max(min(there, here), 1e-12)
-        if not millimetres / 2 < larger < millimetres * 2:
+        if not 500 < larger < 2000:
             return ""
         which = "reference" if there > here else "recording"
         return (
@@ -175,18 +167,17 @@ class PathAccuracy:
     @judged
     def assessment(self) -> Assessment:
         """Bad where the motions do not tell the latency, or the recording does not follow."""
-        # Of the motion, what may be left of it for the one to follow the other.
-        follows = 0.5
         alignment, bad, care = self.alignment, list[str](), list[str]()
         moved, left = mm(alignment.motion), mm(alignment.left)
+        follows = left <= 0.5 * moved
         if alignment.other_axes:
             bad.append(
                 f"With its axes taken as {alignment.other_axes} the recording would follow far "
                 "better: axes are swapped, or turned round, in one of the files."
             )
-        elif left > follows * moved and (unit := self._other_unit):
+        elif not follows and (unit := self._other_unit):
             bad.append(unit)
-        elif left > follows * moved:
+        elif not follows:
             bad.append(
                 f"The recording strays {moved:.3f} mm (RMS) from its mean, and {left:.3f} mm from "
                 "the reference: it stands still but for noise, follows something else, or the "
@@ -240,10 +231,15 @@ def _jackknife(squares: FloatArray, stretch: IntArray) -> float:
     """Standard deviation of the root mean of squares (n,), m, over the stretches they are from."""
     names = np.unique(stretch)
     n = len(names)
-    if n < _LEAST_STRETCHES:
+    if n < 3:
         return float("nan")
     without = np.array([np.sqrt(squares[stretch != name].mean()) for name in names])
     return float(np.sqrt((n - 1) / n * np.sum((without - without.mean()) ** 2)))
+
+
+def _stretches(rows: int) -> IntArray:
+    """Which of twelve stretches of time, taken for independent, each row is in."""
+    return np.arange(rows, dtype=np.intp) * 12 // max(rows, 1)
 
 
 def compare(
@@ -274,11 +270,11 @@ def compare(
     """
     by_joint = arm is not None and recorded.angles is not None
     channels = joint_channels(arm, recorded) if arm and by_joint else axis_channels(recorded)
-    turning = [find_reversals(c, recorded.time, recorded.position) for c in channels]
-    # Reversals from which on a joint's hysteresis can be told from an offset.
-    judged = [t for t in turning if len(t.reversals) >= 2] if by_joint else []
-    errors = None
+    errors, judged = None, list[ChannelReversals]()
     if arm and by_joint:
+        turning = (find_reversals(c, recorded.time, recorded.position) for c in channels)
+        # Reversals from which on a joint's hysteresis can be told from an offset.
+        judged = [t for t in turning if len(t.reversals) >= 2]
         # Of the tip for unit hysteresis of each judged joint, then for those of the geometry.
         lags = [-0.5 * t.sense[:, None, None] * t.channel.lever[:, :, None] for t in judged]
         errors = np.concatenate([*lags, placement_errors(arm, recorded)], axis=2)
@@ -321,14 +317,10 @@ def _faults(accuracy: PathAccuracy, errors: FloatArray | None) -> tuple[RecordFa
         interval=float(np.median(np.diff(accuracy.reference.time))),
         late=lambda delay: (path.position(late - delay), path.velocity(late - delay)),
     )
-    latency = alignment.latency, alignment.latency_std
-    return record_faults(record, accuracy.recorded, rows, latency, _std_of_rms)
-
-
-def _std_of_rms(squares: FloatArray) -> float:
-    return _jackknife(squares, _stretches(len(squares)))
-
-
-def _stretches(rows: int) -> IntArray:
-    """Which stretch of time each row is in."""
-    return np.arange(rows, dtype=np.intp) * _STRETCHES // max(rows, 1)
+    return record_faults(
+        record,
+        accuracy.recorded,
+        rows,
+        (alignment.latency, alignment.latency_std),
+        lambda squares: _jackknife(squares, _stretches(len(squares))),
+    )

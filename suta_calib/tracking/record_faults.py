@@ -11,26 +11,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.tracking.errors_in_time import (
     LEAST,
-    NOTHING,
     ErrorsInTime,
     FaultEstimate,
     Kind,
     fitted,
 )
 from suta_calib.tracking.shifts_in_time import ShiftsInTime
-from suta_calib.tracking.stray_rows import STUCK, Stray, robust_residual, stuck_rows, wild_rows
+from suta_calib.tracking.stray_rows import stray_rows
 from suta_calib.tracking.trajectory import Trajectory
 from suta_calib.units import Unit, mm, ms, text
-
-# Digits of a clock's rate and its std, in per cent.
-_DIGITS: Final = 2
 
 
 @dataclass(frozen=True)
@@ -117,8 +112,8 @@ class RecordFault:
                 f"ms {later} than before: did its time stamps jump? Compare the rows before and "
                 "after alone."
             )
-        # Two digits of the std.
-        digits = max(_DIGITS, _DIGITS - 1 - math.floor(math.log10(max(100 * self.std, 1e-6))))
+        # Two digits of the std, in per cent, and two decimals at least.
+        digits = max(2, 1 - math.floor(math.log10(max(100 * self.std, 1e-6))))
         grows = abs(ms(self.size * self.seconds))
         return (
             f"The recording's clock runs {100 * abs(self.size):.{digits}f} ± "
@@ -185,20 +180,7 @@ def _candidates(record: ErrorsInTime) -> list[FaultEstimate]:
     """The most telling faults: stuck and wild rows, and one of the others."""
     if len(record.time) < LEAST:
         return []
-    left = robust_residual(record)
-    scatter = max(float(np.median(np.linalg.norm(left, axis=1))), NOTHING / STUCK)
-    candidates, usable = list[FaultEstimate](), np.ones(len(left), dtype=bool)
-
-    def leave_out(kind: Kind, stray: Stray | None) -> None:
-        if stray:
-            shape = np.zeros_like(left)
-            shape[stray.rows] = np.nan
-            usable[stray.rows] = False
-            ends = stray.first, stray.last
-            candidates.append(FaultEstimate(kind, stray.size, math.nan, shape, stray.count, *ends))
-
-    leave_out("stuck", stuck_rows(record, left, scatter))
-    leave_out("wild", wild_rows(record, left, scatter, usable) if np.sum(usable) >= LEAST else None)
+    candidates, usable = stray_rows(record)
     other = ShiftsInTime(record, usable).most_telling() if np.sum(usable) >= LEAST else None
     return [*candidates, other] if other else candidates
 

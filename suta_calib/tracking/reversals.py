@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import NORMAL
+from suta_calib.acquisition.averaging import row_noise
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rms_length
@@ -23,14 +23,6 @@ from suta_calib.units import Unit, from_deg
 
 # Way that counts as having turned back, and from which on the play is taken up.
 TRAVEL: Final[dict[Unit, float]] = {"rad": from_deg(0.25), "m": 0.5e-3}
-# A coordinate that trembles needs this many times its noise; and to be seen to stand, this many.
-_TIMES_NOISE: Final = 8.0
-_STANDS: Final = 3.0
-# Of the way that counts as having turned back, the part a joint with play may creep.
-_CREEP: Final = 0.02
-# s; of the error's means before and after.
-WINDOW: Final = 0.1
-_LEAST_ROWS: Final = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,18 +140,18 @@ def find_reversals(channel: Channel, time: FloatArray, error: FloatArray) -> Cha
         time: (n,) s.
         error: (n, 3) recorded minus reference, in the recording's frame, m; NaN where unknown.
     """
-    # What changes from row to row without direction.
-    second = np.diff(channel.coordinate, 2)
-    noise = NORMAL * float(np.median(np.abs(second))) / math.sqrt(6.0) if second.size else 0.0
-    travel = max(TRAVEL[channel.unit], _TIMES_NOISE * noise)
-    creep = max(_CREEP * travel, _STANDS * noise)
+    # A coordinate that trembles must go many times its noise to have turned back, and some times it
+    # to be seen not to stand; a joint with play may creep.
+    noise = float(row_noise(channel.coordinate))
+    travel = max(TRAVEL[channel.unit], 8.0 * noise)
+    creep = max(0.02 * travel, 3.0 * noise)
     turns = turning_points(channel.coordinate, travel)
     around = [_neighbourhood(channel.coordinate, row, sense, travel) for row, sense in turns]
     reversals = []
     for k, (row, sense) in enumerate(turns):
         first, last = around[k]
-        # Not beyond the next reversal, and not further than the window.
-        window = np.searchsorted(time, [time[first] - WINDOW, time[last] + WINDOW])
+        # Means of the error over 0.1 s, and not beyond the next reversal.
+        window = np.searchsorted(time, [time[first] - 0.1, time[last] + 0.1])
         begin = max(around[k - 1][1] if k else 0, window[0])
         end = min(around[k + 1][0] if around[k + 1 :] else len(time), window[1])
         before, after = _mean(error[begin : first + 1]), _mean(error[last:end])
@@ -198,7 +190,7 @@ def _neighbourhood(x: FloatArray, row: int, sense: int, distance: float) -> tupl
 def _mean(error: FloatArray) -> FloatArray | None:
     """Mean of the rows (n, 3) that are known, None where there are too few."""
     finite = error[np.isfinite(error).all(axis=1)]
-    return finite.mean(axis=0) if len(finite) >= _LEAST_ROWS else None
+    return finite.mean(axis=0) if len(finite) >= 3 else None
 
 
 def _rms(vectors: Sequence[FloatArray]) -> float:

@@ -10,12 +10,13 @@
 
 from __future__ import annotations
 
+from operator import itemgetter
 from typing import Final
 
 import numpy as np
 from scipy.special import fdtrc
 
-from suta_calib.acquisition.averaging import NORMAL
+from suta_calib.acquisition.averaging import NORMAL, row_noise
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.tracking.errors_in_time import (
@@ -29,26 +30,10 @@ from suta_calib.tracking.errors_in_time import (
 )
 from suta_calib.trust.serial_correlation import correlation_length
 
-# Of the squares beyond the scatter of neighbours, what a clock's fault must explain.
-SHARE: Final = 0.5
 # Of a shape's squares, what no honest cause must be able to explain for it to be told.
 FREE: Final = 0.03
-# Bins at either end at which no step is looked for, and degrees of freedom that tell a variance.
-EDGE: Final = 3
-LEAST_FREEDOM: Final = 3.0
-# Rounds in which what was found is found anew where it has led to.
+# Rounds in which a fault is estimated anew where the last estimate has led to.
 ROUNDS: Final = 4
-# Times that a jump is larger than every other change, and the share by which the end of a short
-# one may differ from its beginning.
-DWARFS: Final = 2.5
-COMPARABLE: Final = 0.5
-# Rows of which means are taken before and after, s of the longest, and means that a record has.
-WIDTHS: Final = (2, 4, 8, 16, 32, 64, 128)
-LONGEST: Final = 0.25
-MEANS: Final = 24
-# s, or two rows, within which so much of a jump happens: play takes longer to be taken up.
-SHARP: Final = 0.005
-AT_ONCE: Final = 0.85
 
 
 class ShiftsInTime:
@@ -56,7 +41,7 @@ class ShiftsInTime:
 
     Args:
         record: errors over time.
-        kept: (n,) rows that are neither stuck nor wild.
+        used: (n,) rows that are neither stuck nor wild.
     """
 
     def __init__(self, record: ErrorsInTime, used: BoolArray) -> None:
@@ -73,8 +58,7 @@ class ShiftsInTime:
         u, s, _ = np.linalg.svd(flat, full_matrices=False)
         self.q = u[:, s > SAME * s[0]]
         self.left = self.free(self.b_error)
-        second = np.diff(self.error, 2, axis=0)
-        noise = NORMAL * np.median(np.abs(second), axis=0) / np.sqrt(6.0)
+        noise = row_noise(self.error, axis=0)
         self.white = float(np.sum(noise**2) * np.sum(1.0 / self.counts))
 
     def mean(self, rows: FloatArray) -> FloatArray:
@@ -89,23 +73,19 @@ class ShiftsInTime:
 
     def most_telling(self) -> FaultEstimate | None:
         """The one that leaves least, where there is one."""
-        candidates = [
-            candidate for candidate in (self.jump(), self.rate(), self.step()) if candidate
-        ]
-        return min(candidates, key=lambda candidate: candidate[0])[1] if candidates else None
+        candidates = [fault for fault in (self.jump(), self.rate(), self.step()) if fault]
+        return min(candidates, key=itemgetter(0))[1] if candidates else None
 
     def spread(self, shape: FloatArray) -> FloatArray:
-        """(n, 3) of all rows, from those that are kept."""
+        """(n, 3) of all rows, from those that are used."""
         full = np.zeros_like(self.record.error)
         full[self.at] = shape
         return full
 
     def judged(self, column: FloatArray, looks: int) -> tuple[float, float, float] | None:
-        """What bins (m, 3) leave, the size of a column and its std; None where it is chance.
+        """Squares that a column (m, 3) leaves, its size and std; None where it is chance.
 
-        Args:
-            column: (m, 3) m per unit of its size.
-            looks: of so many columns it is the best.
+        It is the best of so many columns that were looked at.
         """
         free = self.free(column)
         information = float(np.sum(free**2))
@@ -116,8 +96,9 @@ class ShiftsInTime:
         squares, every = float(np.sum(rest**2)), float(np.sum(self.left**2))
         freedom = (rest.size - self.q.shape[1] - 1) / correlation_length(rest)
         small = rms_length(size * column) < NOTHING
-        little = every - squares < SHARE * max(every - self.white, 0.0)
-        if freedom < LEAST_FREEDOM or small or little:
+        # A clock's fault explains half of the squares beyond the scatter of neighbours.
+        little = every - squares < 0.5 * max(every - self.white, 0.0)
+        if freedom < 3.0 or small or little:  # fewer degrees of freedom tell no variance
             return None
         variance = max(squares, 1e-18 * rest.size) / freedom
         # Chance that the tests of one kind call an honest record's clock wrong.
@@ -134,30 +115,22 @@ class ShiftsInTime:
     def step(self) -> tuple[float, FaultEstimate] | None:
         """An error along the velocity from a row on: the bin from which it explains most."""
         means = self.mean(-self.velocity)
-        q = self.q.reshape(len(means), 3, -1)
-        power, shared, pull = (
-            np.cumsum(values[::-1], axis=0)[::-1]
-            for values in (
-                np.sum(means**2, axis=1),
-                np.einsum("mi,mik->mk", means, q),
-                np.sum(means * self.left, axis=1),
-            )
-        )
+        beside = np.einsum("mi,mik->mk", means, self.q.reshape(len(means), 3, -1))
+        by_bin = np.sum(means**2, axis=1), beside, np.sum(means * self.left, axis=1)
+        power, shared, pull = (np.cumsum(values[::-1], axis=0)[::-1] for values in by_bin)
         information = power - np.sum(shared**2, axis=1)
         usable = information > FREE * np.maximum(power, 1e-300)
-        usable[:EDGE] = usable[-EDGE:] = False
+        usable[:3] = usable[-3:] = False
         gain = np.where(usable, pull**2 / np.where(usable, information, 1.0), 0.0)
         if not gain.any():
             return None
         row = int(self.first[np.argmax(gain)])
-        after = np.zeros(self.n)
-        after[row:] = 1.0
+        after = (np.arange(self.n) >= row).astype(float)
         candidate = self.delayed("step", after, len(means), row)
-        if not candidate or not self.sharp(
-            self.residual(), row, -candidate[1].size * self.velocity[row]
-        ):
+        if not candidate:
             return None
-        return candidate
+        jump = -candidate[1].size * self.velocity[row]
+        return candidate if self.sharp(self.residual(), row, jump) else None
 
     def delayed(
         self, kind: Kind, basis: FloatArray, looks: int, first: int
@@ -191,16 +164,18 @@ class ShiftsInTime:
     def sharp(self, left: FloatArray, row: int, jump: FloatArray) -> bool:
         """Whether most of a jump (3,) is there at once, as far as the noise lets it be seen."""
         size = float(np.linalg.norm(jump))
-        w = max(2, round(SHARP / float(np.median(np.diff(self.time)))))
+        # Play takes longer to be taken up than 5 ms, or two rows, in which 85 % of a jump happens.
+        w = max(2, round(0.005 / float(np.median(np.diff(self.time)))))
         change = _changes(left, w) @ (jump / max(size, 1e-300))
         noise = NORMAL * float(np.median(np.abs(change)))
         near = change[max(row - w - w // 2, 0) : row - w + w // 2 + 1]
-        return len(near) > 0 and float(near.max()) > AT_ONCE * size - 3.0 * noise
+        return len(near) > 0 and float(near.max()) > 0.85 * size - 3.0 * noise
 
     def jump(self) -> tuple[float, FaultEstimate] | None:
         """A place that is another from a row on, or between two."""
         step = float(np.median(np.diff(self.time)))
-        widths = [w for w in WIDTHS if w * MEANS <= self.n and w * step <= LONGEST]
+        # Rows of which means are taken before and after: 24 means in all, 0.25 s at the longest.
+        widths = [w for w in 2 ** np.arange(1, 8) if w * 24 <= self.n and w * step <= 0.25]
         left = self.residual()
         if not widths:
             return None
@@ -209,10 +184,10 @@ class ShiftsInTime:
             ratio, w, first, end = max(_dwarfing(left, w) for w in widths)
             inside = np.zeros(self.n)
             inside[first:end] = 1.0
-            jump_columns = per_axis(self.mean(inside)[:, None])
-            beta = fitted(np.concatenate([self.b_columns, jump_columns], axis=2), self.b_error)
+            columns = [self.b_columns, per_axis(self.mean(inside)[:, None])]
+            beta = fitted(np.concatenate(columns, axis=2), self.b_error)
             left = self.error - self.columns @ beta[:-3]
-        if ratio < DWARFS:
+        if ratio < 2.5:
             return None
         change = _changes(left, w)
         jump = change[first - w]
@@ -221,9 +196,8 @@ class ShiftsInTime:
         identifiable = float(np.sum(self.free(column) ** 2)) > FREE * float(np.sum(column**2))
         if size < NOTHING or not identifiable or not self.sharp(left, first, jump):
             return None
-        elsewhere = np.abs(np.arange(len(change)) - (first - w)) > w
-        if end < self.n:
-            elsewhere &= np.abs(np.arange(len(change)) - (end - w)) > w
+        rows = np.arange(len(change)) + w
+        elsewhere = (np.abs(rows - first) > w) & ((np.abs(rows - end) > w) | (end == self.n))
         std = float(np.sqrt(np.mean((change[elsewhere] @ (jump / size)) ** 2)))
         offset = inside[:, None] * beta[-3:]
         squares, shape = float(np.sum(self.mean(left - offset) ** 2)), self.spread(offset)
@@ -243,8 +217,7 @@ def _dwarfing(left: FloatArray, w: int) -> tuple[float, int, int, int]:
 
     Or the two largest, where the second takes back what the first did.
     """
-    # m; changes that are none.
-    tiny = 1e-9
+    tiny = 1e-9  # m; changes that are none
     change = _changes(left, w)
     size = np.linalg.norm(change, axis=1)
     at = np.arange(len(size))
@@ -252,10 +225,8 @@ def _dwarfing(left: FloatArray, w: int) -> tuple[float, int, int, int]:
     beyond = np.where(np.abs(at - one) > w, size, 0.0)
     two = int(np.argmax(beyond))
     third = np.where(np.abs(at - two) > w, beyond, 0.0)
-    single = size[one] / max(beyond[two], tiny)
-    changes = [(float(single), w, one + w, len(left))]
-    back = np.linalg.norm(change[one] + change[two])
-    if back < COMPARABLE * size[one]:
+    changes = [(float(size[one] / max(beyond[two], tiny)), w, one + w, len(left))]
+    if np.linalg.norm(change[one] + change[two]) < 0.5 * size[one]:
         double = size[two] / max(float(third.max()), tiny)
         first, end = sorted((one, two))
         changes.append((float(double), w, first + w, end + w))

@@ -3,82 +3,77 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import NORMAL
+from suta_calib.acquisition.averaging import row_noise
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rms_length
-from suta_calib.tracking.errors_in_time import NOTHING, ErrorsInTime, fitted
-
-# Rounds in which rows that are off by so many medians are left out of the fit, and enough rows.
-ROUNDS: Final = 4
-OFF: Final = 6.0
-ENOUGH: Final = 3000
-# Times the scatter, or the noise, that the reference moves on while a record is stuck; times
-# that it is then off what one of a hundred other rows is.
-STUCK: Final = 5.0
-PEAK: Final = 3.0
-# Times that a wild row is off what one of a hundred is, and the largest that is not wild; and rows
-# on either side that it is held against.
-WILD: Final = 5.0
-WILD_RATIO: Final = 2.0
-BESIDE: Final = 5
-# Of the rows, so many at most are wild: more are how this record scatters.
-FEW: Final = 0.01
+from suta_calib.tracking.errors_in_time import (
+    LEAST,
+    NOTHING,
+    ErrorsInTime,
+    FaultEstimate,
+    Kind,
+    fitted,
+)
 
 
-@dataclass(frozen=True, eq=False)
-class Stray:
-    """Rows that tell nothing.
-
-    Attributes:
-        rows: (m,) which.
-        size: how far the reference moves on, or the worst is off, m.
-        count: of stretches, or of wild rows.
-        first, last: rows of the longest stretch, or the worst row.
-    """
-
-    rows: IntArray
-    size: float
-    count: int
-    first: int
-    last: int
+def stray_rows(record: ErrorsInTime) -> tuple[list[FaultEstimate], BoolArray]:
+    """What is stuck or wild, and which rows (n,) are neither."""
+    left = _robust_residual(record)
+    faults, usable = list[FaultEstimate](), np.ones(len(left), dtype=bool)
+    for find in (_stuck, _wild):
+        fault = find(record, left, usable) if np.sum(usable) >= LEAST else None
+        if fault is not None:
+            faults.append(fault)
+            usable &= np.isfinite(fault.shape[:, 0])
+    return faults, usable
 
 
-def robust_residual(record: ErrorsInTime) -> FloatArray:
+def _robust_residual(record: ErrorsInTime) -> FloatArray:
     """(n, 3) what is left of the error, rows that are far off left out of the fit."""
+    far_off = 6.0  # medians
     inliers = np.ones(len(record.time), dtype=bool)
     left = record.error
-    # Evenly spaced rows are enough to fit.
+    # So many evenly spaced rows are enough to fit.
     few = np.zeros(len(inliers), dtype=bool)
-    few[:: max(1, len(inliers) // ENOUGH)] = True
-    for _ in range(ROUNDS):
+    few[:: max(1, len(inliers) // 3000)] = True
+    for _ in range(4):
         left = record.error - record.columns @ fitted(record.columns, record.error, inliers & few)
         sizes = np.linalg.norm(left, axis=1)
-        again = sizes <= OFF * max(float(np.median(sizes)), NOTHING / OFF)
+        again = sizes <= far_off * max(float(np.median(sizes)), NOTHING / far_off)
         if np.array_equal(again, inliers):
             break
         inliers = again
     return left
 
 
-def stuck_rows(record: ErrorsInTime, left: FloatArray, scatter: float) -> Stray | None:
-    """Rows in which the record stays where it is while the reference moves on.
+def _usual(sizes: FloatArray) -> float:
+    """What all but one in a hundred do not exceed: more are how this record scatters."""
+    return float(np.quantile(sizes, 0.99))
 
-    Args:
-        record: errors over time.
-        left: (n, 3) of them, what no honest cause explains, m.
-        scatter: what the median row is off by, m.
-    """
+
+def _fault(
+    kind: Kind, left: FloatArray, rows: IntArray, size: float, count: int, ends: tuple[int, int]
+) -> FaultEstimate:
+    shape = np.zeros_like(left)
+    shape[rows] = np.nan
+    return FaultEstimate(kind, size, math.nan, shape, count, *ends)
+
+
+def _scatter(left: FloatArray) -> float:
+    """What the median row is off by, m."""
+    return max(float(np.median(np.linalg.norm(left, axis=1))), NOTHING / 5.0)
+
+
+def _stuck(record: ErrorsInTime, left: FloatArray, _: BoolArray) -> FaultEstimate | None:
+    """Stretches in which the record stays where it is while the reference moves on."""
     place, truth, n = record.recorded, record.reference, len(left)
-    # What changes from row to row without direction.
-    second = np.diff(place, 2, axis=0)
-    noise = NORMAL * float(np.median(np.abs(second))) / np.sqrt(6.0)
-    tolerance = STUCK * noise
-    far = STUCK * max(scatter, tolerance)
+    # Times the noise that it may move meanwhile; times that, or the scatter, that the reference
+    # moves on.
+    tolerance = 5.0 * row_noise(place)
+    far = 5.0 * max(_scatter(left), tolerance)
     speed = np.linalg.norm(record.velocity, axis=1)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(record.time))])
     # From each row to the one by which the reference has gone so far, and to each row likewise.
@@ -97,40 +92,32 @@ def stuck_rows(record: ErrorsInTime, left: FloatArray, scatter: float) -> Stray 
         return None
     # Play stands still too, and a slow tracker: then rows are off by no more than others.
     sizes = np.linalg.norm(left, axis=1)
-    usual = float(np.quantile(sizes[~covered], 1 - FEW))
+    peak = 3.0 * _usual(sizes[~covered])
     runs = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
-    runs = [run for run in runs if sizes[run].max() > PEAK * usual]
+    runs = [run for run in runs if sizes[run].max() > peak]
     if not runs:
         return None
     ways = [float(np.linalg.norm(truth[run[-1]] - truth[run[0]])) for run in runs]
-    worst = int(np.argmax(ways))
-    first, last = int(runs[worst][0]), int(runs[worst][-1])
-    return Stray(np.concatenate(runs), ways[worst], len(runs), first, last)
+    longest = runs[int(np.argmax(ways))]
+    ends = int(longest[0]), int(longest[-1])
+    return _fault("stuck", left, np.concatenate(runs), max(ways), len(runs), ends)
 
 
-def wild_rows(
-    record: ErrorsInTime, left: FloatArray, scatter: float, used: BoolArray
-) -> Stray | None:
-    """Single rows that are off from those before and from those after, the same way.
-
-    Args:
-        record: errors over time.
-        left: (n, 3) of them, what no honest cause explains, m.
-        scatter: what the median row is off by, m.
-        used: (n,) rows that are not stuck.
-    """
-    at, left = np.flatnonzero(used), left[used]
-    n, reach = len(left), BESIDE
-    padded = np.concatenate([left[reach:0:-1], left, left[-2 : -2 - reach : -1]])
-    windows = np.lib.stride_tricks.sliding_window_view(padded, reach, axis=0)
-    before, after = np.median(windows[:n], axis=2), np.median(windows[reach + 1 :], axis=2)
-    ahead, behind = left - before, left - after
+def _wild(record: ErrorsInTime, left: FloatArray, used: BoolArray) -> FaultEstimate | None:
+    """Single rows that are off from those before and from those after, the same way."""
+    # Rows on either side; times that a wild row is off what is usual, and the largest of the rest.
+    beside, times_usual, times_largest = 5, 5.0, 2.0
+    at, kept = np.flatnonzero(used), left[used]
+    n = len(kept)
+    padded = np.concatenate([kept[beside:0:-1], kept, kept[-2 : -2 - beside : -1]])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, beside, axis=0)
+    before, after = np.median(windows[:n], axis=2), np.median(windows[beside + 1 :], axis=2)
+    ahead, behind = kept - before, kept - after
     same = np.einsum("nk,nk->n", ahead, behind) > 0
     off = np.minimum(np.linalg.norm(ahead, axis=1), np.linalg.norm(behind, axis=1)) * same
-    usual = max(float(np.quantile(off, 1 - FEW)), scatter, NOTHING / WILD)
-    wild = off > WILD * usual
+    wild = off > times_usual * max(_usual(off), _scatter(left), NOTHING / times_usual)
     rows = np.flatnonzero(wild)
-    if not 0 < len(rows) <= max(1, FEW * n):
+    if not 0 < len(rows) <= max(1, n / 100):
         return None
     # Where the motion turns sharply, what is between two rows is not known so well.
     step = float(np.median(np.diff(record.time)))
@@ -140,9 +127,9 @@ def wild_rows(
     for shift in range(near + 1):
         part = turns[shift : shift + len(bend)]
         np.maximum(part, bend * max(record.interval, step), out=part)
-    least = WILD_RATIO * max(float(off[~wild].max()), rms_length(left[~wild]))
+    least = times_largest * max(float(off[~wild].max()), rms_length(kept[~wild]))
     rows = rows[off[rows] > np.maximum(least, turns[at[rows]])]
     if not len(rows):
         return None
     worst = int(rows[np.argmax(off[rows])])
-    return Stray(at[rows], float(off[worst]), len(rows), int(at[worst]), int(at[worst]))
+    return _fault("wild", left, at[rows], float(off[worst]), len(rows), (int(at[worst]),) * 2)
