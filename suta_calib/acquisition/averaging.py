@@ -71,15 +71,13 @@ def steps(deviations: FloatArray) -> FloatArray:
     A coarse encoder at rest reports two or three neighbouring values. Its scatter then says nothing
     below the step between them.
     """
-    # A column with at most this many distinct values shows the encoder's steps rather than noise.
-    few_steps = 5
-    often = 0.05
     smallest = np.zeros(deviations.shape[1])
     for k, column in enumerate(deviations.T.round(12)):
         values, counts = np.unique(column, return_counts=True)
-        # A value that hardly ever occurs is an error, not a neighbouring step.
-        values = values[counts >= max(2, often * len(column))]
-        if 2 <= len(values) <= few_steps:
+        # A value that hardly ever occurs is an error, not a neighbouring step; more than a few
+        # distinct ones are noise.
+        values = values[counts >= max(2, 0.05 * len(column))]
+        if 2 <= len(values) <= 5:
             smallest[k] = np.diff(values).min()
     return smallest
 
@@ -98,9 +96,8 @@ def average(angles: ArrayLike, seconds: float = 0.0) -> Average:
     if not angles.size:
         raise SamplesError("no readings", "at least one to average")
     centre, deviation = unwrapped_about_median(angles)
-    # Farther from the median than this many standard deviations no honest reading lies.
-    gross = 6.0
-    limit = np.maximum(gross * spread(deviation), 2 * steps(deviation) + 1e-9)
+    # Farther from the median than six standard deviations no honest reading lies.
+    limit = np.maximum(6.0 * spread(deviation), 2 * steps(deviation) + 1e-9)
     inliers = np.abs(deviation) <= limit
     mean = np.mean(deviation, axis=0, where=inliers)
     left = inliers.sum(axis=0)

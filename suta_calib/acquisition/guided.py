@@ -62,11 +62,8 @@ class Guided:
             return
         if key == "q":
             self._quit = True
-        elif key == "s":
-            self._run.skip()
-            self._next()
-        elif key == "b":
-            self._run.back()
+        elif key in ("s", "b"):
+            (self._run.skip if key == "s" else self._run.back)()
             self._next()
         elif key == "r" or (key == ENTER and self._sample is None):
             self._sample, self._asked = None, True
@@ -90,9 +87,6 @@ class Guided:
         how = f"{run.plan.how}; " if run.plan.how else ""
         start = "" if run.last is None else "moving there and resting records it; "
         run.say(f"Bring the tip to {run.station.name} ({place}): {how}{start}{_WAITING}")
-
-
-_END: Final = "q"
 
 
 class Keyboard:
@@ -123,7 +117,7 @@ class Keyboard:
     def key(self) -> str | None:
         """The next key that was pressed, in lower case, a line feed for Enter; None for none."""
         if self._ended:
-            return _END
+            return "q"
         if b"\n" not in self._line:
             if not select.select([self._descriptor], [], [], 0)[0]:
                 return None
@@ -133,7 +127,7 @@ class Keyboard:
             if not (self.terminal or self._ended or b"\n" in self._line):
                 return None
         if not self._line:
-            return _END
+            return "q"
         if self.terminal:
             pressed, self._line = self._line, b""
         else:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
@@ -45,8 +45,6 @@ if TYPE_CHECKING:
     from suta_calib.acquisition.session import Finder, Sampler
     from suta_calib.device.port_process import PortProcess
 
-# Nobody is there to see that nothing happens any more, s.
-UNATTENDED_PATIENCE: Final = 60.0
 Status = Literal["complete", "incomplete", "interrupted"]
 
 
@@ -231,13 +229,14 @@ class _Session:
             return self._measured("complete")
         patience = options.patience
         if patience is None:
-            patience = UNATTENDED_PATIENCE if options.unattended else math.inf
+            # Unattended, nobody is there to see that nothing happens any more.
+            patience = 60.0 if options.unattended else math.inf
         try:
             with ExitStack() as stack:
-                recorder = None
+                record = None
                 if options.raw is not None:
                     recorder = RawRecorder(options.raw, self._spec.names, self._say)
-                    stack.enter_context(recorder)
+                    record = stack.enter_context(recorder).write
                 if isinstance(self._sampler, Guided):
                     keyboard = stack.enter_context(keyboard or Keyboard())
                 stack.callback(self._conclude, bus)
@@ -248,7 +247,7 @@ class _Session:
                     self._sampler,
                     events=self._events,
                     idle=lambda: self._idle(keyboard),
-                    record=recorder.write if recorder else lambda _: None,
+                    record=record,
                     patience=patience,
                 )
         except KeyboardInterrupt:

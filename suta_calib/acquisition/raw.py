@@ -50,19 +50,19 @@ class RawRecorder:
         self._schema = self._arrow.schema(fields)
         with self._telling():
             if self._part.exists():
-                names = (
-                    path.with_name(f"{path.stem}-recovered-{k}{path.suffix}") for k in count(1)
-                )
-                name = next(name for name in names if not name.exists())
-                if rows := _to_parquet(self._part, name):
-                    say(f"{rows} readings of a run that was killed are in {name}")
-                else:
-                    name.unlink(missing_ok=True)
-                    say(
-                        f"{self._part}, which a run that was killed left, held no readings: removed"
-                    )
+                say(self._recovered())
             self._sink = self._part.open("xb")
             self._writer = self._arrow.ipc.new_stream(self._sink, self._schema)
+
+    def _recovered(self) -> str:
+        """What became of the part that a run left that was killed."""
+        stem, suffix = self._path.stem, self._path.suffix
+        names = (self._path.with_name(f"{stem}-recovered-{k}{suffix}") for k in count(1))
+        name = next(name for name in names if not name.exists())
+        if rows := _to_parquet(self._part, name):
+            return f"{rows} readings of a run that was killed are in {name}"
+        name.unlink(missing_ok=True)
+        return f"{self._part}, which a run that was killed left, held no readings: removed"
 
     def __enter__(self) -> Self:
         return self
@@ -82,9 +82,7 @@ class RawRecorder:
             OutputError: the disk refuses them.
         """
         self._readings += readings
-        rows = 4096
-        every_s = 1.0
-        if len(self._readings) >= rows or time.monotonic() - self._flushed > every_s:
+        if len(self._readings) >= 4096 or time.monotonic() - self._flushed > 1.0:
             with self._telling():
                 self._flush()
 
@@ -101,16 +99,14 @@ class RawRecorder:
         self._flushed = time.monotonic()
         if not rows:
             return
-        angles = np.array([row.angles for row in rows])
         names = np.array(self._joints, dtype=object)
-        columns: list[Any] = [[row.sequence for row in rows], [row.time for row in rows]]
-        columns += [[row.arrival for row in rows], *angles.T]
-        columns += [[" ".join(names[row.error]) for row in rows]]
-        arrays = [
-            self._arrow.array(values, type=field.type)
-            for values, field in zip(columns, self._schema, strict=True)
-        ]
-        batch = self._arrow.RecordBatch.from_arrays(arrays, schema=self._schema)
+        heads = zip(*((row.sequence, row.time, row.arrival) for row in rows), strict=True)
+        errors = [" ".join(names[row.error]) for row in rows]
+        columns = [*heads, *np.array([row.angles for row in rows]).T, errors]
+        batch = self._arrow.RecordBatch.from_arrays(
+            [self._arrow.array(c, type=f.type) for c, f in zip(columns, self._schema, strict=True)],
+            schema=self._schema,
+        )
         self._writer.write_batch(batch)
         self._sink.flush()
 

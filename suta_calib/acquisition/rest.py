@@ -25,9 +25,6 @@ if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
 
 
-# Readings after which the window is looked at, whatever their clock says; looks that tell noise.
-_MOST_FRESH: Final = 400
-_MOST_LOOKS: Final = 400
 # A pause between readings that is worth telling, s.
 STALL: Final = 0.5
 
@@ -102,7 +99,8 @@ class RestDetector:
         self._settings, self._even = settings, even
         self._window: deque[Reading] = deque()
         self._fresh: list[Reading] = []
-        self._seen: deque[FloatArray] = deque(maxlen=_MOST_LOOKS)
+        # Noise in the latest looks.
+        self._noises: deque[FloatArray] = deque(maxlen=400)
         self._resting: bool | None = None
         self._gap = 0.0
         self._interrupted = False
@@ -124,7 +122,8 @@ class RestDetector:
             self._window.append(reading)
             self._fresh.append(reading)
             hop = reading.time - self._fresh[0].time
-            if hop >= self._settings.hop or len(self._fresh) > _MOST_FRESH:
+            # So many readings are looked at whatever their clock says.
+            if hop >= self._settings.hop or len(self._fresh) > 400:
                 looks.append(self._look())
         return looks
 
@@ -152,19 +151,17 @@ class RestDetector:
         """(n,) whether each joint scatters or drifts more than noise and tremor explain."""
         _, deviation = unwrapped_about_median(angles)
         times = None if self._even else np.array([reading.time for reading in self._window])
-        self._seen.append(noise_level(angles, times))
-        # Motion can only add to it, and a lost frame can: the lowest seen is the noise.
-        self.noise = np.min(np.array(self._seen), axis=0)
+        self._noises.append(noise_level(angles, times))
+        # Motion can only add to it, and a lost frame can: the lowest is the noise.
+        self.noise = np.min(np.array(self._noises), axis=0)
         s, scatter = self._settings, spread(deviation)
         least, factor = 1.5 * steps(deviation), s.hysteresis if self._resting else 1.0
         tremble = np.maximum(s.tremble, np.maximum(s.noises * self.noise, least))
-        rare = 4.5
         # Two means of half the window each differ by this much, one time in 100 000.
-        chance = rare * 2 * self.noise / np.sqrt(len(deviation))
+        chance = 4.5 * 2 * self.noise / np.sqrt(len(deviation))
         drift = np.maximum(s.drift, np.maximum(chance, least))
-        gross = 6.0
         # A single gross error must not move a mean.
-        most = np.maximum(gross * scatter, 2 * drift)
+        most = np.maximum(6.0 * scatter, 2 * drift)
         clipped, half = np.clip(deviation, -most, most), len(deviation) // 2
         change = clipped[-half:].mean(axis=0) - clipped[:half].mean(axis=0)
         return np.asarray((scatter > factor * tremble) | (np.abs(change) > factor * drift))

@@ -155,8 +155,7 @@ class Run:
         if self.seating is not None:
             landmark = self.station.labels["landmark"]
             errors = self.seating.distances(landmark, average.angles)
-            most_distances = 4
-            largest = sorted(errors, key=lambda other: -abs(errors[other]))[:most_distances]
+            largest = sorted(errors, key=lambda other: -abs(errors[other]))[:4]
             text = ", ".join(f"to {other} {mm(errors[other]):+.2f} mm" for other in largest)
             if more := len(errors) - len(largest):
                 rms = mm(float(np.sqrt(np.mean(np.square(list(errors.values()))))))
@@ -334,10 +333,8 @@ class SamplesFile:
             return
         if lines_of(read_text(self.path, SamplesError)) == self._lines:
             return
-        before, now = (
-            self.rows,
-            SamplesFile(self.path, self._joints, self._labels, self._key, resume=True),
-        )
+        now = SamplesFile(self.path, self._joints, self._labels, self._key, resume=True)
+        before = self.rows
         same = len(before) == len(now.rows) and all(
             a == b and np.array_equal(p, q) for (a, p), (b, q) in zip(before, now.rows, strict=True)
         )

@@ -18,12 +18,10 @@ from suta_calib.geometry.numbers import register_points, rms_length
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 
-# From here on a landmark is another one rather than badly measured, m and as a ratio.
+# From here on a landmark is another one rather than badly measured, m, where the other name fits so
+# many times better.
 ANOTHER: Final = 15e-3
-_BETTER: Final = 3.0
-# Landmarks closer than this part of the artefact's shortest distance are one and the same.
-_SAME: Final = 0.25
-_COLLINEAR: Final = 0.1
+BETTER: Final = 3.0
 
 
 class SeatingCheck:
@@ -59,19 +57,15 @@ class SeatingCheck:
 
     def suspicious(self, landmark: str, angles: FloatArray) -> bool:
         """Whether these distances stand out from those between the others."""
-        # An arm before its calibration may be off by this much without anything being wrong, m.
-        nominal_error = 10e-3
-        outstanding = 4.0
-        # And among so many landmarks never by so much, however bad the other distances are, m.
-        many = 4
-        never_usual = 30e-3
         errors = self.distances(landmark, angles)
         if not errors:
             return False
         usual = [abs(self._error(a, self.tips[a], b)) for a, b in combinations(errors, 2)]
-        limit = max(nominal_error, outstanding * float(np.median(usual)) if usual else 0.0)
-        if len(errors) >= many:
-            limit = min(limit, never_usual)
+        # An arm before its calibration may be off by 10 mm without anything being wrong, and among
+        # four landmarks never by 30 mm, however bad the other distances are.
+        limit = max(10e-3, 4.0 * float(np.median(usual)) if usual else 0.0)
+        if len(errors) >= 4:
+            limit = min(limit, 30e-3)
         return float(np.median(np.abs(list(errors.values())))) > limit
 
     def same_place(self, angles: FloatArray, other: FloatArray) -> bool:
@@ -80,7 +74,7 @@ class SeatingCheck:
         if len(positions) < 2:
             return False
         distance = np.linalg.norm(self.tip(angles) - self.tip(other))
-        return bool(distance < _SAME * pdist(positions).min())
+        return bool(distance < 0.25 * pdist(positions).min())
 
     def misfit(self, landmark: str, angles: FloatArray) -> float:
         """How badly a landmark of this name would fit here, m; zero while nothing can be said."""
@@ -88,7 +82,7 @@ class SeatingCheck:
         if len(measured) >= 3:
             source = self._artefact.position_of(measured)
             extent = np.linalg.svd(source - source.mean(axis=0), compute_uv=False)
-            if extent[1] > _COLLINEAR * extent[0]:
+            if extent[1] > 0.1 * extent[0]:  # not on a line
                 R, p = register_points(source, np.array([self.tips[name] for name in measured]))
                 predicted = R @ self._artefact.landmark(landmark).position + p
                 return float(np.linalg.norm(self.tip(angles) - predicted))
@@ -107,14 +101,11 @@ class SeatingCheck:
         if not misfits or self.misfit(expected, angles) < ANOTHER:
             return expected
         best = min(misfits, key=lambda name: misfits[name])
-        return best if _BETTER * misfits[best] < self.misfit(expected, angles) else expected
+        return best if BETTER * misfits[best] < self.misfit(expected, angles) else expected
 
 
 # As many landmarks can be told from others.
 CERTAIN: Final = 4
-# So many times better other names must fit.
-_CLEARLY: Final = 3.0
-_MOST_MISSED: Final = 3
 
 
 def likelier(
@@ -137,12 +128,12 @@ def likelier(
     now = misfit(taken)
     if now <= ANOTHER:
         return None
-    most_missed = min(_MOST_MISSED, len(names) - count)
+    most_missed = min(3, len(names) - count)
     # Only the first few missed.
     later = min((tuple(range(k, k + count)) for k in range(most_missed + 1)), key=misfit)
-    if _CLEARLY * misfit(later) < now:
+    if BETTER * misfit(later) < now:
         return later
     # Among so many some fit by chance: they must fit as an arm does that needs no calibration yet.
     all_missed = combinations_with_replacement(range(most_missed + 1), count)
     best = min((tuple((np.arange(count) + k).tolist()) for k in all_missed), key=misfit)
-    return best if _CLEARLY * misfit(best) < now and misfit(best) < ANOTHER else None
+    return best if BETTER * misfit(best) < now and misfit(best) < ANOTHER else None

@@ -35,10 +35,7 @@ class ArmReadings:
     """
 
     def __init__(self, spec: DeviceSpec, joints: Sequence[str]) -> None:
-        device_joints = f"joints {', '.join(spec.names)}"
-        expected = f"the arm's joints {', '.join(joints)}"
-        columns = columns_of(joints, spec.names, device_joints, expected, spec.path)
-        self._columns = np.array(columns, dtype=np.intp)
+        self._columns = columns_of(joints, spec.names, "the arm", spec.path)
         self._same = spec.names == tuple(joints)
 
     def __call__(self, readings: Iterable[Reading]) -> list[Reading]:
@@ -76,7 +73,7 @@ def run_session(
     *,
     events: StreamEvents,
     idle: Callable[[], None] = lambda: None,
-    record: Callable[[Sequence[Reading]], None] = lambda _: None,
+    record: Callable[[Sequence[Reading]], None] | None = None,
     patience: float = np.inf,
 ) -> bool:
     """Take samples until there is nothing left to take.
@@ -98,7 +95,8 @@ def run_session(
     while not sampler.done:
         readings = source.read(read_timeout)
         now = time.monotonic()
-        record(readings)
+        if record is not None:
+            record(readings)
         stop_events = finder.feed(choose(readings))
         for event in stop_events:
             if not sampler.done:

@@ -55,9 +55,13 @@ class Ended:
     joints: tuple[str, ...] = ()
     interrupted: bool = False
 
+    @property
+    def what(self) -> str:
+        """Which joints moved, in words."""
+        return ", ".join(self.joints) or "seen only after a gap"
+
     def __str__(self) -> str:
-        what = ", ".join(self.joints) or "seen only after a gap"
-        return f"rejected: moved after {self.average.seconds:.1f} s ({what})"
+        return f"rejected: moved after {self.average.seconds:.1f} s ({self.what})"
 
 
 @dataclass(frozen=True)

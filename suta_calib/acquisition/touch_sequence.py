@@ -9,6 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 from pathlib import Path
 from typing import Final
 
@@ -21,7 +22,6 @@ from suta_calib.terms import KINDS, Term
 from suta_calib.terms.seating import ALWAYS_ALIKE
 
 _WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
-_WILD: Final = re.compile(r"[*?\[]")
 
 
 @dataclass(frozen=True)
@@ -60,16 +60,13 @@ class ObservationRow:
 
     def file(self, label: str, repeat: str) -> Path:
         """Where samples of this label go by default: the folder and the look of the glob."""
-        named = Path(self.pattern)
-        parts = named.parts
-        fixed = next((k for k, part in enumerate(parts) if _WILD.search(part)), len(parts))
-        if fixed == len(parts):
+        named, stem = Path(self.pattern), f"{label}_{repeat}"
+        fixed = list(takewhile(lambda part: not re.search(r"[*?\[]", part), named.parts))
+        if len(fixed) == len(named.parts):
             return self.job.parent / named
-        stem = f"{label}_{repeat}"
-        last = named.name
-        plain = last.count("*") == 1 and not re.search(r"[?\[]", last)
-        name = last.replace("*", stem) if plain else f"{stem}.csv"
-        return self.job.parent.joinpath(*parts[:fixed]) / name
+        plain = named.name.count("*") == 1 and not re.search(r"[?\[]", named.name)
+        name = named.name.replace("*", stem) if plain else f"{stem}.csv"
+        return self.job.parent.joinpath(*fixed) / name
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,9 +166,8 @@ def touched(
     # A plug whose seating is to be found must be turned alike everywhere; the thesis that the
     # key is from turned it counter-clockwise.
     twist = row.artefact.twist or ("ccw" if row.seated else "")
-    if not twist:
-        return TouchSequence(arm, row.artefact, stations, key)
-    return TouchSequence(arm, row.artefact, stations, key, ALWAYS_ALIKE[twist], twist)
+    how = ALWAYS_ALIKE[twist] if twist else ""
+    return TouchSequence(arm, row.artefact, stations, key, how, twist)
 
 
 def repeated(

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -33,12 +33,6 @@ from suta_calib.units import from_deg
 
 if TYPE_CHECKING:
     from suta_calib.device.reading import Reading
-
-
-# As many that agree to this leave no doubt where the others are, m; and nobody seats so badly, m.
-_SURE: Final = 5
-_AGREED: Final = 10e-3
-_NOWHERE: Final = 40e-3
 
 
 class Unattended:
@@ -88,7 +82,8 @@ class Unattended:
         self._settle_short(average)
         if self.done:
             return
-        if self._sure() and self._farthest_off(average) > _NOWHERE:
+        nowhere = 40e-3  # m; nobody seats so badly
+        if self._sure() and self._farthest_off(average) > nowhere:
             self._doubt = True
             self._run.say(
                 f"rested where none of the landmarks left can be, {self._run.station.name} next: "
@@ -122,19 +117,16 @@ class Unattended:
         average = event.average
         if not self._is_next(average):
             return
-        # A rest cut short counts if it lasted this part of what was asked for.
-        enough = 0.5
-        # And this part, if the stream left out some of it, or began during it.
-        enough_interrupted = 0.05
-        share = enough_interrupted if event.interrupted else enough
+        # A rest cut short counts if it lasted this part of what was asked for; the smaller part if
+        # the stream left out some of it, or began during it.
+        share = 0.05 if event.interrupted else 0.5
         if average.seconds < share * self._seconds:
             self._doubt = True
             if average.seconds > 0:
                 self._run.say(str(event))
             return
-        what = ", ".join(event.joints) or "seen only after a gap"
         self._run.say(
-            f"rejected: moved after {average.seconds:.1f} of {self._seconds:g} s ({what}); "
+            f"rejected: moved after {average.seconds:.1f} of {self._seconds:g} s ({event.what}); "
             "its resting part counts if the arm does not come back"
         )
         self._settle_short(average)
@@ -167,21 +159,18 @@ class Unattended:
         return min(seating.misfit(s.name, average.angles) for s in self._run.left)
 
     def _sure(self) -> bool:
-        """Whether the landmarks measured leave no doubt where the artefact stands."""
+        """Whether five landmarks that agree to 10 mm leave no doubt where the artefact stands."""
         seating = self._run.seating
-        if seating is None or len(seating.tips) < _SURE:
+        if seating is None or len(seating.tips) < 5:
             return False
-        names = list(seating.tips)
-        return seating.disagreement(names, [seating.tips[name] for name in names]) < _AGREED
+        return seating.disagreement(list(seating.tips), list(seating.tips.values())) < 10e-3
 
     def _confirm(self, average: Average, note: str = "") -> None:
         run = self._run
         if run.seating is not None and (self._doubt or self._sure()):
             # A motion may have been missed: it goes on to the landmark the arm really rests on.
-            landmark = run.seating.which(
-                run.station.name, [s.name for s in run.left], average.angles
-            )
-            missed = []
+            left = [station.name for station in run.left]
+            landmark, missed = run.seating.which(left[0], left, average.angles), list[str]()
             while run.station.name != landmark:
                 missed.append(run.station.name)
                 run.skip()
@@ -201,8 +190,7 @@ class Unattended:
         names = [s.labels["landmark"] for s in run.plan.stations]
         taken = run.taken
         tips = [seating.tip(angles) for _, angles in run.file.rows]
-        true = likelier(seating, names, taken, tips)
-        if true is None:
+        if (true := likelier(seating, names, taken, tips)) is None:
             return
         missed = [names[k] for k in range(true[-1]) if k not in true]
         start = " at the start" if missed == names[: true[0]] else ""
@@ -223,10 +211,6 @@ def _away(angles: FloatArray, other: FloatArray) -> float:
     return float(np.max(np.abs(wrap(angles - other))))
 
 
-# So many readings in a row give one sample: a single wrong one among them does no harm.
-_MEDIAN_OF: Final = 5
-
-
 class Continuous:
     """Takes a sample ``every`` so many seconds while the arm moves, for ``seconds``.
 
@@ -239,7 +223,8 @@ class Continuous:
     ) -> None:
         self._plan, self._file, self._say = plan, file, say
         self._seconds, self._every = seconds, every
-        self._latest: deque[Reading] = deque(maxlen=_MEDIAN_OF)
+        # So many readings in a row give one sample: a single wrong one among them does no harm.
+        self._latest: deque[Reading] = deque(maxlen=5)
         self._waiting: list[FloatArray] = []
         self._last: FloatArray | None = None
         self._elapsed = self._due = self._flush_at = 0.0
@@ -280,7 +265,7 @@ class Continuous:
                 step = reading.time - self._latest[-1].time
                 self._elapsed += step if 0 <= step < STALL else 0.0
             self._latest.append(reading)
-            if self._elapsed >= self._due and len(self._latest) == _MEDIAN_OF:
+            if self._elapsed >= self._due and len(self._latest) == self._latest.maxlen:
                 self._sample()
         if self._elapsed >= self._flush_at or self.done:
             self._flush_at = self._elapsed + 1.0
@@ -294,8 +279,7 @@ class Continuous:
         if latest[-1].time - latest[0].time > 0.02:
             latest = [latest[len(latest) // 2]]
         angles = unwrapped_about_median(np.array([r.angles for r in latest]))[0]
-        # Samples in one posture tell nothing new, rad.
-        new_posture = from_deg(0.5)
-        if self._last is None or np.max(np.abs(wrap(angles - self._last))) > new_posture:
+        # Samples in one posture tell nothing new.
+        if self._last is None or _away(angles, self._last) > from_deg(0.5):
             self._waiting.append(angles)
             self._last = angles

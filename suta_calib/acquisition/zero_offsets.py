@@ -30,9 +30,7 @@ from suta_calib.solver.problem import DEFAULT_SIGMA
 from suta_calib.units import deg, from_deg, mm
 from suta_calib.words import listed
 
-# Offsets closer than this are the same answer, rad or m.
-_SAME: Final = 1e-3
-# And readings closer than this the same posture, rad or m.
+# Readings closer than this the same posture, rad or m.
 _SAME_POSTURE: Final = 0.02
 
 
@@ -153,7 +151,8 @@ class ZeroOffsets:
             f"most {mm(float(chosen.distances.max())):.3f} mm"
         )
         bad, care = list[str](), list[str]()
-        unchecked = self.redundancy <= 0 and self.status == "found"
+        status, contradicted = self.status, self.contradicted
+        unchecked = self.redundancy <= 0 and status == "found"
         if unchecked:
             sentence = f"{poses}: no more equations than offsets, so that any readings would fit"
             care.append(
@@ -176,9 +175,8 @@ class ZeroOffsets:
                 f"{', '.join(self.beyond_limits)} would stand beyond the limits of the URDF: "
                 "another branch, or a joint that turns the other way?"
             )
-        if self.status == "undetermined":
+        if status == "undetermined":
             bad.append("Not usable: give more poses, or their orientations.")
-        contradicted = self.contradicted
         if contradicted is not None:
             care.append(
                 f"{contradicted.row} contradicts all the other poses: the tip stays "
@@ -186,30 +184,24 @@ class ZeroOffsets:
                 f"{mm(contradicted.distance):.3f} mm from it. Check its pose and its readings, "
                 "or leave it out."
             )
-        if self.status == "no_fit":
-            explained = contradicted is not None and contradicted.rms <= options.tolerance
-            bad.append(
-                "Not usable: no offsets make the URDF agree with all poses."
-                if explained
-                else "Not usable: no offsets make the URDF agree; look for a wrong unit, frame or "
-                "joint that turns the other way."
-            )
+        if status == "no_fit":
+            what = "; look for a wrong unit, frame or joint that turns the other way."
+            if contradicted is not None and contradicted.rms <= options.tolerance:
+                what = " with all poses."
+            bad.append(f"Not usable: no offsets make the URDF agree{what}")
         if count > 1:
             care.append(
                 f"{count} branches fit; this is number {options.branch}: choose with --branch N"
             )
         for combination in self.undetermined:
-            partners = ", ".join(
-                name for name in combination.direction if name != combination.fixed
-            )
-            what = f"only together with {partners}" if partners else "held at 0"
+            partners = [name for name in combination.direction if name != combination.fixed]
+            what = f"only together with {', '.join(partners)}" if partners else "held at 0"
             care.append(f"undetermined: {combination.fixed}, {what}")
         return Assessment.of(sentence, bad=bad, care=care)
 
     def values(self, branch: Branch | None = None) -> dict[str, float]:
         """Offsets by name, rad or m: of the chosen branch by default."""
-        offsets = (self.chosen if branch is None else branch).offsets
-        return dict(zip(self.names, offsets.tolist(), strict=True))
+        return dict(zip(self.names, (branch or self.chosen).offsets.tolist(), strict=True))
 
 
 def find_zero_offsets(
@@ -222,9 +214,6 @@ def find_zero_offsets(
         samples: raw readings, with the position of the tip in the arm's base frame for each row,
             and its orientation if that is known.
         options: which branch is taken, and how close it must come.
-
-    Returns:
-        The branches that fit, of which `ZeroOffsets.chosen` is the one that was asked for.
 
     Raises:
         InputError: no positions, no such branch, or a joint that moves the chain and is not on it.
@@ -259,13 +248,17 @@ def find_zero_offsets(
     if not 1 <= options.branch <= len(branches):
         raise InputError(str(options.branch), f"1 to {len(branches)}", where="--branch")
     chosen = branches[options.branch - 1].offsets
-    beyond = _beyond_limits(arm, samples.q + chosen)
     # One row of each posture: repeats bear out one another and not the offsets.
     postures = samples.take(_first_of_alike(arm, samples.q, _SAME_POSTURE))
-    redundancy = fit.redundancy(len(postures), len(undetermined))
-    contradicted = _contradicted(arm, postures, chosen, free)
     return ZeroOffsets(
-        arm, fit.names, branches, undetermined, redundancy, beyond, contradicted, options
+        arm,
+        fit.names,
+        branches,
+        undetermined,
+        len(postures) * fit.equations - len(fit.names) + len(undetermined),
+        _beyond_limits(arm, samples.q + chosen),
+        _contradicted(arm, postures, chosen, free),
+        options,
     )
 
 
@@ -302,9 +295,8 @@ def _contradicted(
 
 def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[FloatArray]:
     """Offsets to begin from: those that explain the first row, in whichever posture."""
-    # Starts of the inverse kinematics, and how many of what they find are tried on all poses.
+    # Starts of the inverse kinematics; of what they reach, 80 are tried on all poses.
     starts = 240
-    tried = 80
     assert samples.position is not None
     inverse = InverseKinematics(arm, {})
     postures = np.vstack([samples.q[0], inverse.random_readings(rng, starts - 1)])
@@ -314,10 +306,10 @@ def _starts(arm: ArmModel, samples: Samples, rng: np.random.Generator) -> list[F
         np.tile(rotation, (starts, 1, 1)),
         "position" if samples.rotation is None else "pose",
     )
-    postures_found = inverse.solve(targets, postures, rng, starts=1)
-    order = np.argsort(~postures_found.reached, kind="stable")
-    offsets = [wrapped_offsets(arm, postures_found.q[k] - samples.q[0]) for k in order]
-    return [np.zeros(len(arm.joints)), *(offsets[k] for k in _first_of_alike(arm, offsets))][:tried]
+    answer = inverse.solve(targets, postures, rng, starts=1)
+    order = np.argsort(~answer.reached, kind="stable")
+    offsets = wrapped_offsets(arm, answer.q[order] - samples.q[0])
+    return [np.zeros(len(arm.joints)), *offsets[_first_of_alike(arm, offsets)]][:80]
 
 
 def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
@@ -333,9 +325,9 @@ def _beyond_limits(arm: ArmModel, angles: FloatArray) -> tuple[str, ...]:
 
 
 def _first_of_alike(
-    arm: ArmModel, offsets: Sequence[FloatArray] | FloatArray, same: float = _SAME
+    arm: ArmModel, offsets: Sequence[FloatArray] | FloatArray, same: float = 1e-3
 ) -> list[int]:
-    """The first of each that are the same, in the order given."""
+    """The first of each that are the same, within so many rad or m, in the order given."""
     firsts: list[int] = []
     for k, candidate in enumerate(offsets):
         accepted = np.array([offsets[first] for first in firsts]).reshape(-1, len(candidate))
@@ -347,14 +339,11 @@ def _first_of_alike(
 def _distinct(fit: _OffsetFit, answers: Sequence[FloatArray], free: IntArray) -> tuple[Branch, ...]:
     """The answers that fit, each once, the smallest offsets first."""
     costs = np.array([fit.cost(answer) for answer in answers])
-    # Every residual may be as large as the noise assumed.
     # A branch fits if its residuals are within the assumed noise, or not much worse than the best.
     limit = max(len(fit.rows(answers[0])[0]), 3.0**2 * float(costs.min()))
     good = [answers[k] for k in np.argsort(costs, kind="stable") if costs[k] <= limit]
-    different = [good[k] for k in _first_of_alike(fit.arm, good)]
-    return tuple(
-        fit.branch(o, free) for o in sorted(different, key=lambda o: float(np.linalg.norm(o)))
-    )
+    different = sorted((good[k] for k in _first_of_alike(fit.arm, good)), key=np.linalg.norm)
+    return tuple(fit.branch(offsets, free) for offsets in different)
 
 
 class _OffsetFit:
@@ -374,17 +363,26 @@ class _OffsetFit:
         rotation = np.swapaxes(flat.reshape(-1, 3, 3), 1, 2)
         return rotation, position.copy(), jacobian.reshape(len(position), 6, -1).copy()
 
-    def rows(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Residuals and their derivative, both divided by the noise assumed."""
-        rotation, position, jacobian = self._poses(offsets)
-        count = jacobian.shape[2]
-        residual = [((position - self._position) / DEFAULT_SIGMA["m"]).ravel()]
-        slope = [jacobian[:, :3].reshape(-1, count) / DEFAULT_SIGMA["m"]]
+    @property
+    def equations(self) -> int:
+        """Of one pose."""
+        return 3 if self._rotation is None else 6
+
+    def by_pose(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Residuals (k, d) of the poses and their derivatives (k, d, n), by the noise assumed."""
+        rotation, position, slope = self._poses(offsets)
+        residual = position - self._position
+        noise = np.full(self.equations, DEFAULT_SIGMA["m"])
         if self._rotation is not None:
             turn = vector_from_rotation(rotation @ np.swapaxes(self._rotation, 1, 2))
-            residual.append((turn / DEFAULT_SIGMA["rad"]).ravel())
-            slope.append(jacobian[:, 3:].reshape(-1, count) / DEFAULT_SIGMA["rad"])
-        return np.concatenate(residual), np.concatenate(slope)
+            residual = np.hstack([residual, turn])
+            noise[3:] = DEFAULT_SIGMA["rad"]
+        return residual / noise, slope[:, : self.equations] / noise[:, None]
+
+    def rows(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same, of all poses one after the other."""
+        residual, slope = self.by_pose(offsets)
+        return residual.ravel(), slope.reshape(residual.size, -1)
 
     def cost(self, offsets: FloatArray) -> float:
         """Sum of squares."""
@@ -418,29 +416,7 @@ class _OffsetFit:
         curvature = slope.T @ slope
         unknown = self.arm.select(*self.names)
         information = Information(curvature, curvature, np.zeros_like(curvature))
-        verdict = identify(unknown, len(unknown), information, np.zeros(len(unknown)))
-        return verdict.combinations
-
-    @property
-    def equations(self) -> int:
-        """Of one pose."""
-        return 3 if self._rotation is None else 6
-
-    def by_pose(self, offsets: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """The same rows (k, d) and (k, d, n), those of each pose together."""
-        count = len(self._position)
-
-        def together(rows: FloatArray) -> FloatArray:
-            # Positions of all poses stand before all orientations.
-            parts = [part.reshape(count, 3, -1) for part in np.split(rows, self.equations // 3)]
-            return np.concatenate(parts, axis=1)
-
-        residual, slope = self.rows(offsets)
-        return together(residual)[:, :, 0], together(slope)
-
-    def redundancy(self, poses: int, held: int) -> int:
-        """Equations of so many poses beyond one for each offset that is not held."""
-        return poses * self.equations - len(self.names) + held
+        return identify(unknown, len(unknown), information, np.zeros(len(unknown))).combinations
 
     def branch(self, offsets: FloatArray, free: IntArray) -> Branch:
         """Offsets, how sure those are that are free, and their residuals."""
@@ -453,11 +429,11 @@ class _OffsetFit:
         beyond = len(residual) - len(free)
         factor = float(residual @ residual) / max(beyond, 1)
         std *= np.sqrt(factor if beyond >= len(offsets) else max(factor, 1.0))
-        distances = np.linalg.norm(position - self._position, axis=1)
-        if self._rotation is None:
-            return Branch(offsets, std, distances, None)
-        turn = vector_from_rotation(np.swapaxes(self._rotation, 1, 2) @ rotation)
-        return Branch(offsets, std, distances, np.linalg.norm(turn, axis=1))
+        distances, angles = np.linalg.norm(position - self._position, axis=1), None
+        if self._rotation is not None:
+            turn = vector_from_rotation(np.swapaxes(self._rotation, 1, 2) @ rotation)
+            angles = np.linalg.norm(turn, axis=1)
+        return Branch(offsets, std, distances, angles)
 
 
 def wrapped_offsets(arm: ArmModel, offsets: FloatArray) -> FloatArray:

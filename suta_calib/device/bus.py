@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Final, Self
+from typing import Self
 
 from suta_calib.device.clock import Freshness
 from suta_calib.device.description import DeviceSpec
@@ -14,9 +14,6 @@ from suta_calib.device.formats import decoder_for
 from suta_calib.device.port_process import PortProcess
 from suta_calib.device.reading import Reading, Statistics
 from suta_calib.errors import DeviceError, DisconnectedError, WrongFormatError
-
-# How often a port that is gone is looked for.
-_RETRY_S: Final = 0.2
 
 
 class Bus:
@@ -181,7 +178,7 @@ class Bus:
             self.close()
             raise error
         self._lost_at = time.perf_counter()
-        self._next_try = self._lost_at + _RETRY_S
+        self._next_try = self._lost_at + 0.2
         self._say(f"{error}; waiting for it")
 
     def _look_again(self, port: PortProcess, timeout: float) -> None:
@@ -189,7 +186,7 @@ class Bus:
         if now < self._next_try:
             time.sleep(min(timeout, self._next_try - now))
             return
-        self._next_try = now + _RETRY_S
+        self._next_try = now + 0.2
         try:
             port.open()
         except DeviceError:

@@ -8,11 +8,8 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Callable
-from typing import Final
 
 from suta_calib.device.reading import Reading, Statistics
-
-_MICRO: Final = 1e-6
 
 
 class DeviceClock:
@@ -36,17 +33,7 @@ class DeviceClock:
         self._shift = 0.0  # s, from the clock as sent to the time given out
 
     def unwrap(self, sequence: int, time_us: int, arrival: float) -> tuple[int, float, int]:
-        """Take the counters of the next frame.
-
-        Args:
-            sequence: u16.
-            time_us: u32, µs.
-            arrival: when it came, s.
-
-        Returns:
-            Unwrapped sequence number, unwrapped time in s, and how many frames are missing
-            between the last one and this one.
-        """
+        """Unwrapped number and time, s, of the next frame, and how many are missing before it."""
         lost = 0
         if self._started:
             lost = self._advance(sequence, time_us, arrival)
@@ -57,9 +44,9 @@ class DeviceClock:
                 last_sequence, last_time, last_arrival = self._anchor
                 self._sequence = last_sequence + 1
                 now = last_time + max(arrival - last_arrival, 0.0)
-                self._shift = now - time_us * _MICRO
+                self._shift = now - time_us * 1e-6
         self._raw_sequence, self._raw_time, self._arrival = sequence, time_us, arrival
-        return self._sequence, self._microseconds * _MICRO + self._shift, lost
+        return self._sequence, self._microseconds * 1e-6 + self._shift, lost
 
     def resume(self, sequence: int, time: float, arrival: float) -> None:
         """Go on from a reading of before, by arrival, whatever the next frame's counters say."""
@@ -75,9 +62,9 @@ class DeviceClock:
         enough_frames = 100
         elapsed = (time_us - self._raw_time) % clock
         # Never fewer than none: what comes in one piece has one time of arrival.
-        elapsed += clock * max(0, round(((arrival - self._arrival) / _MICRO - elapsed) / clock))
+        elapsed += clock * max(0, round(((arrival - self._arrival) / 1e-6 - elapsed) / clock))
         step = (sequence - self._raw_sequence) % sequences
-        if elapsed * _MICRO > long_pause_s and self._frames >= enough_frames:
+        if elapsed * 1e-6 > long_pause_s and self._frames >= enough_frames:
             expected = elapsed * self._steps / max(self._span, 1)
             step += sequences * max(0, round((expected - step) / sequences))
         self._sequence += step
@@ -86,12 +73,6 @@ class DeviceClock:
         self._steps += step
         self._span += elapsed
         return max(step - 1, 0)
-
-
-# No cache holds so much that it would come this much too fast for so long: a bad clock then.
-_LONG_S: Final = 2.0
-_FASTER: Final = 1.0
-_FEWEST: Final = 3
 
 
 class Freshness:
@@ -190,20 +171,21 @@ class Freshness:
         # The device's clock runs with this computer's if, over the window, the two agree this
         # closely: drivers hand bytes over up to 16 ms late, and a busy computer reads them late.
         lateness_s = 0.02
-        tolerance = 0.1
+        fewest = 3
         points = self._points
         points.append((reading.time, reading.arrival))
-        while len(points) > _FEWEST and reading.arrival - points[1][1] >= self._window:
+        while len(points) > fewest and reading.arrival - points[1][1] >= self._window:
             points.popleft()
         host = reading.arrival - points[0][1]
         device = reading.time - points[0][0]
         self._since = reading.arrival if self._since is None else self._since
-        faster = tolerance if reading.arrival - self._since < _LONG_S else _FASTER
+        # No cache holds so much that it would come twice too fast for 2 s: a bad clock then.
+        faster = 0.1 if reading.arrival - self._since < 2.0 else 1.0
         ahead = device - host
         # What a cache held comes too fast, never too slowly: a clock may be this much slower, if it
         # is one.
         agree = -lateness_s - 0.7 * host <= ahead <= lateness_s + faster * host
-        if len(points) < _FEWEST or host < self._window or not agree:
+        if len(points) < fewest or host < self._window or not agree:
             self._dropped += 1
             return False
         # Nothing that happened to old readings is the user's concern.

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+import numpy as np
+
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.measurements.fields import TEXT, Value, keyed, quantity, whole_number
 from suta_calib.measurements.yaml_file import YamlSection
@@ -67,7 +71,7 @@ class DeviceSpec(Displayable):
 
     Attributes:
         path: the file it was read from; error messages name it.
-        port: ``/dev/ttyACM0``, ``COM3``, or one of `port_name.URLS`: ``socket://host:port``, …
+        port: ``/dev/ttyACM0``, ``COM3``, or one of `port.URLS`: ``socket://host:port``, …
         baudrate: bits per second; of no effect where there is no wire.
         format: ``frames`` (binary, with CRC), ``lines`` (ASCII), or the servos that are asked.
         unit: of the values in lines: ``counts``, ``rad`` or ``deg``; all else is in counts.
@@ -88,18 +92,29 @@ class DeviceSpec(Displayable):
         """Names of the joints, in the order the device sends them."""
         return tuple(joint.name for joint in self.joints)
 
+    @property
+    def turns(self) -> FloatArray:
+        """(n,) what the device sends more when a joint has made a whole turn."""
+        of_encoder = [joint.counts_per_turn or self.counts_per_turn for joint in self.joints]
+        if self.unit != "counts":
+            of_encoder = [math.tau if self.unit == "rad" else 360.0] * len(self.joints)
+        return np.array(of_encoder, dtype=float) * [joint.ratio for joint in self.joints]
+
+    @property
+    def zeros(self) -> FloatArray:
+        """(n,) what the device sends where a joint's angle is 0."""
+        return np.array([joint.zero for joint in self.joints], dtype=float)
+
+    @property
+    def signs(self) -> IntArray:
+        """(n,) the joints' signs."""
+        return np.array([joint.sign for joint in self.joints], dtype=np.int64)
+
 
 def columns_of(
-    joints: Sequence[str], given: Sequence[str], device: str, expected: str, file: Path | None
-) -> list[int]:
-    """For each joint of an arm, its place among those of a device.
-
-    Args:
-        joints: names of the arm's.
-        given: names of the device's.
-        device: what to say where one is missing.
-        expected: likewise.
-        file: the device's, for messages.
+    joints: Sequence[str], given: Sequence[str], arm: str, file: Path | None
+) -> IntArray:
+    """(n,) for each joint of an ``arm``, its place among those that a device gives.
 
     Raises:
         InputError: the device lacks one; ``'jiont_3': did you mean 'joint_3'?`` where it can.
@@ -109,5 +124,6 @@ def columns_of(
         unmatched = (name for name in given if name not in joints)
         hints = (f"{n!r}: {hint}" for n in unmatched if (hint := did_you_mean(n, missing)))
         hint = next(hints, f"add {', '.join(missing)}")
+        device, expected = f"the joints {', '.join(given)}", f"those of {arm}: {', '.join(joints)}"
         raise InputError(device, expected, file=file, where="joints", hint=hint)
-    return [given.index(name) for name in joints]
+    return np.array([given.index(name) for name in joints], dtype=np.intp)

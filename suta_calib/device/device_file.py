@@ -18,7 +18,7 @@ from suta_calib.device.description import (
     JointSpec,
 )
 from suta_calib.device.formats import FORMATS, Format
-from suta_calib.device.port_name import expected_name
+from suta_calib.device.port import expected_name
 from suta_calib.errors import DeviceFileError
 from suta_calib.measurements.fields import (
     TEXT,
@@ -71,9 +71,6 @@ DEVICE_KEYS: Final = Fields(
         required=True,
     ),
 )
-# Longer than the name of any port; a message has to show it.
-_LONGEST_PORT: Final = 1000
-_URL: Final = re.compile(r"[a-z][a-z0-9+.-]*://", re.IGNORECASE)
 
 
 def read_device(path: str | Path) -> DeviceSpec:
@@ -104,8 +101,9 @@ def read_device(path: str | Path) -> DeviceSpec:
         value = {"unit": repr(unit), "counts_per_turn": str(counts)}[key]
         raise top.refuse(value, expected, at=(key,))
     port = values["port"]
-    if len(port) > _LONGEST_PORT:
-        raise top.refuse(shown(port), f"at most {_LONGEST_PORT} characters", at=("port",))
+    longest = 1000  # more than the name of any port; a message has to show it
+    if len(port) > longest:
+        raise top.refuse(shown(port), f"at most {longest} characters", at=("port",))
     if (port_form := expected_name(port)) is not None:
         raise top.refuse(repr(port), port_form, at=("port",))
     return DeviceSpec(
@@ -146,9 +144,8 @@ def glance(path: Path) -> DeviceSpec | None:
 def _beside(path: Path, port: str) -> str:
     """A relative port is meant from the file's folder if there is something of that name."""
     beside = path.parent / port
-    if not _URL.match(port) and not Path(port).is_absolute() and beside.exists():
-        return str(beside)
-    return port
+    url = re.match(r"[a-z][a-z0-9+.-]*://", port, re.IGNORECASE)
+    return str(beside) if not url and not Path(port).is_absolute() and beside.exists() else port
 
 
 def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:

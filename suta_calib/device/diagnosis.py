@@ -9,7 +9,7 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats import FORMATS, format_of
 from suta_calib.device.formats.base import is_text
 from suta_calib.device.reading import ERROR_ADVICE, ERROR_MEANING, WARNING_MEANING, Statistics
-from suta_calib.errors import DeviceSilentError, WrongFormatError
+from suta_calib.errors import DeviceError, DeviceSilentError, WrongFormatError
 
 
 def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
@@ -20,23 +20,17 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         spec: what was expected, and where the file is that says so.
     """
     form, text = format_of(spec), is_text(data)
-    recognising = (
-        candidate
-        for candidate in FORMATS.values()
-        if candidate is not form and candidate.recognises(data)
-    )
-    other = next(recognising, None)
+    others = (other for other in FORMATS.values() if other is not form)
+    other = next((other for other in others if other.recognises(data)), None)
     if text:
         lines = [line for line in re.split(rb"[\r\n]+", data) if line.strip()]
         # The first may have been cut off at its beginning.
         line = lines[1] if len(lines) > 1 else b"".join(lines)
-        quoted = 40
-        description = f"text such as {line[:quoted].decode('ascii')!r}"
+        description = f"text such as {line[:40].decode('ascii')!r}"
     else:
         # From the beginning of a frame, where one is recognised.
         start = 0 if other is None else max(data.find(other.header), 0)
-        bytes_shown = 16
-        description = f"bytes such as {data[start : start + bytes_shown].hex(' ').upper()}"
+        description = f"bytes such as {data[start : start + 16].hex(' ').upper()}"
     baud = f"baudrate ({spec.baudrate}) in {spec.path}"
     if other is not None:
         hint = f"set 'format: {other.name}' in {spec.path}"
@@ -108,14 +102,14 @@ class Watch:
         self._any_byte = False
         self._bytes = 0
         self._sample = b""
-        self._trouble = ""
+        self._trouble: type[DeviceError] | None = None
 
     def saw(self, data: bytes, frames: bool, now: float) -> None:
         """Bytes have come, and ``frames`` among them or not."""
         self._last_byte, self._any_byte = now, True
         if frames:
             if self._trouble:
-                self._trouble, pause = "", now - self._last_frame
+                self._trouble, pause = None, now - self._last_frame
                 self._say(f"{self._spec.port}: frames come again after {pause:.1f} s")
             self._seen, self._last_frame = True, now
             self._unread_since, self._bytes, self._sample = None, 0, b""
@@ -123,8 +117,7 @@ class Watch:
         if self._unread_since is None:
             self._unread_since = now
         self._bytes += len(data)
-        sample_bytes = 4096
-        self._sample = (self._sample + data)[-sample_bytes:]
+        self._sample = (self._sample + data)[-4096:]
 
     def check(self, now: float) -> None:
         """Say or raise what is wrong by now.
@@ -133,23 +126,19 @@ class Watch:
             DeviceSilentError: no byte for too long.
             WrongFormatError: bytes, but no frame for too long.
         """
-        # Less than this is no evidence against the format.
-        fewest_bytes = 16
+        # Fewer bytes are no evidence against the format; many boards restart when their port is
+        # opened.
+        fewest_bytes, start_factor = 16, 2.0
         starting = not (self._any_byte or self._seen)
         spec, pause = self._spec, now - self._last_byte
-        # Many boards restart when their port is opened.
-        start_factor = 2.0
         if pause > self._silence * (start_factor if starting else 1.0):
-            hint = f"check its power, its cable and 'port' in {spec.path}"
-            if not self._seen:
-                hint = (
-                    f"check that it is switched on and sends by itself, and 'port' in {spec.path}"
-                )
+            hint = "that it is switched on and sends by itself,"
             silent = (
-                f"{spec.port}: found not a single byte in {pause:.1f} s; "
-                f"expected {spec.format} at {spec.baudrate} baud; {hint}"
+                f"{spec.port}: found not a single byte in {pause:.1f} s; expected {spec.format} at "
+                f"{spec.baudrate} baud; check {'its power, its cable' if self._seen else hint} and "
+                f"'port' in {spec.path}"
             )
-            self._report(DeviceSilentError(silent), "silent")
+            self._report(DeviceSilentError(silent))
         elif self._unread_since is not None and self._bytes >= fewest_bytes:
             pause = now - self._unread_since
             if pause > self._silence:
@@ -157,11 +146,11 @@ class Watch:
                     f"{spec.port}: {self._bytes} bytes in {pause:.1f} s, none of them readable: "
                     f"{describe_bytes(self._sample, spec)}"
                 )
-                self._report(WrongFormatError(unreadable), "unreadable")
+                self._report(WrongFormatError(unreadable))
 
-    def _report(self, error: DeviceSilentError | WrongFormatError, trouble: str) -> None:
+    def _report(self, error: DeviceSilentError | WrongFormatError) -> None:
         if not (self._seen and self._forgiving):
             raise error
-        if self._trouble != trouble:
-            self._trouble = trouble
+        if self._trouble is not type(error):
+            self._trouble = type(error)
             self._say(str(error))

@@ -22,11 +22,6 @@ from suta_calib.units import deg
 if TYPE_CHECKING:
     from suta_calib.device.bus import Bus
 
-# Before that, late reading by this computer is larger than any clock's error.
-_CLOCK_AFTER_S: Final = 5.0
-_LOOK_S: Final = 0.05
-# A pause at the end that is no chance, s.
-_SILENT_S: Final = 1.0
 # What was lost or damaged, by its name in `Statistics`, and what it is called.
 LOSSES: Final = {
     "lost_frames": "lost",
@@ -64,32 +59,23 @@ class Snapshot:
 
 
 class Monitor:
-    """Keeps the readings of the last ``window`` s.
+    """Keeps the readings of a device's last second."""
 
-    Args:
-        spec: the device.
-        window: s.
-    """
-
-    def __init__(self, spec: DeviceSpec, window: float = 1.0) -> None:
-        self._names, self._window = spec.names, window
+    def __init__(self, spec: DeviceSpec) -> None:
+        self._names, self._window = spec.names, 1.0
         self._has_clock = format_of(spec).has_clock
         self._recent: deque[Reading] = deque()
         # When, and how many frames with a damaged word had come until then.
         self._damaged: deque[tuple[float, int]] = deque([(-math.inf, 0)])
         self._first: Reading | None = None
-        self._last: Reading | None = None
-
-    @property
-    def last(self) -> Reading | None:
-        """The newest reading, however old."""
-        return self._last
+        # The newest reading, however old.
+        self.last: Reading | None = None
 
     def add(self, readings: Iterable[Reading]) -> None:
         """Take the next readings, oldest first."""
         for reading in readings:
             self._first = self._first or reading
-            self._last = reading
+            self.last = reading
             self._recent.append(reading)
 
     def note_damaged(self, now: float, count: int) -> None:
@@ -111,16 +97,17 @@ class Monitor:
         warning = np.array([r.warning for r in recent]) if recent else none[None]
         angles = np.array([r.angles for r in recent]).reshape(-1, count)
         rate, clock_ppm = 0.0, None
-        if self._first is not None and self._last is not None:
+        if self._first is not None and self.last is not None:
             # Shortly after the start the window is not full yet.
             span = min(now - self._first.arrival, self._window)
             rate = (len(recent) + damaged) / span if span > 0 else 0.0
-            host = self._last.arrival - self._first.arrival
-            if self._has_clock and host >= _CLOCK_AFTER_S:
-                clock_ppm = 1e6 * ((self._last.time - self._first.time) / host - 1.0)
+            host = self.last.arrival - self._first.arrival
+            # Before 5 s, late reading by this computer is larger than any clock's error.
+            if self._has_clock and host >= 5.0:
+                clock_ppm = 1e6 * ((self.last.time - self._first.time) / host - 1.0)
         return Snapshot(
             names=self._names,
-            angles=np.full(count, np.nan) if self._last is None else self._last.angles,
+            angles=np.full(count, np.nan) if self.last is None else self.last.angles,
             noise=_deviation(angles, error[: len(angles)]),
             error=np.asarray(error.any(axis=0)),
             warning=np.asarray(warning.any(axis=0)),
@@ -149,7 +136,7 @@ def watch(
     """
     end = None
     while end is None or time.perf_counter() < end:
-        readings = bus.read(_LOOK_S)
+        readings = bus.read(0.05)
         if readings and end is None and seconds is not None:
             end = readings[0].arrival + seconds
         monitor.add(readings)
@@ -190,6 +177,7 @@ def stream_report(
     }
     since = 0.0 if last is None else now - last.arrival
     silent = f"nothing has come for {since:.1f} s: is the cable plugged in, is the device on?"
+    paused = since >= 1.0  # less is chance
     return {
         "device": str(spec.path),
         "port": spec.port,
@@ -201,7 +189,7 @@ def stream_report(
         "stale_readings": statistics.stale_readings,
         "joints": joints,
         "tip": tip,
-        "remarks": [*([silent] if since >= _SILENT_S else []), *remarks(statistics, spec)],
+        "remarks": [*([silent] if paused else []), *remarks(statistics, spec)],
     }
 
 

@@ -1,10 +1,17 @@
-"""The serial port: opened, read and closed, with errors that say what to do."""
+"""The serial port: which names are accepted; opened, read, closed, with errors that say what to do.
+
+pyserial's URLs may do more than open a port: ``spy://PORT?file=FILE`` overwrites a file, ``alt://``
+picks one of its classes, ``logging=`` changes how the whole program logs. A ``device.yaml`` comes
+with other people's data, so only what is listed here is handed to pyserial.
+"""
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import select
+import stat
 import time
 from contextlib import suppress
 from pathlib import Path
@@ -14,7 +21,6 @@ import serial
 from serial.tools import list_ports
 
 from suta_calib.device.description import DeviceSpec
-from suta_calib.device.port_name import expected_name, other_device
 from suta_calib.errors import (
     DeviceFileError,
     DisconnectedError,
@@ -24,7 +30,26 @@ from suta_calib.errors import (
     SutaCalibError,
 )
 
-_AT_ONCE: Final = 1 << 16
+# A name, an IPv4 address, or an IPv6 address in brackets; and a port number.
+_SERVER: Final = r"(?:[\w.-]+|\[[0-9a-f:.]+\]):(\d{1,5})/?"
+# Options of a telnet server's port (RFC 2217) that concern the connection alone.
+_TELNET_OPTION: Final = r"(?:ign_set_control|poll_modem|timeout=\d{1,3}(?:\.\d+)?)"
+# hwgrep takes a regular expression, and some take for ever: plain text is enough for a USB number
+# (2341:0043), a serial number or a name.
+_HARDWARE: Final = r"[\w:=. -]{1,100}(?:&n=\d{1,2})?"
+URLS: Final = {
+    "socket": (_SERVER, "socket://host:port"),
+    "rfc2217": (
+        rf"{_SERVER}(?:\?{_TELNET_OPTION}(?:&{_TELNET_OPTION})*)?",
+        "rfc2217://host:port, with no other options than ign_set_control, poll_modem, timeout=S",
+    ),
+    "loop": (r"", "loop://"),
+    "hwgrep": (_HARDWARE, "hwgrep:// and a part of the port's name, USB number or serial number"),
+}
+PORT_FORMS: Final = (
+    "the name of a port (/dev/ttyACM0, COM3, a pseudo-terminal, a link to one) or a URL: "
+    + ", ".join(f"{scheme}://" for scheme in URLS)
+)
 # pyserial's classes whose file descriptor can be read directly, by module and name.
 _PLAIN: Final = (
     ("serial.serialposix", "Serial"),
@@ -37,7 +62,7 @@ class Port:
     """An open port.
 
     Args:
-        spec: gives the port, a name or one of `port_name.URLS`, and the baud rate.
+        spec: gives the port, a name or one of `URLS`, and the baud rate.
 
     Attributes:
         arrived: when `read` gave what it gave last, `time.perf_counter`, s.
@@ -109,7 +134,7 @@ class Port:
         descriptor = self._serial.fileno()
         if not select.select([descriptor], [], [], timeout)[0]:
             return b""
-        data = os.read(descriptor, _AT_ONCE)
+        data = os.read(descriptor, 1 << 16)
         if not data:
             raise OSError(errno.EIO, "the other end was closed")
         return data
@@ -127,6 +152,41 @@ class Port:
         return DisconnectedError(
             f"{self._name}: {event} ({reason}); check the cable and the device's power"
         )
+
+
+def expected_name(port: str) -> str | None:
+    """What a port's name should have been, for a message; None where pyserial may have it."""
+    scheme, separator, rest = port.partition("://")
+    if "\0" in port or (separator and scheme.lower() not in URLS):
+        return PORT_FORMS
+    if not separator:
+        return None
+    pattern, expected = URLS[scheme.lower()]
+    match = re.fullmatch(pattern, rest, re.IGNORECASE | re.ASCII)
+    largest_server_port = 65535
+    if match is None or (match.groups() and int(match[1]) > largest_server_port):
+        return expected
+    return None
+
+
+def other_device(port: str) -> str | None:
+    """What sort of device a name opens, where that is no serial port.
+
+    To open some devices does something already: ``/dev/watchdog`` restarts the computer. Linux
+    says of each which subsystem it belongs to; of a pseudo-terminal it says nothing.
+
+    Returns:
+        The subsystem (``misc``, ``input``); None for a port, and where the system does not say.
+    """
+    try:
+        status = Path(port).stat()
+        if not stat.S_ISCHR(status.st_mode):
+            return None
+        major, minor = os.major(status.st_rdev), os.minor(status.st_rdev)
+        subsystem = Path(f"/sys/dev/char/{major}:{minor}/subsystem").readlink().name
+    except (OSError, ValueError, AttributeError):
+        return None
+    return None if subsystem == "tty" else subsystem
 
 
 _ABSENT: Final = (errno.ENOENT, errno.ENXIO, errno.ENODEV, errno.ENOTDIR)
@@ -162,17 +222,15 @@ def opening_error(spec: DeviceSpec, error: Exception) -> SutaCalibError:
         )
     if number in _FORBIDDEN:
         return _forbidden(spec)
-    check = f"check 'port' in {spec.path}"
+    hint = "check"
     if spec.port.startswith("socket://"):
-        return PortNotFoundError(
-            f"{spec.port}: found nobody answering ({text}); expected a device server there; "
-            f"check that it runs, and 'port' in {spec.path}"
-        )
-    if Path(spec.port).exists():
-        return PortNotFoundError(
-            f"{spec.port}: found something that is no serial port ({text}); expected one; {check}"
-        )
-    return PortNotFoundError(f"{spec.port}: it cannot be opened ({text}); {check}")
+        problem = f"found nobody answering ({text}); expected a device server there"
+        hint = "check that it runs, and"
+    elif Path(spec.port).exists():
+        problem = f"found something that is no serial port ({text}); expected one"
+    else:
+        problem = f"it cannot be opened ({text})"
+    return PortNotFoundError(f"{spec.port}: {problem}; {hint} 'port' in {spec.path}")
 
 
 def existing_ports() -> list[str]:

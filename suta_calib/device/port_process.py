@@ -47,7 +47,7 @@ class PortProcess:
     """A port that a process of its own reads, which begins to open it at once.
 
     Args:
-        spec: gives the port, a name or one of `port_name.URLS`, and the baud rate.
+        spec: gives the port, a name or one of `port.URLS`, and the baud rate.
 
     Attributes:
         arrived: when the bytes that `read` gave last had come, `time.perf_counter`, s.

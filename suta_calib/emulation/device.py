@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
 from suta_calib.device.formats import FORMATS
@@ -14,8 +14,6 @@ from suta_calib.measurements.yaml_text import yaml_text
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
 
-BAUDRATE: Final = 921600
-
 
 def device_of(
     arm: ArmModel,
@@ -24,7 +22,7 @@ def device_of(
     unit: str = "counts",
     counts_per_turn: int = FRAME_COUNTS_PER_TURN,
     signs: Sequence[int] = (),
-    baudrate: int = BAUDRATE,
+    baudrate: int = 921600,
 ) -> DeviceSpec:
     """One encoder for each joint of an arm, from base to tip; it has no port yet.
 

@@ -10,12 +10,13 @@ from typing import Literal
 
 import numpy as np
 
-from suta_calib.emulation.device import BAUDRATE, device_of, device_text
+from suta_calib.emulation.device import device_of, device_text
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still, Stops
 from suta_calib.emulation.player import Played, Player
 from suta_calib.emulation.script import (
     PLACE_FORM,
+    SEATING,
     Timing,
     artefact_set,
     placement_within_reach,
@@ -109,7 +110,7 @@ class EmulationOptions(Displayable):
     unit: str = "counts"
     counts_per_turn: int = 1 << 22
     signs: tuple[int, ...] = ()
-    baudrate: int = BAUDRATE
+    baudrate: int = 921600
     faults: Faults = field(default_factory=Faults)
 
 
@@ -243,13 +244,13 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
     options.faults.check_joints(device.names)
     values = _values(options, script, arm)
     plan = None
-    if script is None:
+    if isinstance(script, SimulationSpec):
+        plan = _set(options, script)
+    elif script is not None:
+        plan = _job_plan(options, script, arm, values)
+    if script is None or plan is None:
         motion = _free_motion(options, arm, values)
     else:
-        if isinstance(script, SimulationSpec):
-            plan = _set(options, script)
-        else:
-            plan = _job_plan(options, script, arm, values)
         motion = _script_motion(options, script, arm, values, plan)
     emulation = Emulation(
         device, motion, options.rate, options.encoder, options.faults, options.seed
@@ -282,21 +283,23 @@ def _set(options: EmulationOptions, script: SimulationSpec) -> SetSpec:
             where="sets",
         )
     plan = touched[name]
+    noise = plan.noise
     if options.seating is not None:
-        plan = replace(plan, noise=replace(plan.noise, seating=options.seating))
+        noise = replace(noise, seating=options.seating)
     if plan.term.needs_artefact:
-        chosen = _places(options.placements, plan.places, "--placement")
-        return replace(plan, places=chosen, repeats=options.repeats or plan.repeats)
-    chosen = _places(options.points, plan.places, "--point")
-    return replace(plan, places=chosen, directions=options.directions or plan.directions)
+        places = _places(options.placements, plan.places, "--placement")
+    else:
+        places = _places(options.points, plan.places, "--point")
+    repeats = options.repeats or plan.repeats
+    directions = options.directions or plan.directions
+    return replace(plan, noise=noise, places=places, repeats=repeats, directions=directions)
 
 
 def _job_plan(
     options: EmulationOptions, job: JobOutline, arm: ArmModel, values: dict[str, float]
 ) -> SetSpec:
     """What a job's arm shall touch: the job itself does not say where anything stands."""
-    seating = options.seating
-    noise = None if seating is None else NoiseLevels(seating=seating)
+    noise = SEATING if options.seating is None else NoiseLevels(seating=options.seating)
     if options.points:
         points = _places(options.points, {}, "--point")
         directions = options.directions or SetSpec.directions
@@ -309,14 +312,11 @@ def _job_plan(
             file=options.script,
         )
     posture = posture_of(arm, parse_posture(arm, options.posture))
-    placements = {
-        label: placement_within_reach(
+    placements = {}
+    for label, pose in (options.placements or {"P1": None}).items():
+        placements[label] = pose or placement_within_reach(
             arm, values, artefact, label, seed=options.seed, posture=posture
         )
-        if pose is None
-        else pose
-        for label, pose in (options.placements or {"P1": None}).items()
-    }
     return artefact_set(artefact, placements, options.repeats or 1, noise)
 
 
@@ -377,13 +377,5 @@ def _free_motion(options: EmulationOptions, arm: ArmModel, values: dict[str, flo
             seed=options.seed,
         )
     if options.motion == "trajectory":
-        slowest, fastest = options.frequency
-        return sweep(
-            arm,
-            posture,
-            amplitude=options.amplitude,
-            slowest=slowest,
-            fastest=fastest,
-            duration=options.duration,
-        )
+        return sweep(arm, posture, options.amplitude, *options.frequency, duration=options.duration)
     return Still(posture)

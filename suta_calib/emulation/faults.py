@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,9 +28,6 @@ WORDS: Final = {
     "error=JOINT:S@T": "that joint's encoder raises its error flag for S seconds from T on",
     "warning=JOINT:S@T": "the same for its warning flag",
 }
-_SHARES: Final = ("corrupt", "flip", "lose", "skip")
-_FLAGS: Final = ("error", "warning")
-Number = TypeVar("Number", int, float)
 _FORMS: Final = {word.partition("=")[0]: word for word in WORDS}
 
 
@@ -141,7 +138,7 @@ def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
         expected, hint = f"one of {', '.join(WORDS)}", did_you_mean(name, _FORMS)
         raise InputError(repr(item), expected, where="--faults", hint=hint)
 
-    def number(text: str, kind: Callable[[str], Number]) -> Number:
+    def number(text: str, kind: type[float] = float) -> Any:
         try:
             value = kind(text)
         except ValueError:
@@ -150,20 +147,23 @@ def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
             raise InputError(repr(item), "a number that is not negative", where="--faults")
         return value
 
-    if name in _SHARES:
-        if (share := number(value, float)) > 1:
+    if _FORMS[name].endswith("=SHARE"):
+        if (share := number(value)) > 1:
             raise InputError(repr(item), "a share from 0 to 1", where="--faults")
         return {name: share}
     if name == "stale":
         return {"stale": number(value, int)}
     first, _, time = value.rpartition("@")
-    joint, _, duration = first.rpartition(":") if name in _FLAGS else ("", "", first)
-    start = number(time, float)
+    start, field = number(time), f"{name}s"
+    fault: Gap | Flag | Window
     if name == "gap":
-        return {"gaps": (*faults.gaps, Gap(number(first, int), start))}
-    window = Window(start, number(duration, float))
-    field = f"{name}s"
-    return {field: (*getattr(faults, field), Flag(joint, window) if name in _FLAGS else window)}
+        fault = Gap(number(first, int), start)
+    elif name in ("error", "warning"):
+        joint, _, duration = first.rpartition(":")
+        fault = Flag(joint, Window(start, number(duration)))
+    else:
+        fault = Window(start, number(first))
+    return {field: (*getattr(faults, field), fault)}
 
 
 class Damage:

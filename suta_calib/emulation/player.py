@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge
@@ -20,13 +20,8 @@ from suta_calib.showing import Displayable
 
 # How often somebody who opens the port, or asks to stop, is looked for, s.
 _LOOK: Final = 2e-3
-_LONGEST_SLEEP: Final = 0.05
-# What is sent, and read, at most so late is punctual; whoever reads punctually for so long has kept
-# up; who does not do so at last is taken for ready all the same, s.
+# What is sent, and read, at most so late is punctual, s.
 _PUNCTUAL: Final = 0.03
-_KEPT_UP: Final = 0.3
-_AT_LAST: Final = 20.0
-
 _NEXT: Final = "a round is over: the arm rests on the first place of the next"
 
 
@@ -137,9 +132,7 @@ class Player:
         vanishing = (
             step for w in absences for step in ((w.start, self._vanish), (w.end, self._return))
         )
-        acts: Iterator[tuple[float, Callable[[], None]]]
-        acts = merge(sending, vanishing, key=itemgetter(0))
-        for due, act in acts:
+        for due, act in merge(sending, vanishing, key=itemgetter(0)):
             if not _sleep_until(opened + due, end, stopped):
                 return
             self._late = time.perf_counter() - opened - due
@@ -166,7 +159,8 @@ class Player:
         self._asked_since = self._asked_since or now
         if not heard or self._terminal.unread > _PUNCTUAL * rate * len(self._packet):
             self._punctual = 0
-        ready = heard and (self._punctual >= _KEPT_UP * rate or now - self._asked_since > _AT_LAST)
+        # Whoever reads punctually for 0.3 s has kept up, or is taken to have done so after 20 s.
+        ready = heard and (self._punctual >= 0.3 * rate or now - self._asked_since > 20.0)
         if ready or not heard:
             self._asked_since = 0.0
         return ready
@@ -188,7 +182,7 @@ def _sleep_until(due: float, end: float, stopped: Callable[[], bool]) -> bool:
             return True
         if now >= end:
             return False
-        time.sleep(min(min(due, end) - now, _LONGEST_SLEEP))
+        time.sleep(min(due - now, end - now, 0.05))
     return False
 
 

@@ -6,7 +6,7 @@ only the encoders' noise is left to the stream.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final
@@ -55,48 +55,28 @@ def artefact_set(
     artefact: Path,
     placements: Mapping[str, PoseSpec],
     repeats: int = 1,
-    noise: NoiseLevels | None = None,
+    noise: NoiseLevels = SEATING,
 ) -> SetSpec:
-    """An artefact to be gone through at each placement, ``repeats`` times.
+    """An artefact's file to be gone through ``repeats`` times at each ``T_base_artefact``.
 
-    Args:
-        artefact: its file.
-        placements: ``T_base_artefact`` by label.
-        repeats: how often each placement is gone through.
-        noise: of the seating; 50 µm per axis by default.
+    Seated to 50 µm per axis by default.
     """
-    return SetSpec(
-        "script",
-        first_kind(artefact=True).kind,
-        SEATING if noise is None else noise,
-        artefact=artefact,
-        places=placements,
-        repeats=repeats,
-    )
+    kind = first_kind(artefact=True).kind
+    return SetSpec("script", kind, noise, artefact=artefact, places=placements, repeats=repeats)
 
 
 def point_set(
     points: Mapping[str, PoseSpec],
     directions: int = 20,
     cone: float = SetSpec.cone,
-    noise: NoiseLevels | None = None,
+    noise: NoiseLevels = SEATING,
 ) -> SetSpec:
-    """Fixed points, each to be touched from ``directions`` directions.
+    """Fixed points, in the base, each to be touched from so many directions.
 
-    Args:
-        points: by label; their positions in the base count.
-        directions: number of rests on each point.
-        cone: largest angle between the tip's z axis and straight down, rad.
-        noise: of the seating; 50 µm per axis by default.
+    The tip's z axis is at most ``cone``, rad, from straight down; seated to 50 µm by default.
     """
-    return SetSpec(
-        "script",
-        first_kind(artefact=False).kind,
-        SEATING if noise is None else noise,
-        places=points,
-        directions=directions,
-        cone=cone,
-    )
+    kind = first_kind(artefact=False).kind
+    return SetSpec("script", kind, noise, places=points, directions=directions, cone=cone)
 
 
 def stops(
@@ -156,15 +136,14 @@ def _order(plan: SetSpec, sequence: Sequence[str]) -> tuple[str, ...]:
             raise InputError("a sequence of landmarks for fixed points", "none")
         return ()
     landmarks = tuple(read_artefact(plan.artefact).landmarks)
-    for name in sequence:
-        if name not in landmarks:
-            raise InputError(
-                f"no landmark {name!r}",
-                f"names of {', '.join(landmarks)}",
-                file=plan.artefact,
-                where="sequence",
-                hint=did_you_mean(name, landmarks),
-            )
+    if (name := next((name for name in sequence if name not in landmarks), None)) is not None:
+        raise InputError(
+            f"no landmark {name!r}",
+            f"names of {', '.join(landmarks)}",
+            file=plan.artefact,
+            where="sequence",
+            hint=did_you_mean(name, landmarks),
+        )
     return tuple(sequence) or landmarks
 
 
@@ -252,7 +231,9 @@ def placement_within_reach(
         # Rounded to what somebody would write down, and not below the table the arm stands on.
         position = np.round(tip - rotation @ centre, 4)
         pose = PoseSpec(rotation, np.array([*position[:2], max(0.0, position[2])]))
-        if _every_landmark_reached(kinematics, read, pose, start, rng):
+        # One after the other, for most poses fail at the first.
+        targets = _landmark_targets(read, pose)
+        if all(kinematics.solve(target, start, rng, 3).reached[0] for target in targets):
             return pose
     raise JobError(
         f"no place for placement {label!r} in {tries} tries",
@@ -262,20 +243,10 @@ def placement_within_reach(
     )
 
 
-def _every_landmark_reached(
-    kinematics: InverseKinematics,
-    artefact: Artefact,
-    pose: PoseSpec,
-    start: FloatArray,
-    rng: np.random.Generator,
-) -> bool:
-    """One after the other, for most poses fail at the first."""
+def _landmark_targets(artefact: Artefact, pose: PoseSpec) -> Iterator[Targets]:
+    """Where the tip is on each landmark, those with an orientation first."""
     marks = sorted(artefact.landmarks.values(), key=lambda mark: mark.rotation is None)
     tips = seated(artefact, [mark.name for mark in marks], pose.rotation, pose.position)
     assert tips.rotation is not None
-    targets = (
-        Targets(p[None], R[None], "position" if mark.rotation is None else "pose")
-        for mark, p, R in zip(marks, tips.place, tips.rotation, strict=True)
-    )
-    starts = 3
-    return all(kinematics.solve(target, start, rng, starts).reached[0] for target in targets)
+    for mark, p, R in zip(marks, tips.place, tips.rotation, strict=True):
+        yield Targets(p[None], R[None], "position" if mark.rotation is None else "pose")

@@ -24,8 +24,6 @@ from suta_calib.showing import Displayable
 STALE_AFTER: Final = 0.03
 STALE_AGE: Final = 5.0
 STALE_TURN: Final = 0.3
-_HIGHEST_RATE: Final = 1e5
-_US: Final = 1e6
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,8 +51,8 @@ class Emulation(Displayable):
     first_time_us: int = 0
 
     def __post_init__(self) -> None:
-        if not 0 < self.rate <= _HIGHEST_RATE:
-            raise InputError(f"{self.rate:g} Hz", f"a rate up to {_HIGHEST_RATE:g} Hz")
+        if not 0 < self.rate <= 1e5:
+            raise InputError(f"{self.rate:g} Hz", "a rate up to 100000 Hz")
         names = self.device.names
         self.faults.check_joints(names)
         joints = self.motion.readings(np.zeros(1)).shape[1]
@@ -63,7 +61,7 @@ class Emulation(Displayable):
 
     def time_us(self, period: int) -> int:
         """The device's clock that many periods after it was switched on, µs, not wrapped."""
-        return self.first_time_us + round(_US * period / self.rate)
+        return self.first_time_us + round(1e6 * period / self.rate)
 
 
 def frames(emulation: Emulation, seconds: float = math.inf) -> Iterator[tuple[float, bytes]]:
@@ -94,8 +92,7 @@ def packets(
         motion_time: from time on this stream, (n,) s, to time of a motion that is held up.
         log: told of every block: times of the motion (n,), and true readings (n, joints).
     """
-    # Readings are computed this many frames ahead: 40 ms at 768 Hz.
-    block = 32
+    block = 32  # frames that are computed ahead: 40 ms at 768 Hz
     source = _Source(emulation, first_period)
     for number in count(0, block):
         time = np.arange(number, number + block) / emulation.rate
@@ -156,7 +153,7 @@ class _Source:
         ends = [window.end for window in emulation.faults.reboots if window.end <= time]
         if ends:
             period = number - math.ceil(max(ends) * emulation.rate)
-            return period, round(_US * period / emulation.rate)
+            return period, round(1e6 * period / emulation.rate)
         period = self._first + number
         return emulation.first_sequence + period, emulation.time_us(period)
 

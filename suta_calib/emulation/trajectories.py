@@ -47,7 +47,6 @@ def posture_of(arm: ArmModel, readings: Mapping[str, float] | None = None) -> Fl
 def sweep(
     arm: ArmModel,
     posture: FloatArray | None = None,
-    *,
     amplitude: float = from_deg(20.0),
     slowest: float = 0.05,
     fastest: float = 0.5,
@@ -139,8 +138,6 @@ def pivoting(
     Raises:
         JobError: too few joints to tilt the tool, or the point or a tilt is out of reach.
     """
-    # Every so many of them tell soon where a tilt is out of reach.
-    coarse = 25
     fewest_joints = 5
     joints = len(arm.joints)
     if joints < fewest_joints:
@@ -171,15 +168,14 @@ def pivoting(
             knots[k] = start
         return knots
 
-    starts = [np.asarray(posture, dtype=float)]
-    if posture is None:
-        # So many postures are tried where none is asked for.
-        random_starts = kinematics.random_readings(stream(seed, "pivot from"), 20)
-        starts = [kinematics.middle, *random_starts]
+    # So many postures are tried where none is asked for.
+    starts = [kinematics.middle, *kinematics.random_readings(stream(seed, "pivot from"), 20)]
+    if posture is not None:
+        starts = [np.asarray(posture, dtype=float)]
     refused: JobError | None = None
     for start in map(on_point, starts):
         try:
-            tilted(start, tilts[::coarse])
+            tilted(start, tilts[::25])  # tells soon where one is out of reach
             knots = continuous(tilted(start, tilts), full_circle(arm))
             break
         except JobError as error:
@@ -196,10 +192,8 @@ def pivoting(
 def _tilts(cone: float) -> FloatArray:
     """(n, 3) rotation vectors: a Lissajous figure over the cone, and turns about the tool."""
     # So dense that a cubic between two of them keeps the tip within a micrometre.
-    knots = 1000
-    s = np.linspace(0.0, 1.0, knots)
-    two_pi = 2 * np.pi
-    figure = np.stack([np.sin(3 * two_pi * s), np.sin(2 * two_pi * s), np.sin(two_pi * s)], axis=1)
+    turn = np.linspace(0.0, 2 * np.pi, 1000)
+    figure = np.sin(turn[:, None] * [3, 2, 1])
     # The first two reach their largest values together: the corner of a square in a circle.
     return np.asarray(cone * figure * np.array([math.sqrt(0.5), math.sqrt(0.5), 0.5]), dtype=float)
 
@@ -214,8 +208,7 @@ def _reached(
 ) -> FloatArray:
     """The posture next to ``start`` that reaches a pose: one start, lest another branch is met."""
     target = Targets(position[None], rotation[None], matching)
-    starts = 40 if matching == "position" else 1
-    answer = kinematics.solve(target, start, rng, starts)
+    answer = kinematics.solve(target, start, rng, 40 if matching == "position" else 1)
     if answer.reached[0]:
         return np.asarray(answer.q[0], dtype=float)
     x, y, z = mm(position)

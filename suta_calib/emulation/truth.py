@@ -89,20 +89,17 @@ def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[st
         ParameterError: a name that selects nothing.
     """
     # Sizes of drawn errors: those of a well-made arm whose encoders were set by eye.
-    # 0.75°
-    offset_std = {"rad": 0.013, "m": 1e-3}
-    tilt_std = {"rad": 0.0017}
-    usual = [
-        name
-        for name, parameter in arm.parameters.items()
-        if parameter.key == OFFSET
-        or (name in arm.geometric and parameter.key in POSITION and parameter.nominal)
-    ]
+    offset_std, tilt_std = {"rad": 0.013, "m": 1e-3}, {"rad": 0.0017}
+
+    def usual(parameter: Parameter) -> bool:
+        length = parameter.name in arm.geometric and parameter.key in POSITION
+        return parameter.key == OFFSET or bool(length and parameter.nominal)
+
+    drawn = arm.select(*select) if select else arm.parameters
     rows = tuple(
-        ErrorRow(
-            (name,), {}, offset_std if arm.offered[name].key in (OFFSET, *POSITION) else tilt_std
-        )
-        for name in (arm.select(*select).names if select else usual)
+        ErrorRow((p.name,), {}, offset_std if p.key in (OFFSET, *POSITION) else tilt_std)
+        for p in drawn.values()
+        if select or usual(p)
     )
     chain = arm.chain
     only_errors = SimulationSpec(

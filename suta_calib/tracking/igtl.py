@@ -27,132 +27,9 @@ from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose
 from suta_calib.units import deg, mm
 
-LOOPBACK: Final = "127.0.0.1"
-# The field's size in the protocol's header.
-LONGEST_NAME: Final = 20
-STD_SUFFIX: Final = "Std"
-
-
-class IgtlPublisher(Publisher):
-    """An OpenIGTLink server: every client that is connected receives every pose, in mm.
-
-    Poses that are not valid are not sent, as the protocol's TRANSFORM has no way to say so. The
-    time stamp is the moment the frame arrived, UTC.
-
-    Where the calibration's covariance is known, a SENSOR message follows each TRANSFORM with the
-    same time stamp: six standard deviations, of the tip's x, y, z in mm and of turns about the
-    base's x, y, z in degrees. Its device name is that of the TRANSFORM with `STD_SUFFIX`, for
-    clients that keep the last message of each name. Clients that know no SENSOR leave it out.
-
-    Args:
-        port: port to listen at; 0 for any free one.
-        device_name: of the messages, at most 20 ASCII characters.
-        host: address to listen at: this computer's own, which nobody else reaches, by default;
-            empty for all.
-        most_clients: so many are served; whoever comes later is hung up on.
-        patience: a client that takes nothing for so long is hung up on, s.
-
-    Attributes:
-        invalid: poses that were not sent because they were not valid.
-
-    Raises:
-        InputError: a device name that is empty, longer than 20 characters or not printable ASCII.
-        OutputError: the port cannot be listened at.
-    """
-
-    name = "igtl"
-
-    def __init__(
-        self,
-        port: int,
-        device_name: str = "TipToBase",
-        host: str = LOOPBACK,
-        *,
-        most_clients: int = 32,
-        patience: float = 5.0,
-    ) -> None:
-        super().__init__()
-        fits = 0 < len(device_name) <= LONGEST_NAME
-        if not (fits and device_name.isascii() and device_name.isprintable()):
-            expected = f"1 to {LONGEST_NAME} ASCII characters"
-            raise InputError(repr(device_name), expected, where="--igtl-name")
-        self._device_name = device_name
-        self._std_name = device_name[: LONGEST_NAME - len(STD_SUFFIX)] + STD_SUFFIX
-        self.invalid = 0
-        self._broadcast = Broadcast(host, port, most_clients, patience)
-        self.port = self._broadcast.port
-        self._held: list[bytes] = []
-
-    @property
-    def public(self) -> str:
-        """Address and port at which others on the network can read; empty where nobody can."""
-        return self._broadcast.public
-
-    def publish(self, pose: TrackedPose) -> None:
-        """Make its message, which `flush` sends."""
-        if not pose.valid:
-            self.invalid += 1
-            return
-        if not self._broadcast.clients:
-            return
-        matrix = np.eye(4)
-        matrix[:3, :3] = pose.rotation
-        matrix[:3, 3] = mm(pose.position)
-        message = pyigtl.TransformMessage(
-            matrix, timestamp=pose.host_time, device_name=self._device_name
-        )
-        data = bytes(message.pack())
-        if pose.std is not None and pose.turn_std is not None:
-            std = np.concatenate([mm(pose.std), deg(pose.turn_std)])
-            data += bytes(SensorMessage(std, pose.host_time, self._std_name).pack())
-        self._held.append(data)
-
-    def flush(self) -> None:
-        """Send to everybody who can take it at once."""
-        if not self._held:
-            return
-        taken, lost = self._broadcast.send(b"".join(self._held))
-        self.published += taken * len(self._held)
-        self.dropped += lost * len(self._held)
-        self._held.clear()
-
-    def close(self) -> None:
-        """Hang up."""
-        self._broadcast.close()
-
-    def statistics(self) -> dict[str, Any]:
-        """Messages sent over all clients, messages lost by clients that did not read."""
-        connections = {"clients": self._broadcast.clients, "connected": self._broadcast.connections}
-        return super().statistics() | connections | {"invalid": self.invalid}
-
-
-class SensorMessage(pyigtl.messages.MessageBase):  # type: ignore[misc]
-    """Numbers of a sensor, which pyigtl has no message for.
-
-    OpenIGTLink 2, SENSOR: ``larray u8 | status u8 | unit u64 | larray x float64``, big-endian.
-
-    Args:
-        data: at most 255 numbers; they have no one unit, and the field for it says none (0).
-        timestamp: s since 1970.
-        device_name: at most 20 ASCII characters.
-    """
-
-    def __init__(self, data: FloatArray, timestamp: float, device_name: str) -> None:
-        super().__init__(timestamp=timestamp, device_name=device_name)
-        self._message_type = "SENSOR"
-        self._data = data
-
-    def _pack_content(self) -> bytes:
-        return struct.pack(">BBQ", len(self._data), 0, 0) + self._data.astype(">f8").tobytes()
-
-
 # Bytes the kernel may keep for a client: a client that falls behind further loses messages, and
 # one that catches up sees nothing older than these.
 SEND_BUFFER: Final = 1 << 16
-_WAITING_CLIENTS: Final = 16
-# A computer that has no socket left to give is not asked again before that, s.
-_PAUSE_S: Final = 0.5
-_DISCARDED_AT_ONCE: Final = 1 << 16
 
 
 class _Client:
@@ -180,7 +57,7 @@ class _Client:
     def has_hung_up(self) -> bool:
         """Read and forget what the client says, which it does no more once it has gone."""
         try:
-            return not self.connection.recv(_DISCARDED_AT_ONCE)
+            return not self.connection.recv(1 << 16)
         except (BlockingIOError, InterruptedError):
             return False
         except OSError:
@@ -200,65 +77,124 @@ class _Client:
             return data
 
 
-class Broadcast:
-    """A TCP server that sends the same messages to everybody who is connected.
+class IgtlPublisher(Publisher):
+    """An OpenIGTLink server: every client that is connected receives every pose, in mm.
 
     Clients come and go in a thread of their own; what they send is read and ignored. A client
     that does not read loses messages: whole ones, so that what it does receive stays readable.
 
+    Poses that are not valid are not sent, as the protocol's TRANSFORM has no way to say so. The
+    time stamp is the moment the frame arrived, UTC.
+
+    Where the calibration's covariance is known, a SENSOR message follows each TRANSFORM with the
+    same time stamp: six standard deviations, of the tip's x, y, z in mm and of turns about the
+    base's x, y, z in degrees. Its device name is that of the TRANSFORM with "Std" at its end, for
+    clients that keep the last message of each name. Clients that know no SENSOR leave it out.
+
+    Args:
+        port: port to listen at; 0 for any free one.
+        device_name: of the messages, at most 20 ASCII characters.
+        host: address to listen at: this computer's own, which nobody else reaches, by default;
+            empty for all.
+        most_clients: so many are served; whoever comes later is hung up on.
+        patience: a client that takes nothing for so long is hung up on, s.
+
+    Attributes:
+        invalid: poses that were not sent because they were not valid.
+        port: it listens at.
+        public: address and port at which others on the network can read; empty where nobody can.
+
     Raises:
+        InputError: a device name that is empty, longer than 20 characters or not printable ASCII.
         OutputError: the port cannot be listened at.
     """
 
-    def __init__(self, host: str, port: int, most_clients: int, patience: float) -> None:
+    name = "igtl"
+
+    def __init__(
+        self,
+        port: int,
+        device_name: str = "TipToBase",
+        host: str = "127.0.0.1",
+        *,
+        most_clients: int = 32,
+        patience: float = 5.0,
+    ) -> None:
+        super().__init__()
+        longest = 20  # the field's size in the protocol's header
+        fits = 0 < len(device_name) <= longest
+        if not (fits and device_name.isascii() and device_name.isprintable()):
+            expected = f"1 to {longest} ASCII characters"
+            raise InputError(repr(device_name), expected, where="--igtl-name")
+        self._device_name = device_name
+        self._std_name = device_name[: longest - len("Std")] + "Std"
         self._most_clients, self._patience = most_clients, patience
+        self.invalid = self._connections = 0
+        self._held: list[bytes] = []
         try:
-            self._listener = socket.create_server((host, port), backlog=_WAITING_CLIENTS)
+            self._listener = socket.create_server((host, port), backlog=16)
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise OutputError(
                 f"--igtl: port {port} of {host or 'this machine'} cannot be listened at: {reason}; "
                 "expected a free port; choose another"
             ) from None
-        self.port: int = self._listener.getsockname()[1]
-        self.connections = 0
+        address, self.port = self._listener.getsockname()[:2]
+        self.public = "" if ip_address(address).is_loopback else f"{address}:{self.port}"
         # A tuple that one thread replaces and nobody changes: the sender walks along it unlocked.
         self._clients: tuple[_Client, ...] = ()
         self._wake, self._woken = socket.socketpair()
         self._thread = threading.Thread(target=self._serve, name="broadcast", daemon=True)
         self._thread.start()
 
-    @property
-    def clients(self) -> int:
-        """How many are connected."""
-        return len(self._clients)
+    def publish(self, pose: TrackedPose) -> None:
+        """Make its message, which `flush` sends."""
+        if not pose.valid:
+            self.invalid += 1
+            return
+        if not self._clients:
+            return
+        matrix = np.eye(4)
+        matrix[:3, :3] = pose.rotation
+        matrix[:3, 3] = mm(pose.position)
+        message = pyigtl.TransformMessage(
+            matrix, timestamp=pose.host_time, device_name=self._device_name
+        )
+        data = bytes(message.pack())
+        if pose.std is not None and pose.turn_std is not None:
+            std = np.concatenate([mm(pose.std), deg(pose.turn_std)])
+            data += bytes(SensorMessage(std, pose.host_time, self._std_name).pack())
+        self._held.append(data)
 
-    @property
-    def public(self) -> str:
-        """Address and port at which others on the network can read; empty where nobody can."""
-        address, port = self._listener.getsockname()[:2]
-        return "" if ip_address(address).is_loopback else f"{address}:{port}"
-
-    def send(self, message: bytes) -> tuple[int, int]:
-        """Send to everybody without waiting; how many took it, and how many could not."""
-        clients = self._clients
+    def flush(self) -> None:
+        """Send to everybody who can take it at once."""
+        if not self._held:
+            return
+        message, clients = b"".join(self._held), self._clients
         taken = sum(client.send(message) for client in clients)
         lost = len(clients) - taken
-        if lost:
-            late = time.perf_counter() - self._patience
-            for client in clients:
-                if client.gone or client.stuck_since < late:
-                    # The serving thread sees the end of file and takes it from its selector.
-                    with contextlib.suppress(OSError):
-                        client.connection.shutdown(socket.SHUT_RDWR)
-        return taken, lost
+        self.published += taken * len(self._held)
+        self.dropped += lost * len(self._held)
+        self._held.clear()
+        late = time.perf_counter() - self._patience
+        for client in clients if lost else ():
+            if client.gone or client.stuck_since < late:
+                # The serving thread sees the end of file and takes it from its selector.
+                with contextlib.suppress(OSError):
+                    client.connection.shutdown(socket.SHUT_RDWR)
 
     def close(self) -> None:
         """Send the last rests as far as they go, hang up, stop listening."""
-        self._wake.send(b"x")
+        with contextlib.suppress(OSError):  # closed already
+            self._wake.send(b"x")
         self._thread.join(timeout=5)
         for end in (self._wake, self._woken, self._listener):
             end.close()
+
+    def statistics(self) -> dict[str, Any]:
+        """Messages sent over all clients, messages lost by clients that did not read."""
+        counts = {"clients": len(self._clients), "connected": self._connections}
+        return super().statistics() | counts | {"invalid": self.invalid}
 
     def _serve(self) -> None:
         with selectors.DefaultSelector() as selector:
@@ -279,9 +215,10 @@ class Broadcast:
                             client.connection.close()
                         return
                     if key.fileobj is self._listener:
+                        # A computer that has no socket left to give is asked again later.
                         if not self._welcome(selector):
                             selector.unregister(self._listener)
-                            listen_at = time.perf_counter() + _PAUSE_S
+                            listen_at = time.perf_counter() + 0.5
                     elif client.has_hung_up():
                         self._clients = tuple(c for c in self._clients if c is not client)
                         selector.unregister(client.connection)
@@ -302,6 +239,26 @@ class Broadcast:
             connection.close()
             return True
         selector.register(connection, selectors.EVENT_READ, client)
-        self.connections += 1
+        self._connections += 1
         self._clients = (*self._clients, client)
         return True
+
+
+class SensorMessage(pyigtl.messages.MessageBase):  # type: ignore[misc]
+    """Numbers of a sensor, which pyigtl has no message for.
+
+    OpenIGTLink 2, SENSOR: ``larray u8 | status u8 | unit u64 | larray x float64``, big-endian.
+
+    Args:
+        data: at most 255 numbers; they have no one unit, and the field for it says none (0).
+        timestamp: s since 1970.
+        device_name: at most 20 ASCII characters.
+    """
+
+    def __init__(self, data: FloatArray, timestamp: float, device_name: str) -> None:
+        super().__init__(timestamp=timestamp, device_name=device_name)
+        self._message_type = "SENSOR"
+        self._data = data
+
+    def _pack_content(self) -> bytes:
+        return struct.pack(">BBQ", len(self._data), 0, 0) + self._data.astype(">f8").tobytes()

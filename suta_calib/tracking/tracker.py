@@ -261,8 +261,5 @@ def matched_joints(
     Raises:
         InputError: the device lacks one; names it and what the device has.
     """
-    device_names = f"the joints {', '.join(device_joints)}"
-    expected = f"those of the chain {arm.chain.base} → {arm.tip}: {', '.join(arm.joints)}"
-    return np.array(
-        columns_of(arm.joints, device_joints, device_names, expected, device), dtype=np.intp
-    )
+    chain = f"the chain {arm.chain.base} → {arm.tip}"
+    return columns_of(arm.joints, device_joints, chain, device)

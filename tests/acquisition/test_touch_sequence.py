@@ -145,7 +145,7 @@ def test_the_device_may_have_more_joints_in_another_order() -> None:
     (found,) = choose([reading([3.0, 1.0, 2.0], 0.0, flags=[0])])
     assert found.angles.tolist() == [1.0, 2.0]
     assert not found.error.any()
-    with pytest.raises(InputError, match=r"device.yaml: joints: found joints c, a, b; .*a, d"):
+    with pytest.raises(InputError, match=r"device.yaml: joints: found the joints c, a, b; .*a, d"):
         ArmReadings(device(("c", "a", "b")), ("a", "d"))
 
 

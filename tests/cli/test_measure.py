@@ -119,7 +119,7 @@ def test_pivoting_is_sampled_while_it_moves(bench: Bench, capsys: Capture) -> No
         (["--placement", "P1", "--sequence", "O,Q"], "no landmark 'Q'"),
         (["--placement", "P1", "--observation", "7"], "--observation: found '7'"),
         (["--placement", "P1", "--observation", "fixed_point"], "use --point"),
-        (["--placement", "P1"], "joints: found joints joint_1, elbow"),
+        (["--placement", "P1"], "joints: found the joints joint_1, elbow"),
         (["--placement", "P1", "--device", "none.yaml"], "none.yaml: found no such file"),
         (["--placement", "P1", "--urdf", "none.urdf"], "none.urdf"),
     ],

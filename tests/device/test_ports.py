@@ -10,7 +10,7 @@ from device_streams import PtyDevice, device
 from serial.tools import list_ports
 
 from suta_calib import extras
-from suta_calib.device import Bus, port, port_name
+from suta_calib.device import Bus, port
 from suta_calib.device.port import opening_error
 from suta_calib.errors import (
     DeviceError,
@@ -182,7 +182,7 @@ def test_a_url_that_does_more_than_open_a_port_is_refused(
     ],
 )
 def test_names_of_ports_are_accepted(name: str) -> None:
-    assert port_name.expected_name(name) is None
+    assert port.expected_name(name) is None
 
 
 @pytest.mark.skipif(not Path("/sys/dev/char/1:3").exists(), reason="needs Linux's /sys")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.port import Port
 from suta_calib.device.reading import Reading, Statistics
-from suta_calib.device.units import signs, values_from_angles
-
-if TYPE_CHECKING:
-    from suta_calib.device.port import Port
-
-_TEXT: Final = re.compile(rb"[\t\r\n\x20-\x7e]*")
+from suta_calib.device.units import values_from_angles
 
 
 class Decoder(ABC):
@@ -38,7 +33,7 @@ class Decoder(ABC):
     def __init__(self, spec: DeviceSpec) -> None:
         self.statistics = Statistics(spec.names)
         self._spec = spec
-        self._signs = signs(spec)
+        self._signs = spec.signs
         self._buffer = bytearray()
 
     @abstractmethod
@@ -155,4 +150,4 @@ class Format(ABC):
 
 def is_text(data: bytes) -> bool:
     """Whether these bytes are printable ASCII."""
-    return _TEXT.fullmatch(data) is not None
+    return re.fullmatch(rb"[\t\r\n\x20-\x7e]*", data) is not None

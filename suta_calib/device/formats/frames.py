@@ -25,7 +25,7 @@ from suta_calib.device.formats.encoder_words import (
     unpack_words,
 )
 from suta_calib.device.reading import Reading
-from suta_calib.device.units import angles_from_counts, zeros
+from suta_calib.device.units import angles_from_counts
 from suta_calib.errors import WrongFormatError
 
 HEADER: Final = b"\xaa\x55"
@@ -72,8 +72,7 @@ def encode_frame(
     if len(counts) > MOST_JOINTS:
         raise ValueError(f"at most {MOST_JOINTS} joints expected, found {len(counts)}")
     words = pack_words(counts, error, warning).astype("<u4").tobytes()
-    microseconds = 1 << 32
-    body = FIELDS.pack(sequence % SEQUENCES, time_us % microseconds, len(counts)) + words
+    body = FIELDS.pack(sequence % SEQUENCES, time_us % (1 << 32), len(counts)) + words
     return HEADER + body + CRC.pack(frame_crc()(body))
 
 
@@ -107,12 +106,9 @@ class OtherCount:
             end = at + frame_size(count)
             if end > len(buffer):
                 return at
-            ours = count in (0, len(self._spec.joints))
-            if ours or not crc_fits(buffer, at, end):
-                at += 1
-                continue
             words = np.frombuffer(bytes(buffer[at + WORDS_AT : end - CRC.size]), dtype="<u4")
-            if not unpack_words(words).good.all():
+            ours = count in (0, len(self._spec.joints))
+            if ours or not (crc_fits(buffer, at, end) and unpack_words(words).good.all()):
                 at += 1
                 continue
             at = end
@@ -137,7 +133,7 @@ class FramesDecoder(Decoder):
     def __init__(self, spec: DeviceSpec) -> None:
         super().__init__(spec)
         self._count = len(spec.joints)
-        self._zeros = zeros(spec).astype(np.int64)
+        self._zeros = spec.zeros.astype(np.int64)
         self._size = frame_size(self._count)
         self._clock = DeviceClock()
         self._other_count = OtherCount(spec)
@@ -211,13 +207,10 @@ class FramesDecoder(Decoder):
 
     def _readings(self, starts: list[int], arrival: float) -> list[Reading]:
         words, counts = unpack_words(self._words(starts)), self.statistics
-        if not words.good.all():
-            good: BoolArray = np.asarray(words.good.all(axis=1))
-            counts.word_crc_errors += int((~good).sum())
+        intact = words.good.all(axis=1)
+        if not intact.all():
+            counts.word_crc_errors += int((~intact).sum())
             counts.joint_crc_errors += (~words.good).sum(axis=0)
-            intact = good.tolist()
-        else:
-            intact = [True] * len(starts)
         if words.error.any():
             counts.error_flags += words.error[intact].sum(axis=0)
         if words.warning.any():
@@ -226,7 +219,7 @@ class FramesDecoder(Decoder):
         angles.setflags(write=False)
         readings = []
         for at, fits, row, error, warning in zip(
-            starts, intact, angles, words.error, words.warning, strict=True
+            starts, intact.tolist(), angles, words.error, words.warning, strict=True
         ):
             sent, time_us, _ = FIELDS.unpack_from(self._buffer, at + FIELDS_AT)
             if not fits:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample, is_text
 from suta_calib.device.reading import Reading
-from suta_calib.device.units import ONE_TURN, angles_from_values, turns, zeros
+from suta_calib.device.units import angles_from_values
 from suta_calib.errors import WrongFormatError
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
@@ -40,11 +40,11 @@ class LinesDecoder(Decoder):
 
     def __init__(self, spec: DeviceSpec) -> None:
         super().__init__(spec)
-        self._turns, self._zeros = turns(spec), zeros(spec)
-        # A counter of several turns may be anywhere within a turn of the joint, about its zero.
-        self._most = ONE_TURN * np.abs(self._turns) + np.abs(self._zeros)
-        longest_value = 40
-        self._longest = longest_value * len(spec.joints)
+        self._turns, self._zeros = spec.turns, spec.zeros
+        # A device may say a whole turn, not more: then the unit is another one. A counter of
+        # several turns may be anywhere within a turn of the joint, about its zero.
+        self._most = (1.0 + 1e-6) * np.abs(self._turns) + np.abs(self._zeros)
+        self._longest = 40 * len(spec.joints)
         self._none_raised = np.zeros(len(spec.joints), dtype=np.bool_)
         self._none_raised.setflags(write=False)
         self._whole = False  # the buffer begins where a line begins
@@ -85,16 +85,14 @@ class LinesDecoder(Decoder):
         text = line.rstrip(b"\r")
         if not text.strip():
             return None
-        if len(line) > self._longest or not _VALUES.fullmatch(text):
-            self.statistics.frame_crc_errors += 1
-            return None
-        row = [float(value) for value in text.split(b",")]
-        if len(row) != len(self._spec.joints) or np.any(np.abs(row) > self._most):
-            self.statistics.frame_crc_errors += 1
+        if len(line) <= self._longest and _VALUES.fullmatch(text):
+            row = [float(value) for value in text.split(b",")]
+            if len(row) == len(self._spec.joints) and np.all(np.abs(row) <= self._most):
+                self._unfit = 0
+                return row
             self._refuse(row, text)
-            return None
-        self._unfit = 0
-        return row
+        self.statistics.frame_crc_errors += 1
+        return None
 
     def _refuse(self, row: list[float], text: bytearray) -> None:
         self._unfit += 1

@@ -25,10 +25,6 @@ _SILENT_S: Final = 1.0
 class ServoPort(Port):
     """A bus of servos as a port that gives a line of counts for each time they were all asked.
 
-    Args:
-        spec: gives the port, the baud rate, and the servos' numbers.
-        form: which servos.
-
     Raises:
         DeviceSilentError: a servo does not answer.
         MissingExtraError: the library is not installed.
