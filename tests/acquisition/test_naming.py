@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from acquisition_scenes import Attempt, check_against, file_of, plan_of, visit
+from acquisition_scenes import Scene
 from device_stand_in import Script
 
 from suta_calib.acquisition.seating_check import SeatingCheck, likelier
@@ -44,52 +44,34 @@ def test_names_stand_where_the_arm_is_merely_bad(
         assert likelier(seating, NAMES, range(count), tips[:count]) is None
 
 
-def test_a_rest_on_the_way_is_no_landmark_once_the_artefact_is_known(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
-) -> None:
-    names = ",".join(NAMES[:7])
-    script = visit(postures, ",".join(NAMES[:6]))
-    in_the_air = postures["L2"] + np.array([0.0, 0.15, 0.1, 0.0, 0.0, 0.0])
-    script.move(in_the_air, 0.6).rest(1.0).move(postures["S1"], 0.6).rest(1.0)
-    attempt = Attempt(
-        plan_of(job, arm, names),
-        file_of(plan_of(job, arm, names), tmp_path / "a"),
-        script.readings(),
-    )
+def test_a_rest_on_the_way_is_no_landmark_once_the_artefact_is_known(scene: Scene) -> None:
+    script = scene.visit(",".join(NAMES[:6]))
+    in_the_air = scene["L2"] + np.array([0.0, 0.15, 0.1, 0.0, 0.0, 0.0])
+    script.move(in_the_air, 0.6).rest(1.0).move(scene["S1"], 0.6).rest(1.0)
+    attempt = scene.attempt(",".join(NAMES[:7]), script)
     assert attempt.landmarks == NAMES[:7]
-    check_against(attempt, postures)
+    scene.check(attempt)
     assert any("taken for a pause" in line for line in attempt.said)
 
 
-def test_a_landmark_that_is_left_out_does_not_shift_the_names(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
-) -> None:
-    plan = plan_of(job, arm, ",".join(NAMES))
+def test_a_landmark_that_is_left_out_does_not_shift_the_names(scene: Scene) -> None:
     visited = [*NAMES[:5], *NAMES[6:]]
-    readings = visit(postures, ",".join(visited)).readings()
-    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), readings)
+    attempt = scene.attempt(",".join(NAMES), scene.visit(",".join(visited)))
     assert attempt.landmarks == visited
     assert attempt.run.missing == ("L2",)
-    check_against(attempt, postures)
+    scene.check(attempt)
 
 
-def test_the_rest_during_which_the_stream_began_counts_however_short(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
-) -> None:
+def test_the_rest_during_which_the_stream_began_counts_however_short(scene: Scene) -> None:
     """Who starts a moment late has the first landmark all the same."""
-    plan = plan_of(job, arm, "O,M1")
-    script = Script(postures["O"]).rest(0.45).move(postures["M1"], 0.6).rest(1.0)
-    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), script.readings())
+    script = Script(scene["O"]).rest(0.45).move(scene["M1"], 0.6).rest(1.0)
+    attempt = scene.attempt("O,M1", script)
     assert attempt.landmarks == ["O", "M1"]
-    check_against(attempt, postures)
+    scene.check(attempt)
     assert any("cut short" in line for line in attempt.said)
 
 
-def test_too_few_landmarks_to_tell_are_pointed_out(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
-) -> None:
-    plan = plan_of(job, arm, "O,M1,M2,L1")
-    readings = visit(postures, "M1,M2").readings()
-    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), readings)
+def test_too_few_landmarks_to_tell_are_pointed_out(scene: Scene) -> None:
+    attempt = scene.attempt("O,M1,M2,L1", scene.visit("M1,M2"))
     assert attempt.landmarks == ["O", "M1"]
     assert "check its name" in attempt.run.notes["O"]

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from acquisition_scenes import Attempt, check_against, device, file_of, plan_of, visit
+from acquisition_scenes import Scene, device
 from device_stand_in import reading
 
-from suta_calib.acquisition.guided import Guided
-from suta_calib.acquisition.run import Run, SamplesFile
+from suta_calib.acquisition.run import SamplesFile
 from suta_calib.acquisition.seating_check import SeatingCheck
 from suta_calib.acquisition.session import ArmReadings
-from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import read_arm, read_row, repeated, touched
-from suta_calib.arrays import FloatArray
 from suta_calib.errors import (
     ArtefactError,
     InputError,
@@ -25,28 +23,27 @@ from suta_calib.errors import (
     UrdfError,
 )
 from suta_calib.measurements import read_csv_table
-from suta_calib.model.arm import ArmModel
 from suta_calib.terms import FixedPoint
 
-
 # ── Files ──────────────────────────────────────────────────────────────────────────────────────
+LABELS = ["placement", "repeat", "landmark"]
+
+
+def samples_file(path: Path, **options: bool) -> SamplesFile:
+    return SamplesFile(path, ["a", "b"], LABELS, {"placement": "P1"}, **options)
+
+
 def test_a_file_keeps_what_is_not_its_own(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    path.write_text(
-        '# by hand\nrepeat,a,note,placement,landmark,b\n1,0.5,"x, y",P2,O,0.25\n', encoding="utf-8"
-    )
-    file = SamplesFile(path, ["a", "b"], ["placement", "repeat", "landmark"], {"placement": "P1"})
-    file.put({"placement": "P1", "repeat": "1", "landmark": "O"}, np.array([0.1, -0.2]))
-    text = path.read_text()
-    assert text == (
-        '# by hand\nrepeat,a,note,placement,landmark,b\n1,0.5,"x, y",P2,O,0.25\n1,0.1,,P1,O,-0.2\n'
-    )
+    text = '# by hand\nrepeat,a,note,placement,landmark,b\n1,0.5,"x, y",P2,O,0.25\n'
+    path.write_text(text, encoding="utf-8")
+    labels = {"placement": "P1", "repeat": "1", "landmark": "O"}
+    samples_file(path).put(labels, np.array([0.1, -0.2]))
+    text += "1,0.1,,P1,O,-0.2\n"
+    assert path.read_text() == text
     with pytest.raises(SamplesError, match=r"a.csv:4: .*already there.*--resume"):
-        SamplesFile(path, ["a", "b"], ["placement", "repeat", "landmark"], {"placement": "P1"})
-    resumed = SamplesFile(
-        path, ["a", "b"], ["placement", "repeat", "landmark"], {"placement": "P1"}, resume=True
-    )
-    resumed.put({"placement": "P1", "repeat": "1", "landmark": "O"}, np.array([0.3, 0.4]), at=0)
+        samples_file(path)
+    samples_file(path, resume=True).put(labels, np.array([0.3, 0.4]), at=0)
     assert path.read_text() == text.replace("1,0.1,,P1,O,-0.2", "1,0.3,,P1,O,0.4")
 
 
@@ -58,11 +55,17 @@ def test_a_file_of_another_arm_is_refused(tmp_path: Path) -> None:
 
 
 # ── Plans ──────────────────────────────────────────────────────────────────────────────────────
-def job_with(folder: Path, observations: str, urdf: Path, artefact: Path) -> Path:
-    job = folder / "calibration.yaml"
-    text = f"arm: {{urdf: {urdf}, tip: tip}}\nobservations:\n{observations}\n"
-    job.write_text(text.replace("ARTEFACT", str(artefact)), encoding="utf-8")
-    return job
+@pytest.fixture
+def job_with(tmp_path: Path, suta_urdf: Path, repository: Path) -> Callable[[str], Path]:
+    """A job of some observations of the SUTA's artefact."""
+
+    def write(observations: str) -> Path:
+        job, artefact = tmp_path / "calibration.yaml", repository / "data/suta/artefact.yaml"
+        text = f"arm: {{urdf: {suta_urdf}, tip: tip}}\nobservations:\n{observations}\n"
+        job.write_text(text.replace("ARTEFACT", str(artefact)), encoding="utf-8")
+        return job
+
+    return write
 
 
 OBSERVATIONS = """\
@@ -85,59 +88,51 @@ validation:
     ],
 )
 def test_a_row_is_chosen_and_names_its_file(
-    tmp_path: Path, suta_urdf: Path, repository: Path, which: str, found: str, file: str
+    tmp_path: Path, job_with: Callable[[str], Path], which: str, found: str, file: str
 ) -> None:
-    artefact = repository / "data/suta/artefact.yaml"
-    job = job_with(tmp_path, OBSERVATIONS, suta_urdf, artefact)
-    row = read_row(job, which, ["pairwise_distance", "landmark"])
+    row = read_row(job_with(OBSERVATIONS), which, ["pairwise_distance", "landmark"])
     assert row.where == found
     assert row.file("P1", "2") == tmp_path / file
 
 
 @pytest.mark.parametrize("which", ["3", "validation[1]", "landmarks", "observations[x]"])
-def test_a_row_that_is_not_there_is_refused(
-    tmp_path: Path, suta_urdf: Path, repository: Path, which: str
-) -> None:
-    job = job_with(tmp_path, OBSERVATIONS, suta_urdf, repository / "data/suta/artefact.yaml")
+def test_a_row_that_is_not_there_is_refused(job_with: Callable[[str], Path], which: str) -> None:
+    job = job_with(OBSERVATIONS)
     with pytest.raises(JobError, match=r"--observation: found .*observations\[1\] \(landmark\)"):
         read_row(job, which, ["landmark"])
 
 
 @pytest.mark.parametrize("seated", [True, False])
 def test_a_plug_whose_bias_is_sought_is_turned_to_its_stop_at_every_landmark(
-    tmp_path: Path, arm: ArmModel, suta_urdf: Path, repository: Path, seated: bool
+    scene: Scene, job_with: Callable[[str], Path], seated: bool
 ) -> None:
     bias = ", seating: {clearance_mm: 0.05, rotation_deg: 1}" if seated else ""
     row = f"  - {{kind: landmark, artefact: ARTEFACT, samples: '*.csv'{bias}}}"
-    job = job_with(tmp_path, row, suta_urdf, repository / "data/suta/artefact.yaml")
-    plan = touched(arm, read_row(job, None, ["landmark"]), "P1", "1", ["O", "M1"])
-    said = list[str]()
-    run = Run(plan, file_of(plan, tmp_path / "P1.csv"), said.append)
-    guided = Guided(run, StopFinder(arm.joints, 1.0), 1.0)
-    guided.press("s")
-    assert [("O (1 of 2)" in line, "M1 (2 of 2)" in line) for line in said[-2:]] == [
-        (True, False),
-        (False, True),
-    ]
-    for line in said[-2:]:
+    row_read = read_row(job_with(row), None, ["landmark"])
+    it = scene.guidance(touched(scene.arm, row_read, "P1", "1", ["O", "M1"]), "O")
+    it.guided.press("s")
+    first, second = it.said[-2:]
+    assert "O (1 of 2)" in first
+    assert "M1 (2 of 2)" in second
+    for line in (first, second):
         assert ("turn the plug counter-clockwise until it stops; " in line) == seated
 
 
-def test_bad_jobs_are_refused(tmp_path: Path, suta_urdf: Path, job: Path, arm: ArmModel) -> None:
-    bad = job_with(tmp_path, "  - {kind: landmark, samples: 'a.csv'}", suta_urdf, suta_urdf)
+def test_bad_jobs_are_refused(scene: Scene, job_with: Callable[[str], Path]) -> None:
+    bad = job_with("  - {kind: landmark, samples: 'a.csv'}")
     with pytest.raises(JobError, match="artefact"):
         read_row(bad, None, ["landmark"])
     with pytest.raises(JobError, match="observations of kind landmark"):
         read_row(bad, None, ["fixed_point"])
     with pytest.raises(UrdfError):
-        read_arm(job, tmp_path / "none.urdf")
+        read_arm(scene.job, scene.folder / "none.urdf")
     with pytest.raises(ArtefactError, match="did you mean 'M1'"):
-        plan_of(job, arm, "O,m1")
+        scene.plan("O,m1")
     with pytest.raises(InputError, match="--sequence"):
-        touched(arm, read_row(job, None, ["pairwise_distance"]), "P1", "1", [])
+        touched(scene.arm, read_row(scene.job, None, ["pairwise_distance"]), "P1", "1", [])
     for label in ("", "a/b", " P1", "P\n1"):
         with pytest.raises(InputError, match="--point"):
-            repeated(arm, FixedPoint, label, "1", 3)
+            repeated(scene.arm, FixedPoint, label, "1", 3)
 
 
 def test_the_device_may_have_more_joints_in_another_order() -> None:
@@ -149,43 +144,32 @@ def test_the_device_may_have_more_joints_in_another_order() -> None:
         ArmReadings(device(("c", "a", "b")), ("a", "d"))
 
 
-def test_seating_knows_another_landmark_by_its_distances(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray]
-) -> None:
-    artefact = read_row(job, None, ["pairwise_distance"]).artefact
+def test_seating_knows_another_landmark_by_its_distances(scene: Scene) -> None:
+    artefact = read_row(scene.job, None, ["pairwise_distance"]).artefact
     assert artefact is not None
-    seating = SeatingCheck(arm, artefact)
+    seating = SeatingCheck(scene.arm, artefact)
     for name in ("O", "M1", "M2"):
-        seating.put(name, postures[name])
+        seating.put(name, scene[name])
     for name in ("L1", "S4", "M3"):
-        assert seating.which("L2", ["L1", "L2", "M3", "S4"], postures[name]) == name
-        assert seating.misfit(name, postures[name]) < 5e-3
-    assert seating.same_place(postures["O"], postures["O"] + 1e-4)
-    assert not seating.same_place(postures["O"], postures["M1"])
+        assert seating.which("L2", ["L1", "L2", "M3", "S4"], scene[name]) == name
+        assert seating.misfit(name, scene[name]) < 5e-3
+    assert seating.same_place(scene["O"], scene["O"] + 1e-4)
+    assert not seating.same_place(scene["O"], scene["M1"])
 
 
 @pytest.mark.parametrize("missed", [1, 2])
 def test_landmarks_missed_at_the_start_are_noticed_by_the_distances(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path, missed: int
+    scene: Scene, missed: int
 ) -> None:
     """Whoever starts late takes the second landmark for the first, until the distances object."""
     names = ["O", "M1", "M2", "L1", "M3", "L2"]
-    plan = plan_of(job, arm, ",".join(names))
-    readings = visit(postures, ",".join(names[missed:])).readings()
-    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), readings)
+    attempt = scene.attempt(",".join(names), scene.visit(",".join(names[missed:])))
     assert attempt.done
     assert attempt.landmarks == names[missed:]
-    check_against(attempt, postures)
+    scene.check(attempt)
     assert attempt.run.missing == tuple(names[:missed])
     assert any("missed O" in line and "at the start" in line for line in attempt.said)
     assert not attempt.run.notes
-
-
-LABELS = ["placement", "repeat", "landmark"]
-
-
-def samples_file(path: Path, **options: bool) -> SamplesFile:
-    return SamplesFile(path, ["a", "b"], LABELS, {"placement": "P1"}, **options)
 
 
 # Of all characters, those that some think end a line.

@@ -10,13 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from acquisition_scenes import SECONDS, Attempt, file_of, visit
+from acquisition_scenes import SECONDS, Scene
 from device_stand_in import Script
 
-from suta_calib.acquisition.guided import ENTER, Guided
+from suta_calib.acquisition.guided import ENTER
 from suta_calib.acquisition.run import Run, last_motion
 from suta_calib.acquisition.stops import Complete, StopFinder
-from suta_calib.acquisition.touch_sequence import TouchSequence, read_row, touched
+from suta_calib.acquisition.touch_sequence import read_row, touched
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ArtefactError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_from_rotation
@@ -62,13 +62,11 @@ def seat(arm: ArmModel, postures: dict[str, FloatArray], *degrees: float) -> Scr
 
 
 @pytest.mark.parametrize("twist", ["ccw", "cw"])
-def test_a_plug_turned_the_other_way_is_named(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path, twist: str
-) -> None:
-    plan = plan_with(job, arm, twist)
+def test_a_plug_turned_the_other_way_is_named(scene: Scene, twist: str) -> None:
+    plan = plan_with(scene.job, scene.arm, twist)
     right = 2.0 if twist == "ccw" else -2.0
-    script = seat(arm, postures, right, -right, right)
-    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), script.readings()[350:])
+    script = seat(scene.arm, scene.postures, right, -right, right)
+    attempt = scene.attempt(plan, script.readings()[350:])
     assert attempt.landmarks == [*NAMES]
     way, other = ("counter-clockwise", "clockwise")[:: 1 if twist == "ccw" else -1]
     assert [*attempt.run.notes] == ["M1"]
@@ -79,26 +77,22 @@ def test_a_plug_turned_the_other_way_is_named(
     assert any(f"  look: {expected}" in line for line in attempt.said)
 
 
-def test_where_nothing_is_said_of_a_twist_nothing_is_asked(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
-) -> None:
-    plan = plan_with(job, arm, None)
-    script = seat(arm, postures, 2.0, -2.0, 2.0)
-    attempt = Attempt(plan, file_of(plan, tmp_path / "a.csv"), script.readings()[350:])
+def test_where_nothing_is_said_of_a_twist_nothing_is_asked(scene: Scene) -> None:
+    plan = plan_with(scene.job, scene.arm, None)
+    script = seat(scene.arm, scene.postures, 2.0, -2.0, 2.0)
+    attempt = scene.attempt(plan, script.readings()[350:])
     assert not attempt.run.notes
     assert not any("turn" in line for line in attempt.said)
 
 
-def test_a_plug_that_was_not_turned_at_all_is_named(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
-) -> None:
+def test_a_plug_that_was_not_turned_at_all_is_named(scene: Scene) -> None:
     """Only lowered into the socket, as it stands."""
-    plan = plan_with(job, arm, None, seated=True)
-    run = Run(plan, file_of(plan, tmp_path / "a.csv"), lambda _: None)
-    script = Script(postures["O"]).rest(4.0).move(postures["O"] + 1e-3, 0.6).rest(1.0)
-    finder = StopFinder(arm.joints, SECONDS)
+    plan = plan_with(scene.job, scene.arm, None, seated=True)
+    run = Run(plan, scene.file(plan), lambda _: None)
+    script = Script(scene["O"]).rest(4.0).move(scene["O"] + 1e-3, 0.6).rest(1.0)
+    finder = StopFinder(scene.arm.joints, SECONDS)
     events = [event for event in finder.feed(script.readings()) if isinstance(event, Complete)]
-    first, last = events[0], replace(events[0].average, way=np.array([postures["O"]] * 9))
+    first, last = events[0], replace(events[0].average, way=np.array([scene["O"]] * 9))
     run.confirm(last)
     assert "it did not turn" in run.notes["O"]
     # Nothing was seen of how the arm came to its first rest: nothing is said of its plug.
@@ -121,37 +115,21 @@ def test_the_last_motion_is_without_what_came_before(to_go: list[float], found: 
     assert last_motion(np.array(to_go, dtype=float), 0.25) == found
 
 
-class Desk:
-    """A guided run, and what is said of it."""
-
-    def __init__(self, plan: TouchSequence, path: Path) -> None:
-        self.said: list[str] = []
-        self.run = Run(plan, file_of(plan, path), self.said.append)
-        self.finder = StopFinder(plan.arm.joints, SECONDS)
-        self.guided = Guided(self.run, self.finder, SECONDS)
-
-    def play(self, script: Script, begin: int = 0) -> None:
-        for event in self.finder.feed(script.readings()[begin:]):
-            self.guided.handle(event)
-
-
-def test_enter_at_the_posture_of_the_landmark_before_is_flagged(
-    job: Path, arm: ArmModel, postures: dict[str, FloatArray], tmp_path: Path
-) -> None:
-    plan = plan_with(job, arm, None)
-    desk = Desk(plan, tmp_path / "a.csv")
-    script = visit(postures, "O", rest=2.0)
-    desk.guided.press(ENTER)
-    desk.play(script)
-    assert not any("same posture" in line for line in desk.said)
-    desk.guided.press(ENTER)
+def test_enter_at_the_posture_of_the_landmark_before_is_flagged(scene: Scene) -> None:
+    it = scene.guidance(plan_with(scene.job, scene.arm, None), "O")
+    it.script.rest(2.0)
+    it.guided.press(ENTER)
+    it.arm_does()
+    assert not any("same posture" in line for line in it.said)
+    it.guided.press(ENTER)
     # The arm is still on O, and somebody presses Enter.
-    desk.guided.press(ENTER)
-    desk.play(script.rest(2.0), len(script.angles) // 2)
-    flagged = [line for line in desk.said if "same posture as O" in line]
+    it.guided.press(ENTER)
+    it.script.rest(2.0)
+    it.arm_does()
+    flagged = [line for line in it.said if "same posture as O" in line]
     assert flagged == ["  look: same posture as O: did the arm move to this landmark?"]
-    desk.guided.press(ENTER)
-    assert desk.run.notes["M1"].startswith("same posture as O: did the arm move to this landmark?")
+    it.guided.press(ENTER)
+    assert it.run.notes["M1"].startswith("same posture as O: did the arm move to this landmark?")
 
 
 def test_a_twist_is_a_key_of_the_artefact(tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,12 +17,6 @@ from suta_calib.device import Bus
 from suta_calib.device.device_file import glance
 from suta_calib.device.port_process import PortProcess
 from suta_calib.errors import DeviceFileError, PortNotFoundError
-
-
-@pytest.fixture
-def arm(tmp_path: Path) -> Iterator[PtyDevice]:
-    with PtyDevice(tmp_path / "arm") as plugged:
-        yield plugged
 
 
 def test_what_comes_while_nobody_reads_is_kept_with_its_time(arm: PtyDevice) -> None:

@@ -7,8 +7,8 @@ import json
 import socket
 import struct
 import time
-from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -58,8 +58,21 @@ class Client:
     def messages(self) -> list[Any]:
         return self.seen.messages
 
-    def stop(self) -> None:
-        self._client.stop()
+    def has(self, count: int) -> bool:
+        """Whether so many messages come in the end."""
+        return eventually(lambda: len(self.messages) == count)
+
+
+@contextmanager
+def connected(publisher: IgtlPublisher) -> Iterator[Client]:
+    """A client more than before, for as long as the block lasts."""
+    more = clients(publisher) + 1
+    client = Client(publisher.port)
+    try:
+        assert eventually(lambda: clients(publisher) == more)
+        yield client
+    finally:
+        client._client.stop()
 
 
 def eventually(condition: Callable[[], object]) -> bool:
@@ -107,13 +120,9 @@ def clients(publisher: IgtlPublisher) -> int:
 
 def test_a_real_client_receives_every_pose_in_millimetres(igtl: IgtlPublisher):
     each = poses(500, invalid=(7, 8))
-    client = Client(igtl.port)
-    try:
-        assert eventually(lambda: clients(igtl) == 1)
+    with connected(igtl) as client:
         publish(igtl, each)
-        assert eventually(lambda: len(client.messages) == 498)
-    finally:
-        client.stop()
+        assert client.has(498)
     valid = [pose for pose in each if pose.valid]
     np.testing.assert_allclose(matrices(client.messages), expected(valid), atol=1e-4)
     first = client.messages[0]
@@ -149,13 +158,9 @@ def test_standard_deviations_follow_each_transform(
     each = certain(50)
     known = pyigtl.messages.message_type_to_class_constructor
     monkeypatch.setitem(known, "SENSOR", Sensor)
-    client = Client(igtl.port)
-    try:
-        assert eventually(lambda: clients(igtl) == 1)
+    with connected(igtl) as client:
         publish(igtl, each)
-        assert eventually(lambda: len(client.messages) == 100)
-    finally:
-        client.stop()
+        assert client.has(100)
     transforms, sensors = client.messages[::2], client.messages[1::2]
     np.testing.assert_allclose(matrices(transforms), expected(each), atol=1e-4)
     for transform, sensor, pose in zip(transforms, sensors, each, strict=True):
@@ -169,13 +174,9 @@ def test_standard_deviations_follow_each_transform(
 
 def test_a_client_that_knows_no_sensor_reads_the_transforms(igtl: IgtlPublisher):
     each = certain(300)
-    client = Client(igtl.port)
-    try:
-        assert eventually(lambda: clients(igtl) == 1)
+    with connected(igtl) as client:
         publish(igtl, each)
-        assert eventually(lambda: len(client.messages) == 300)
-    finally:
-        client.stop()
+        assert client.has(300)
     np.testing.assert_allclose(matrices(client.messages), expected(each), atol=1e-4)
 
 
@@ -189,21 +190,15 @@ def test_names_of_standard_deviations_fit_the_protocol(name: str, std: str):
 
 def test_a_client_that_comes_late_does_not_disturb_the_first(igtl: IgtlPublisher):
     each = poses(600)
-    first = Client(igtl.port)
-    try:
-        assert eventually(lambda: clients(igtl) == 1)
+    with connected(igtl) as first:
         publish(igtl, each[:300])
-        second = Client(igtl.port)
-        assert eventually(lambda: clients(igtl) == 2)
-        publish(igtl, each[300:])
-        assert eventually(lambda: len(first.messages) == 600)
-        assert eventually(lambda: len(second.messages) == 300)
-        second.stop()
+        with connected(igtl) as second:
+            publish(igtl, each[300:])
+            assert first.has(600)
+            assert second.has(300)
         assert eventually(lambda: clients(igtl) == 1)
         publish(igtl, each[:50])
-        assert eventually(lambda: len(first.messages) == 650)
-    finally:
-        first.stop()
+        assert first.has(650)
     np.testing.assert_allclose(matrices(second.messages), expected(each[300:]), atol=1e-4)
     assert igtl.dropped == 0
 
@@ -215,10 +210,8 @@ def test_poses_go_nowhere_while_nobody_listens(igtl: IgtlPublisher):
 
 def test_a_client_that_stops_reading_slows_nobody_and_gets_whole_messages(igtl: IgtlPublisher):
     one, last = poses(2)
-    reader = Client(igtl.port)
-    stalled = socket.create_connection((LOCAL, igtl.port))
-    stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-    try:
+    with connected(igtl) as reader, socket.create_connection((LOCAL, igtl.port)) as stalled:
+        stalled.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
         assert eventually(lambda: clients(igtl) == 2)
         sent = 0
         longest = 0.0
@@ -226,7 +219,7 @@ def test_a_client_that_stops_reading_slows_nobody_and_gets_whole_messages(igtl: 
             longest = max(longest, publish(igtl, [one] * 50, pause=0))
             sent += 50
             assert sent < 100 * SEND_BUFFER // 106, "the kernel takes everything"
-            assert eventually(lambda sent=sent: len(reader.messages) == sent)
+            assert reader.has(sent)
         # A blocking send would have waited for ever.
         assert longest < PATIENCE_S
         stalled.settimeout(0.05)
@@ -239,9 +232,6 @@ def test_a_client_that_stops_reading_slows_nobody_and_gets_whole_messages(igtl: 
             return len(received) % 106 == 0 and received[-48:] != received[58:106]
 
         assert eventually(caught_up)
-    finally:
-        stalled.close()
-        reader.stop()
     assert len(received) % 106 == 0
     stamps = {bytes(received[at : at + 12]) for at in range(0, len(received), 106)}
     assert stamps == {b"\x00\x01TRANSFORM\x00"}
@@ -249,18 +239,14 @@ def test_a_client_that_stops_reading_slows_nobody_and_gets_whole_messages(igtl: 
 
 
 def test_poses_that_come_together_are_sent_together(igtl: IgtlPublisher):
-    client = Client(igtl.port)
-    try:
-        assert eventually(lambda: clients(igtl) == 1)
+    with connected(igtl) as client:
         for pose in poses(5):
             igtl.publish(pose)
         assert igtl.published == 0
         igtl.flush()
         igtl.flush()
         assert igtl.published == 5
-        assert eventually(lambda: len(client.messages) == 5)
-    finally:
-        client.stop()
+        assert client.has(5)
 
 
 def test_nobody_else_can_read_unless_it_is_said():
