@@ -95,10 +95,10 @@ class DeviceSpec(Displayable):
     @property
     def turns(self) -> FloatArray:
         """(n,) what the device sends more when a joint has made a whole turn."""
-        of_encoder = [joint.counts_per_turn or self.counts_per_turn for joint in self.joints]
+        ratio = np.array([joint.ratio for joint in self.joints], dtype=float)
         if self.unit != "counts":
-            of_encoder = [math.tau if self.unit == "rad" else 360.0] * len(self.joints)
-        return np.array(of_encoder, dtype=float) * [joint.ratio for joint in self.joints]
+            return ratio * (math.tau if self.unit == "rad" else 360.0)
+        return ratio * [joint.counts_per_turn or self.counts_per_turn for joint in self.joints]
 
     @property
     def zeros(self) -> FloatArray:

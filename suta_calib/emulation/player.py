@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from heapq import merge
@@ -132,7 +132,9 @@ class Player:
         vanishing = (
             step for w in absences for step in ((w.start, self._vanish), (w.end, self._return))
         )
-        for due, act in merge(sending, vanishing, key=itemgetter(0)):
+        acts: Iterator[tuple[float, Callable[[], None]]]
+        acts = merge(sending, vanishing, key=itemgetter(0))
+        for due, act in acts:
             if not _sleep_until(opened + due, end, stopped):
                 return
             self._late = time.perf_counter() - opened - due

@@ -175,7 +175,7 @@ class ShiftsInTime:
         """A place that is another from a row on, or between two."""
         step = float(np.median(np.diff(self.time)))
         # Rows of which means are taken before and after: 24 means in all, 0.25 s at the longest.
-        widths = [w for w in 2 ** np.arange(1, 8) if w * 24 <= self.n and w * step <= 0.25]
+        widths = [w for w in (2, 4, 8, 16, 32, 64, 128) if w * 24 <= self.n and w * step <= 0.25]
         left = self.residual()
         if not widths:
             return None

@@ -72,7 +72,7 @@ def _stuck(record: ErrorsInTime, left: FloatArray, _: BoolArray) -> FaultEstimat
     place, truth, n = record.recorded, record.reference, len(left)
     # Times the noise that it may move meanwhile; times that, or the scatter, that the reference
     # moves on.
-    tolerance = 5.0 * row_noise(place)
+    tolerance = 5.0 * float(row_noise(place))
     far = 5.0 * max(_scatter(left), tolerance)
     speed = np.linalg.norm(record.velocity, axis=1)
     way = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(record.time))])

@@ -144,7 +144,7 @@ def track(
 
 
 SIZES = {
-    "small": (["P1", "P2"], 0.25, Timing(0.65, 0.3), 1.0),
+    "small": (["P1"], 0.12, Timing(0.45, 0.15), 0.5),
     "full": (list(PLACES), 1.0, Timing(1.6, 0.8), 5.0),
 }
 

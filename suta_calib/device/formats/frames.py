@@ -207,7 +207,7 @@ class FramesDecoder(Decoder):
 
     def _readings(self, starts: list[int], arrival: float) -> list[Reading]:
         words, counts = unpack_words(self._words(starts)), self.statistics
-        intact = words.good.all(axis=1)
+        intact: BoolArray = np.asarray(words.good.all(axis=1))
         if not intact.all():
             counts.word_crc_errors += int((~intact).sum())
             counts.joint_crc_errors += (~words.good).sum(axis=0)
