@@ -146,13 +146,9 @@ def run(arguments: Sequence[str] | None = None) -> int:
             code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
             sys.stdout.flush()
         except SutaCalibError as error:
-            click.echo(f"{PROGRAM}: error: {_one_line(error)}", err=True)
-            return error.exit_code
+            return _failed(error, error.exit_code)
         except click.ClickException as error:
-            click.echo(
-                f"{PROGRAM}: error: {shortened(_one_line(error.format_message()))}", err=True
-            )
-            return error.exit_code
+            return _failed(shortened(_one_line(error.format_message())), error.exit_code)
         except (click.Abort, KeyboardInterrupt, SystemError) as error:
             # CasADi's calls may put a SystemError around an interrupt.
             if type(error) is SystemError and type(error.__cause__) is not KeyboardInterrupt:
@@ -163,16 +159,13 @@ def run(arguments: Sequence[str] | None = None) -> int:
             discard_stdout()
             return 0
         except OSError as error:
-            click.echo(f"{PROGRAM}: error: {_of_system(error)}", err=True)
-            return 2
+            return _failed(_of_system(error))
         except MemoryError as error:
             too_large = _one_line(error) or "nobody said for what"
-            click.echo(
-                f"{PROGRAM}: error: found too little memory for these data ({too_large}); "
-                "expected as much as they need; give fewer rows, or use a larger computer",
-                err=True,
+            return _failed(
+                f"found too little memory for these data ({too_large}); expected as much as they "
+                "need; give fewer rows, or use a larger computer"
             )
-            return 2
     return code if isinstance(code, int) else 0
 
 
@@ -219,6 +212,12 @@ def _of_system(error: OSError) -> str:
         return "found a working folder that is gone; expected one that exists; change into one"
     name = f"{error.filename}: " if error.filename else ""
     return f"{name}{error.strerror or error}"
+
+
+def _failed(message: object, code: int = 2) -> int:
+    """The exit code, after a line on stderr that says why."""
+    click.echo(f"{PROGRAM}: error: {_one_line(message)}", err=True)
+    return code
 
 
 def _one_line(message: object) -> str:

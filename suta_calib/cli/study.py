@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, cast
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import click
 from joblib import cpu_count
@@ -73,22 +73,7 @@ def _sizes(
 @flag("--resume", "Go on with the trials an earlier run finished.")
 @anyway_option
 @out_option
-def study(
-    job: Path,
-    kind: str,
-    trials: int,
-    sizes: tuple[int, ...] | None,
-    unit: str | None,
-    tolerance_pct: float,
-    walk_deg: float | None,
-    walk_mm: float | None,
-    days: float,
-    seed: int,
-    jobs: int | None,
-    dask: str | None,
-    resume: bool,
-    anyway: bool,
-) -> Document:
+def study(job: Path, kind: str, resume: bool, anyway: bool, **asked: Any) -> Document:
     """Repeat the calibration of JOB many times over parts of its data.
 
     size: random subsets of the measurement sets, judged on held-out data, say how many are enough.
@@ -101,32 +86,35 @@ def study(
     processes and on a cluster. Finished trials are kept in a .trials.csv beside the answer; without
     --resume it is begun anew. Exits with 1 where no trial gave a result.
     """
+    trials, tolerance, seed = asked["trials"], stored(asked["tolerance_pct"], "%"), asked["seed"]
+    walk_deg, walk_mm = asked["walk_deg"], asked["walk_mm"]
     if kind == "drift":
-        if resume or any(given is not None for given in (unit, dask, sizes, jobs)):
+        if resume or any(asked[name] is not None for name in ("unit", "dask", "sizes", "jobs")):
             raise click.UsageError(
                 "--kind drift draws no sets and runs in one process: it takes no --unit, --sizes, "
                 "--jobs, --dask or --resume"
             )
-        return _drift(job, trials, tolerance_pct, walk_deg, walk_mm, days, seed, anyway)
+        if not walk_deg and not walk_mm:
+            raise click.UsageError(
+                "--kind drift needs --walk-deg or --walk-mm: how far parameters walk in a day"
+            )
+        walk = from_deg(walk_deg or 0.0), from_mm(walk_mm or 0.0)
+        options = DriftOptions(*walk, asked["days"], tolerance, trials, seed=seed)
+        return _drift(CalibrationJob.load(job), options, anyway=anyway)
     if walk_deg is not None or walk_mm is not None:
         raise click.UsageError("--walk-deg and --walk-mm are for --kind drift")
-    if sizes is not None and kind != "size":
+    if asked["sizes"] is not None and kind != "size":
         raise click.UsageError(f"--sizes is for --kind size; {kind} takes as many as there are")
 
-    request = Request(cast("Kind", kind), trials, sizes, unit, seed, stored(tolerance_pct, "%"))
+    chosen = cast("Kind", kind)
+    request = Request(chosen, trials, asked["sizes"], asked["unit"], seed, tolerance)
     log = results_folder() / request.log_name
     try:
         with LateProgress("calibrating") as progress:
             result = study_of_job(
-                CalibrationJob.load(job),
-                request,
-                log,
-                resume=resume,
-                anyway=anyway,
-                workers=jobs or int(cpu_count()),
-                dask=dask,
-                progress=progress,
-            )
+                CalibrationJob.load(job), request, log, resume=resume, anyway=anyway,
+                workers=asked["jobs"] or int(cpu_count()), dask=asked["dask"], progress=progress,
+            )  # fmt: skip
     except KeyboardInterrupt:
         if log.exists():
             click.echo(f"finished trials are in {log}: go on with --resume", err=True)
@@ -134,30 +122,7 @@ def study(
     return study_document(result)
 
 
-def _drift(
-    job: Path,
-    trials: int,
-    tolerance_pct: float,
-    walk_deg: float | None,
-    walk_mm: float | None,
-    days: float,
-    seed: int,
-    anyway: bool,
-) -> Document:
-    if not walk_deg and not walk_mm:
-        raise click.UsageError(
-            "--kind drift needs --walk-deg or --walk-mm: how far parameters walk in a day"
-        )
-    options = DriftOptions(
-        from_deg(walk_deg or 0.0),
-        from_mm(walk_mm or 0.0),
-        days,
-        stored(tolerance_pct, "%"),
-        trials,
-        seed=seed,
-    )
-    loaded = CalibrationJob.load(job)
+def _drift(job: CalibrationJob, options: DriftOptions, *, anyway: bool) -> Document:
     with LateProgress("walking") as progress:
-        solution = loaded.usable_solution(anyway=anyway)
-        result = drift_study(solution, loaded.validation, options, progress)
-    return drift_document(result)
+        solution = job.usable_solution(anyway=anyway)
+        return drift_document(drift_study(solution, job.validation, options, progress))

@@ -23,9 +23,9 @@ from .outliers_plot import metrics_plot as metrics_plot
 from .path_accuracy import path_accuracy_document as path_accuracy_document
 from .path_accuracy import path_accuracy_plot as path_accuracy_plot
 from .pivot import pivot_document as pivot_document
+from .plan import bench_drawing as bench_drawing
+from .plan import gain_curve as gain_curve
 from .plan import plan_document as plan_document
-from .plan_plots import bench_drawing as bench_drawing
-from .plan_plots import gain_curve as gain_curve
 from .pose_plots import draw_axes as draw_axes
 from .pose_plots import hand_eye_plot as hand_eye_plot
 from .pose_plots import pivot_plot as pivot_plot

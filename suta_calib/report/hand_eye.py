@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
+from typing import Any, Final
 
 from suta_calib import report
 from suta_calib.measurements.pose_files import PosePairs
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration
+from suta_calib.pose_calibration.picture_answer import CameraEstimate, PictureCalibration
 from suta_calib.report.document import Document, Figure, Part
 from suta_calib.report.listing import Column, Json, Listing, Table
 from suta_calib.report.poses import (
@@ -73,12 +74,14 @@ def hand_eye_document(calibration: HandEyeCalibration, data: PosePairs) -> Docum
     )
 
 
-def frame_tables(calibration: HandEyeCalibration) -> Iterator[Table]:
-    """X, and Z where the model asks for it, each in words with its standard deviations."""
+def frame_tables(
+    calibration: HandEyeCalibration | PictureCalibration,
+    eye: HandEyeCalibration | CameraEstimate | None = None,
+) -> Iterator[Table]:
+    """X, and Z where the model asks for it, of an eye in words with their standard deviations."""
+    found: Any = eye or calibration
     for name in calibration.unknowns:
         frame = FRAMES[calibration.setup][name]
         _, base, what = frame.split("_")
         title = f"{name} = {frame}: the {what} in the {base}, {calibration.setup}"
-        yield pose_table(
-            title, getattr(calibration, name), calibration.std[name], f"the {what}'s axes"
-        )
+        yield pose_table(title, getattr(found, name), found.std[name], f"the {what}'s axes")

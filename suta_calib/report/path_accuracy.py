@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Any, Final
 
@@ -26,28 +26,22 @@ from suta_calib.units import NOTHING, Unit, mm, ms, shown, text, unit_name
 NAME: Final = "dynamics"
 
 
-@dataclass(frozen=True, eq=False)
-class ErrorKind:
-    """One way to look at the error, and its sizes (n,), m or rad."""
-
-    key: str
-    name: str
-    unit: Unit
-    sizes: FloatArray
+# One way to look at the error: its key and name, its unit, and its sizes (n,), m or rad.
+ErrorKind = tuple[str, str, Unit, FloatArray]
 
 
-def _unit(errors: ErrorKind) -> Unit:
-    return errors.unit
+def _error_unit(errors: ErrorKind) -> Unit:
+    return errors[2]
 
 
 ERRORS: Final = Listing[ErrorKind](
     "Distance from the reference",
-    Column("", "", lambda row: f"{row.name}, {unit_name(row.unit)}"),
-    Column("rms", "RMS", lambda row: np.sqrt(np.mean(row.sizes**2)), _unit),
-    Column("mean", "mean", lambda row: row.sizes.mean(), _unit),
-    Column("p95", "95 %", lambda row: np.percentile(row.sizes, 95), _unit),
-    Column("max", "max", lambda row: row.sizes.max(), _unit),
-    Column("count", None, lambda row: len(row.sizes)),
+    Column("", "", lambda row: f"{row[1]}, {unit_name(row[2])}"),
+    Column("rms", "RMS", lambda row: np.sqrt(np.mean(row[3] ** 2)), _error_unit),
+    Column("mean", "mean", lambda row: row[3].mean(), _error_unit),
+    Column("p95", "95 %", lambda row: np.percentile(row[3], 95), _error_unit),
+    Column("max", "max", lambda row: row[3].max(), _error_unit),
+    Column("count", None, lambda row: len(row[3])),
 )
 
 
@@ -78,41 +72,37 @@ RATES: Final = Listing[tuple[float, float]](
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Reversals:
-    """What happens where one joint or axis turns back; NaN for a hysteresis that is not known."""
-
-    channel: ChannelReversals
-    hysteresis: float
-    hysteresis_std: float
+# What happens where one joint or axis turns back, its hysteresis and that one's standard
+# uncertainty; NaN where they are not known.
+Reversals = tuple[ChannelReversals, float, float]
 
 
 def _joint_unit(reversals: Reversals) -> Unit:
-    return reversals.channel.channel.unit
+    return reversals[0].channel.unit
 
 
 def _hysteresis_text(reversals: Reversals) -> str:
-    if math.isnan(reversals.hysteresis):
+    _, hysteresis, std = reversals
+    if math.isnan(hysteresis):
         return NOTHING
     unit = _joint_unit(reversals)
-    std = text(reversals.hysteresis_std, unit, with_unit=True)
-    return f"{text(reversals.hysteresis, unit)} ± {std}"
+    return f"{text(hysteresis, unit)} ± {text(std, unit, with_unit=True)}"
 
 
 AXES: Final = Listing[Reversals](
     "Error where it turns back, mm RMS",
-    Column("name", "axis", lambda row: row.channel.channel.name),
-    Column("count", "times", lambda row: len(row.channel.reversals), form="d"),
-    Column("error_before", "before", lambda row: row.channel.error_before, "m"),
-    Column("error_after", "after", lambda row: row.channel.error_after, "m"),
-    Column("jump", "jump", lambda row: row.channel.jump, "m"),
+    Column("name", "axis", lambda row: row[0].channel.name),
+    Column("count", "times", lambda row: len(row[0].reversals), form="d"),
+    Column("error_before", "before", lambda row: row[0].error_before, "m"),
+    Column("error_after", "after", lambda row: row[0].error_after, "m"),
+    Column("jump", "jump", lambda row: row[0].jump, "m"),
 )
 JOINTS: Final = Listing[Reversals](
     AXES.title,
     replace(AXES.columns[0], heading="joint"),
     *AXES.columns[1:],
-    Column("hysteresis", "hysteresis", unit=_joint_unit, cell=_hysteresis_text),
-    Column("hysteresis_std", unit=_joint_unit),
+    Column("hysteresis", "hysteresis", lambda row: row[1], _joint_unit, cell=_hysteresis_text),
+    Column("hysteresis_std", value=lambda row: row[2], unit=_joint_unit),
 )
 
 
@@ -148,17 +138,17 @@ def path_accuracy_document(accuracy: PathAccuracy) -> Document:
     """
     alignment = accuracy.alignment
     same_time, aligned = np.linalg.norm([accuracy.error_same_time, accuracy.error], axis=2)
-    errors = [
-        ErrorKind("same_time", "at the same time", "m", same_time),
-        ErrorKind("latency_removed", "latency removed", "m", aligned),
-        ErrorKind("path", "across the path", "m", accuracy.path_error),
+    errors: list[ErrorKind] = [
+        ("same_time", "at the same time", "m", same_time),
+        ("latency_removed", "latency removed", "m", aligned),
+        ("path", "across the path", "m", accuracy.path_error),
     ]
     if accuracy.angle_error is not None:
-        errors.append(ErrorKind("orientation", "orientation", "rad", accuracy.angle_error))
+        errors.append(("orientation", "orientation", "rad", accuracy.angle_error))
     reversals = JOINTS if accuracy.per == "joint" else AXES
     unknown = (math.nan, math.nan)
     rows = [
-        Reversals(reversal, *accuracy.hysteresis.get(reversal.channel.name, unknown))
+        (reversal, *accuracy.hysteresis.get(reversal.channel.name, unknown))
         for reversal in accuracy.reversals
     ]
     rates = [(rate, accuracy.staleness(rate)) for rate in UPDATE_RATES]
@@ -188,7 +178,7 @@ def path_accuracy_document(accuracy: PathAccuracy) -> Document:
             "searched_ms": ms(float(alignment.shifts[-1])),
             "as_good_ms": [ms(latency) for latency in alignment.as_good],
         },
-        "errors": {error.key: ERRORS.record(error) for error in errors},
+        "errors": {error[0]: ERRORS.record(error) for error in errors},
         "by_speed": SPEEDS.records(accuracy.by_speed),
         "by_acceleration": ACCELERATIONS.records(accuracy.by_acceleration),
         "by_update_rate": RATES.records(rates),

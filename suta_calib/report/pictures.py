@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
+from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
@@ -21,14 +21,13 @@ from suta_calib.pose_calibration.picture_answer import ROBOTS, CameraEstimate, P
 from suta_calib.pose_calibration.picture_models import MODELS, ErrorModel
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.hand_eye import NAME
-from suta_calib.report.listing import Column, Json, Listing, csv_text, plain
+from suta_calib.report.hand_eye import NAME, frame_tables
+from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as
 from suta_calib.report.poses import (
     MOST_OUTLIERS,
     covariance_record,
     pose_record,
     pose_std_record,
-    pose_table,
 )
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND
@@ -46,63 +45,32 @@ _OUTLIER: Final[dict[str, Any]] = {
 }
 
 
-@dataclass(frozen=True)
-class CameraIntrinsic:
-    """One intrinsic of one camera.
-
-    Attributes:
-        name: fx, fy, cx, cy (px), k1, k2, p1, p2 or k3.
-        unit: px or 1.
-        given: as the camera's file says; None without one.
-        value: as found.
-        std: of it; None where it was held.
-    """
-
-    name: str
-    unit: Unit
-    given: float | None
-    value: float
-    std: float | None
-
-    def shown(self, value: float | None) -> str:
-        """A value of it as text."""
-        if value is None:
-            return NOTHING
-        return text(value, self.unit)
+def _shown(k: int) -> Callable[[tuple[Any, ...]], str]:
+    """A number of an intrinsic, in its unit."""
+    return lambda row: NOTHING if row[k] is None else text(row[k], row[4])
 
 
-INTRINSIC: Final = Listing[CameraIntrinsic](
+# Name, as the camera's file has it, as found, with its standard deviation, and the unit.
+INTRINSIC: Final = Listing[tuple[str, float | None, float, float | None, Unit]](
     "Intrinsics",
-    Column("name", ""),
-    Column("given", "given", cell=lambda row: row.shown(row.given), numeric=True),
-    Column("value", "found", cell=lambda row: row.shown(row.value), numeric=True),
-    Column("std", "± std", cell=lambda row: row.shown(row.std), numeric=True),
-    Column("unit", "", lambda row: row.unit if row.unit == "px" else ""),
+    Column("name", "", lambda row: row[0]),
+    *(shown_as(heading, _shown(k)) for k, heading in enumerate(("given", "found", "± std"), 1)),
+    Column("unit", "", lambda row: row[4] if row[4] == "px" else ""),
 )
 
 
-@dataclass(frozen=True)
-class CornerResidual:
-    """One corner in one picture of one camera, for ``residuals.csv``."""
-
-    camera: CameraEstimate
-    row: int
-
-    def number(self, column: int) -> float:
-        """One of the figures of the corner."""
-        return float(self.camera.corners[self.row, column])
+def _corner(key: str, column: int, unit: Unit | None = None) -> Column[tuple[Any, FloatArray]]:
+    return Column(key, value=lambda row: float(row[1][column]), unit=unit)
 
 
-CORNERS: Final = Listing[CornerResidual](
+# Every corner in every picture of every camera.
+CORNERS: Final = Listing[tuple[CameraEstimate, FloatArray]](
     "Every corner",
-    Column("camera", value=lambda row: row.camera.label),
-    Column("image", value=lambda row: row.camera.images[int(row.number(0))]),
-    Column("point", value=lambda row: int(row.number(1))),
-    Column("u", value=lambda row: row.number(2)),
-    Column("v", value=lambda row: row.number(3)),
-    Column("du", value=lambda row: row.number(4), unit="px"),
-    Column("dv", value=lambda row: row.number(5), unit="px"),
-    Column("status", value=lambda row: "inlier" if row.number(6) else "outlier"),
+    Column("camera", value=lambda row: row[0].label),
+    Column("image", value=lambda row: row[0].images[int(row[1][0])]),
+    Column("point", value=lambda row: int(row[1][1])),
+    *(_corner("u", 2), _corner("v", 3), _corner("du", 4, "px"), _corner("dv", 5, "px")),
+    Column("status", value=lambda row: "inlier" if row[1][6] else "outlier"),
 )
 
 
@@ -116,13 +84,13 @@ def picture_document(calibration: PictureCalibration, data: HandPoses) -> Docume
     for camera in calibration.cameras:
         if several:
             parts.append(Text(f"Camera {camera.label}", look="heading"))
-        parts += _poses(calibration, camera)
+        parts += frame_tables(calibration, camera)
         if camera.camera.covariance is not None:
             parts.append(INTRINSIC.of(_intrinsics(camera)))
             name = f"camera-{camera.label}.yaml" if several else "camera.yaml"
             parts.append(File(name, partial(camera_text, camera.camera)))
         parts += _fit(camera)
-    corners = [CornerResidual(c, k) for c in calibration.cameras for k in range(len(c.corners))]
+    corners = [(camera, row) for camera in calibration.cameras for row in camera.corners]
     parts += [
         Text(sentence)
         for sentence in (_predicted(calibration), _hand(calibration.noise))
@@ -178,26 +146,14 @@ def picture_document(calibration: PictureCalibration, data: HandPoses) -> Docume
     return Document(NAME, title, calibration.assessment, parts, record, "result")
 
 
-def _poses(calibration: PictureCalibration, camera: CameraEstimate) -> Iterator[Part]:
-    for name in calibration.unknowns:
-        frame = FRAMES[calibration.setup][name]
-        _, base, what = frame.split("_")
-        title = f"{name} = {frame}: the {what} in the {base}, {calibration.setup}"
-        yield pose_table(title, getattr(camera, name), camera.std[name], f"the {what}'s axes")
-
-
-def _intrinsics(camera: CameraEstimate) -> list[CameraIntrinsic]:
-    stds = camera.camera.stds
-    return [
-        CameraIntrinsic(
-            name,
-            "px" if name in (*FOCAL, *CENTRE) else "1",
-            None if camera.given is None else camera.given.values[name],
-            value,
-            None if stds is None else float(stds[k]),
-        )
-        for k, (name, value) in enumerate(camera.camera.values.items())
-    ]
+def _intrinsics(
+    camera: CameraEstimate,
+) -> Iterator[tuple[str, float | None, float, float | None, Unit]]:
+    values, stds = camera.camera.values, camera.camera.stds
+    for k, (name, value) in enumerate(values.items()):
+        given = None if camera.given is None else camera.given.values[name]
+        std = None if stds is None else float(stds[k])
+        yield name, given, value, std, "px" if name in (*FOCAL, *CENTRE) else "1"
 
 
 def _left_out(calibration: PictureCalibration, model: ErrorModel) -> float | None:

@@ -22,12 +22,14 @@ from suta_calib.analysis.planning import (
     TouchPoint,
 )
 from suta_calib.analysis.planning.candidates import Unreachable
+from suta_calib.analysis.planning.plots import draw_bench, draw_gain
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.yaml_text import yaml_text
+from suta_calib.plotting.look import WIDTH
 from suta_calib.report.document import Document, Figure, File, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as
-from suta_calib.report.plan_plots import bench_drawing, gain_curve
+from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, deg, key, mm, shown, text, unit_name
 from suta_calib.words import listed
 
@@ -333,3 +335,17 @@ def _stop(plan: Plan) -> str:
     if stop.needed is None:
         return f"{sentence} {target} is not reached with {ahead}."
     return f"{sentence} {target} is reached with {stop.needed}."
+
+
+def bench_drawing(plan: Plan, name: str = "plan_bench") -> str:
+    """An SVG element: the arm, what was measured, and what to measure next; mm in the base."""
+    with picture(name, (1.25 * WIDTH, 5.0)) as figure:
+        draw_bench(figure, plan)
+        return svg_text(figure, name, "Placements and points to measure next, about the arm")
+
+
+def gain_curve(plan: Plan, name: str = "plan_gain") -> str:
+    """An SVG element: predicted uncertainty of the tip by the number of further candidates."""
+    with picture(name, (WIDTH, 3.2)) as figure:
+        draw_gain(figure.subplots(), plan)
+        return svg_text(figure, name, "Predicted uncertainty of the tip by further candidates")
