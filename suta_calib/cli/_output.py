@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import click
 from rich.console import Console
+from rich.live import Live
 from rich.progress import Progress
 
 from suta_calib.atomic import note_input
@@ -170,6 +171,31 @@ class LateProgress:
                 self._bar = Progress(console=self._console, transient=True)
                 self._bar.add_task(**self._told)
                 self._bar.start()
+
+
+class LiveView:
+    """What goes on: on a terminal a table that renews itself, elsewhere lines; a context manager.
+
+    Attributes:
+        to: where it is printed.
+        live: the table; None where there are lines, or nothing.
+    """
+
+    def __init__(self, *, quiet: bool, waiting: str = "", transient: bool = False) -> None:
+        self.to, self.quiet = console(), quiet
+        self.live: Live | None = None
+        self._settings: dict[str, Any] = {"renderable": waiting, "transient": transient}
+
+    def __enter__(self) -> Self:
+        if self.to.is_terminal and not self.quiet:
+            self.live = Live(console=self.to, auto_refresh=False, **self._settings)
+            self.live.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self.live is not None:
+            self.live.stop()
+            self.live = None
 
 
 @contextmanager

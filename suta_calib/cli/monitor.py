@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import click
 from rich.console import Group
-from rich.live import Live
 from rich.text import Text
 
 from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option, option
-from suta_calib.cli._output import console, ended_by_sigterm, print_json
+from suta_calib.cli._output import LiveView, ended_by_sigterm, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
 from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
@@ -116,54 +115,39 @@ class _Tip:
         }
 
 
-class _View:
+class _View(LiveView):
     """Shows the stream while it runs: a table in a terminal, elsewhere a line per second."""
 
     def __init__(self, port: str, tip: _Tip | None, quiet: bool) -> None:
-        self._port, self._tip, self._quiet = port, tip, quiet
-        self._console = console()
-        self._next = 0.0
-        self._live: Live | None = None
+        super().__init__(quiet=quiet, waiting=f"{port}: waiting for the first frames …")
+        self._tip, self._next = tip, 0.0
         self.events: list[str] = []
-
-    def __enter__(self) -> Self:
-        if self._console.is_terminal and not self._quiet:
-            waiting = Text(f"{self._port}: waiting for the first frames …")
-            self._live = Live(waiting, console=self._console, auto_refresh=False)
-            self._live.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        # The last table stays where it is.
-        if self._live is not None:
-            self._live.stop()
-            self._live = None
 
     def event(self, sentence: str) -> None:
         """Something went wrong, and it went on."""
         self.events.append(sentence)
-        if not self._quiet:
-            self._console.print(sentence, style="yellow", soft_wrap=True)
+        if not self.quiet:
+            self.to.print(sentence, style="yellow", soft_wrap=True)
 
     def show(self, now: float, report: Callable[[], dict[str, Any]]) -> None:
         """Draw, if it is time to."""
-        if self._quiet:
+        if self.quiet:
             return
         if not self._next:  # a rate needs some time to be one
             self._next = now + 0.25
         if now < self._next:
             return
-        self._next = now + (1.0 if self._live is None else 0.25)
-        if self._live is None:
-            self._console.print(_line(report()), soft_wrap=True)
+        self._next = now + (1.0 if self.live is None else 0.25)
+        if self.live is None:
+            self.to.print(_line(report()), soft_wrap=True)
         else:
-            self._live.update(self._picture(report()), refresh=True)
+            self.live.update(self._picture(report()), refresh=True)
 
     def conclude(self, data: dict[str, Any]) -> None:
         """What was seen in all, and what is wrong."""
-        self._console.print(f"{data['frames']} frames; {_losses(data)}", soft_wrap=True)
+        self.to.print(f"{data['frames']} frames; {_losses(data)}", soft_wrap=True)
         for remark in data["remarks"] or ["nothing wrong was seen"]:
-            self._console.print(f"· {remark}", soft_wrap=True)
+            self.to.print(f"· {remark}", soft_wrap=True)
 
     def _picture(self, data: dict[str, Any]) -> Group:
         title = f"{data['port']} · {data['frame_rate_hz']:.1f} {data['format']}/s"

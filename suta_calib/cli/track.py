@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import click
 from rich.console import Group
-from rich.live import Live
 from rich.text import Text
 
 from suta_calib.cli._options import PATH, POSITIVE, anyway_option, flag, json_option, option
-from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
+from suta_calib.cli._output import LiveView, console, ended_by_sigterm, print_json, printing
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.report.console import Fitted, Wrapped
 from suta_calib.report.listing import Table
@@ -26,7 +25,6 @@ from suta_calib.words import listed
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
-    from rich.live import Live
 
     from suta_calib.tracking.live import Tracking
     from suta_calib.tracking.session import TrackingSession
@@ -140,64 +138,49 @@ def _print_end(tracking: Tracking, *, stats: bool) -> None:
             to.print(f"Written: {path}", soft_wrap=True)
 
 
-class TrackView:
-    """Shows a session from a thread of its own; a context manager.
-
-    On a terminal the table renews itself; elsewhere there is one plain line a second; with
-    ``quiet`` nothing. Events are lines on stderr.
-
-    Args:
-        tracking: what is shown.
-        stats: show latency too.
-        quiet: show nothing but events.
+class TrackView(LiveView):
+    """Shows a session from a thread of its own, with latency if asked; events are lines on stderr.
 
     Attributes:
         broken: whether nobody reads what is shown any more.
     """
 
     def __init__(self, tracking: Tracking, *, stats: bool, quiet: bool) -> None:
-        self._tracking, self._stats, self._quiet = tracking, stats, quiet
-        self._to = console()
-        self._live: Live | None = None
+        super().__init__(quiet=quiet, transient=True)
+        self._tracking, self._stats = tracking, stats
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._show, name="view", daemon=True)
         self.broken = False
 
     def say(self, event: str) -> None:
         """An event: above the table, or on stderr."""
-        if self._live is not None:
-            self._live.console.print(event, soft_wrap=True)
+        if self.live is not None:
+            self.live.console.print(event, soft_wrap=True)
         else:
             click.echo(f"suta-calib: {event}", err=True)
 
     def __enter__(self) -> Self:
-        if not self._quiet and self._to.is_terminal:
-            self._live = Live(console=self._to, auto_refresh=False, transient=True)
-            self._live.start()
-        if not self._quiet:
+        super().__enter__()
+        if not self.quiet:
             self._thread.start()
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, *error: object) -> None:
         self._over.set()
         if self._thread.is_alive():
             self._thread.join()
-        if self._live is not None:
-            self._live.stop()
-            self._live = None
+        super().__exit__(*error)
 
     def _show(self) -> None:
         session = self._tracking.session
         pace = Pace(lambda: session.latency.count)
-        live_s = 0.25
-        line_s = 1.0
-        while not self._over.wait(line_s if self._live is None else live_s):
+        while not self._over.wait(1.0 if self.live is None else 0.25):
             try:
-                if self._live is None:
+                if self.live is None:
                     click.echo(_line(session, pace(), stats=self._stats))
                 else:
                     table = _table(self._tracking, pace(), stats=self._stats)
-                    self._live.update(table, refresh=True)
+                    self.live.update(table, refresh=True)
             except OSError:
                 self.broken = True
                 return
@@ -247,7 +230,6 @@ def _table(tracking: Tracking, rate: float, *, stats: bool) -> RenderableType:
 
 
 def _pose_table(session: TrackingSession) -> RenderableType:
-
     pose = session.last
     if pose is None:
         return Text("no reading yet", style="yellow")

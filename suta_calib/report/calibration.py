@@ -62,7 +62,7 @@ from suta_calib.report.observability import (
     held_directions,
     unobservable,
 )
-from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes
+from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes, state_shown
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
@@ -178,8 +178,8 @@ def _parameters(result: Calibration, *, verbose: bool) -> Iterator[Part]:
         yield from left_out(len(arm) - len(worth_showing), hidden)
     held = [row for row in arm if row.change is None]
     yield PARAMETERS.of([row for row in arm if row.change is not None], place="page")
-    for state in dict.fromkeys(row.state_shown for row in held):
-        names = [row.estimate.name for row in held if row.state_shown == state]
+    for state in dict.fromkeys(state_shown(row) for row in held):
+        names = [row.estimate.name for row in held if state_shown(row) == state]
         line = f"{state.capitalize()}, so at nominal ({len(names)}): {', '.join(names)}"
         yield Text(line, bullet=True, place="page")
     yield PARAMETERS.of(held, f"Parameters at nominal ({len(held)})", folded=True)

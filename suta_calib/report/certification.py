@@ -153,8 +153,6 @@ PILLARS: Final = Listing[Judged](
     *components(("0-2, mm", "1-3, mm"), lambda row: row.mark.diagonals, "m", form=_FINE),
     Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
 )
-
-
 DEVIATIONS: Final = Listing[Judged](
     "Certified less drawn",
     LANDMARKS.columns[0],
@@ -171,8 +169,6 @@ DEVIATIONS: Final = Listing[Judged](
     ),
     Column("", "turn, deg", lambda row: row.drawn and row.drawn.turn + 0.0, "rad", form=_TURN),
 )
-
-
 # A spacer, and half the interval that holds it with 95 %, m.
 SPACERS: Final = Listing[tuple[SpacerLength, float]](
     "Spacers",

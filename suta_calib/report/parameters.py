@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.assessment import attempt
 from suta_calib.model.parameters import Parameter
@@ -53,16 +53,6 @@ class Outcome:
         return self.estimate.unit
 
     @property
-    def value(self) -> float | None:
-        """The estimate, SI."""
-        return self.estimate.value if self.converged else None
-
-    @property
-    def std(self) -> float | None:
-        """Its standard deviation, SI."""
-        return self.estimate.std if self.converged else None
-
-    @property
     def change(self) -> float | None:
         """From nominal, SI; None where it was held there."""
         e = self.estimate
@@ -73,15 +63,9 @@ class Outcome:
         """The estimate's state, or that it is none."""
         return self.estimate.state if self.converged else "not_converged"
 
-    @property
-    def state_shown(self) -> str:
-        """The state in words; ``redundant`` or ``as drawn`` where no such data could tell it."""
-        return _state(self)
-
-    @property
-    def given(self) -> tuple[str, ...]:
-        """Held parameters relative to which the value has its meaning."""
-        return self.estimate.given if self.converged else ()
+    def known(self, name: str) -> Any:
+        """``value``, ``std`` or ``given`` of the estimate; nothing where it is none."""
+        return getattr(self.estimate, name) if self.converged else () if name == "given" else None
 
     def worth_showing(self, among: int) -> bool:
         """Whether it is more than what was known; among many, also whether the data tell it."""
@@ -91,18 +75,19 @@ class Outcome:
             return abs(e.value - e.nominal) >= 0.1 * (e.std or 0.0)
         return among <= MANY or e.state != "unidentified"
 
-    @property
-    def bounds(self) -> tuple[float, float] | None:
-        """Lower and upper, SI; None without any."""
-        limits = self.parameter.lower, self.parameter.upper
-        return limits if any(map(math.isfinite, limits)) else None
+
+def _bounds(row: Outcome) -> tuple[float, float] | None:
+    """Lower and upper, SI; None without any."""
+    limits = row.parameter.lower, row.parameter.upper
+    return limits if any(map(math.isfinite, limits)) else None
 
 
 def _unit(row: Outcome | Prospect) -> Unit:
     return row.unit
 
 
-def _state(row: Outcome | Prospect) -> str:
+def state_shown(row: Outcome | Prospect) -> str:
+    """The state in words; ``redundant`` or ``as drawn`` where no such data could tell it."""
     if row.as_drawn:
         return "as drawn"
     return "redundant" if row.redundant else row.state.replace("_", " ")
@@ -116,20 +101,21 @@ PARAMETERS: Final = Listing[Outcome](
     "Parameters",
     Column("name", "parameter", lambda row: row.estimate.name),
     Column("nominal", "nominal", lambda row: row.estimate.nominal, unit=_unit, si=True),
-    Column("value", "value", unit=_unit, si=True),
+    Column("value", "value", lambda row: row.known("value"), _unit, si=True),
     Column("", "change", lambda row: row.change, unit=_unit, si=True, sign=True),
-    Column("std", "± std", unit=_unit, si=True),
+    Column("std", "± std", lambda row: row.known("std"), _unit, si=True),
     Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+    Column("state", "state", cell=state_shown, tone=lambda row: _tone(row, row.estimate.state)),
     Column(
-        "state",
-        "state",
-        cell=_state,
-        tone=lambda row: _tone(row, row.estimate.state),
+        "given",
+        "given",
+        lambda row: row.known("given"),
+        cell=lambda row: listed(row.known("given"), 3),
+        optional=True,
     ),
-    Column("given", "given", cell=lambda row: listed(row.given, 3), optional=True),
     Column("scale", None, lambda _: 1.0),
     Column("prior", None, lambda row: row.parameter.prior, optional=True),
-    Column("bounds", optional=True),
+    Column("bounds", None, _bounds, optional=True),
     named=True,
 )
 PROSPECTS: Final = Listing[Prospect](
@@ -141,7 +127,7 @@ PROSPECTS: Final = Listing[Prospect](
     Column("prior"),
     Column("std", "predicted ± std", unit=_unit, si=True),
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
-    Column("state", "state", cell=_state, tone=lambda p: _tone(p, p.state)),
+    Column("state", "state", cell=state_shown, tone=lambda p: _tone(p, p.state)),
     Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
     named=True,
 )

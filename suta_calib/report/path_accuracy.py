@@ -70,8 +70,6 @@ RATES: Final = Listing[tuple[float, float]](
     Column("rate_hz", "Hz", lambda row: row[0], form=".0f"),
     Column("rms", "RMS, mm", lambda row: row[1], "m"),
 )
-
-
 # What happens where one joint or axis turns back, its hysteresis and that one's standard
 # uncertainty; NaN where they are not known.
 Reversals = tuple[ChannelReversals, float, float]

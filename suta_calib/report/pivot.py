@@ -31,8 +31,6 @@ CALIBRATION: Final = Listing[PivotCalibration](
     *written("rms", "sigma", unit="m"),
     Column("turn", unit="rad"),
 )
-
-
 # Points by name, with the standard deviation of each coordinate, (3,), m.
 PLACES: Final = Listing[tuple[str, FloatArray, FloatArray]](
     "Tip in the tool, post in the tracker, mm",

@@ -29,8 +29,6 @@ NAME: Final = "register"
 REGISTRATION: Final = Listing[Registration](
     "", *written("rms", "sigma", "centre", unit="m"), *written("scale", "scale_std")
 )
-
-
 STATED: Final = Listing[Registration](
     "",
     Column("sigma", value=lambda row: row.stated, unit="m"),

@@ -12,20 +12,21 @@ from suta_calib.analysis.repeatability import (
     Interval,
     JointNoise,
     JointPush,
+    JointRepeats,
     JointScatter,
     OrientationScatter,
     PositionScatter,
     ProtocolComparison,
     Repeatability,
     RepeatabilityTest,
+    RepeatedTouches,
     ScatterChange,
     Stationary,
     joints_rms,
 )
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, shown_as, written
-from suta_calib.report.repeatability_plots import stationary_plot, visits_plot
-from suta_calib.report.repeated_touches import touches_data, touches_parts
+from suta_calib.report.repeatability_plots import stationary_plot, touches_plot, visits_plot
 from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
 
 NAME: Final = "repeatability"
@@ -85,7 +86,7 @@ ORIENTATION: Final = Listing[OrientationScatter](
 )
 
 
-def _unit(row: JointScatter | JointPush | JointNoise) -> Unit:
+def _unit(row: JointScatter | JointPush | JointNoise | JointRepeats) -> Unit:
     return row.unit
 
 
@@ -113,8 +114,6 @@ CHANGE: Final = Listing[ScatterChange](
     Column("difference_interval", value=lambda row: row.difference.ends, unit="m"),
     Column("proved"),
 )
-
-
 COMPARED: Final = Listing[ProtocolComparison](
     "",
     *written("first", "second"),
@@ -131,8 +130,6 @@ COMPARISONS: Final = Listing[tuple[str, str, ScatterChange]](
     shown_as("interval", lambda row: f"{row[2].ratio.low:.2f} to {row[2].ratio.high:.2f}"),
     shown_as("difference, mm", lambda row: _interval(row[2].difference, sign=True)),
 )
-
-
 # One joint under two protocols: which protocols, the joint, its unit, how its scatter changes.
 JOINT_COMPARISONS: Final = Listing[tuple[str, str, Unit, ScatterChange]](
     "Scatter of the joints by protocol",
@@ -274,6 +271,49 @@ STATIONARY: Final = Listing[Stationary](
 )
 
 
+# ── repeats of many points ───────────────────────────────────────────────────────────────────
+def _repeated_joints(confidence: float) -> Listing[JointRepeats]:
+    return Listing(
+        "Repeatability of the joints",
+        Column("joint", "joint"),
+        Column("std", "std", lambda row: row.std.value, _unit),
+        Column("std_interval", None, lambda row: row.std.interval(confidence).ends, _unit),
+        Column("peak_to_peak", "peak to peak", unit=_unit),
+        Column("largest", "largest", unit=_unit),
+        Column("largest_at", "at"),
+        Column("tip", "tip, mm", unit="m"),
+        named=True,
+    )
+
+
+REPEATED: Final = Listing[RepeatedTouches](
+    "",
+    Column("touches"),
+    Column("points", value=lambda row: len(row.points)),
+    Column("confidence_pct", value=lambda row: 100 * row.confidence),
+    Column("rms", value=lambda row: row.rms.value, unit="m"),
+    Column("rms_interval", value=lambda row: row.rms.interval(row.confidence).ends, unit="m"),
+    Column("rms_of_others", value=lambda row: getattr(row.rms_of_others, "value", None), unit="m"),
+    Column("elsewhere"),
+)
+
+
+def _touches_parts(touches: RepeatedTouches) -> list[Part]:
+    """A table and a picture of the joints; the sentence of the assessment tells the tip."""
+    joints, overall = _repeated_joints(touches.confidence), _overall(touches.joints)
+    what = f"among repeats of a touch, {_units(touches.joints)}, peak to peak per point"
+    title = f"{joints.title} {what}{overall.replace(',', ';', 1)}"
+    return [Figure(partial(touches_plot, touches)), joints.of(touches.joints, title)]
+
+
+def _touches_data(touches: RepeatedTouches) -> Json:
+    return {
+        **REPEATED.record(touches),
+        "joints": _repeated_joints(touches.confidence).records(touches.joints),
+        "joints_rms_deg": _rms_deg(touches.joints),
+    }
+
+
 # ── both ─────────────────────────────────────────────────────────────────────────────────────
 def repeatability_document(test: RepeatabilityTest) -> Document:
     """Scatter of the tip and of the joints, directions and protocols; encoders at rest.
@@ -281,14 +321,13 @@ def repeatability_document(test: RepeatabilityTest) -> Document:
     Samples are of visits to one point, or of touches of many. In JSON a stream without samples has
     the key ``stationary`` alone.
     """
-    parts: list[Part] = []
-    data: Json = {}
+    parts, data = list[Part](), Json()
     if test.visits is not None:
         parts += _visits_parts(test.visits)
         data |= _visits_data(test.visits)
     if test.touches is not None:
-        parts += touches_parts(test.touches)
-        data |= touches_data(test.touches)
+        parts += _touches_parts(test.touches)
+        data |= _touches_data(test.touches)
     if test.rest is not None:
         parts += _rest_parts(test.rest)
         data["stationary"] = STATIONARY.record(test.rest)
@@ -298,12 +337,10 @@ def repeatability_document(test: RepeatabilityTest) -> Document:
 def _visits_parts(repeatability: Repeatability) -> list[Part]:
     named = {"all visits": repeatability.position, **repeatability.protocols}
     if repeatability.directions is not None:
-        named |= {
-            f"→ {name}": scattering for name, scattering in repeatability.directions.scatter.items()
-        }
+        named |= {f"→ {name}": one for name, one in repeatability.directions.scatter.items()}
     o = repeatability.orientation
     turn = ", ".join(text(value, "rad") for value in (o.rpa, o.rpb, o.rpc))
-    unit = " or ".join(sorted({unit_name(joint.unit) for joint in repeatability.joints}))
+    unit = _units(repeatability.joints)
     joints = _joints(repeatability.confidence)
     parts: list[Part] = [
         Text(_HOW, place="page"),
@@ -338,7 +375,11 @@ def _visits_parts(repeatability: Repeatability) -> list[Part]:
     return parts
 
 
-def _overall(joints: Sequence[JointScatter]) -> str:
+def _units(joints: Sequence[JointScatter] | Sequence[JointRepeats]) -> str:
+    return " or ".join(sorted({unit_name(joint.unit) for joint in joints}))
+
+
+def _overall(joints: Sequence[JointScatter] | Sequence[JointRepeats]) -> str:
     """The root mean square over joints, where there are any that turn."""
     overall = joints_rms(joints)
     return "" if overall is None else f", RMS over joints {text(overall, 'rad')} deg"
@@ -370,7 +411,7 @@ def _rest_parts(rest: Stationary) -> list[Part]:
     ]
 
 
-def _rms_deg(joints: Sequence[JointScatter]) -> float | None:
+def _rms_deg(joints: Sequence[JointScatter] | Sequence[JointRepeats]) -> float | None:
     overall = joints_rms(joints)
     return None if overall is None else float(shown(overall, "rad"))
 

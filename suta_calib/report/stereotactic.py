@@ -65,8 +65,6 @@ READINGS: Final = Listing[tuple[str, FloatArray]](
     Column("", "readings", lambda row: row[0]),
     *(column.over(lambda row: row[1]) for column in SIZES),
 )
-
-
 # The EM probe's tip by frame, (3,), m, and the error to expect there.
 NAVIGATION: Final = Listing[tuple[int, tuple[FloatArray, float]]](
     "EM probe's tip in CT, mm",
