@@ -12,7 +12,7 @@ from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.measurements import read_board, read_camera, read_corners
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
 from suta_calib.pose_calibration import hand_eye_from_pairs
-from suta_calib.pose_calibration.eye_scale import with_scale
+from suta_calib.pose_calibration.hand_eye import with_scale
 from suta_calib.pose_calibration.pictures import View, hand_eye_from_pictures
 from suta_calib.report.document import Document
 from suta_calib.report.hand_eye import hand_eye_document

@@ -6,7 +6,6 @@ are SciPy's, and the tests hold these to it.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Final
 
 import numpy as np
@@ -16,8 +15,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 
 # Angle, rad, up to which a series is exact to rounding, and a quotient of rounded numbers is not.
 _SMALL: Final = 1e-3
-# Rotations that are made at once.
-_AT_ONCE: Final = 4096
 
 
 def skew(v: ArrayLike) -> FloatArray:
@@ -30,7 +27,14 @@ def skew(v: ArrayLike) -> FloatArray:
 
 def rotation_from_vector(vector: ArrayLike) -> FloatArray:
     """Rotation matrices of rotation vectors, rad: (..., 3) → (..., 3, 3)."""
-    return _matrices(_from_vectors, np.asarray(vector, dtype=float))
+    vector = np.asarray(vector, dtype=float)
+    angle = _length(vector)
+    half = angle / 2.0
+    factor = np.sin(half) / np.maximum(angle, _SMALL)
+    if (small := angle <= _SMALL).any():
+        square = angle**2
+        factor = np.where(small, 0.5 - square / 48.0 + square**2 / 3840.0, factor)
+    return _from_unit(factor[..., None] * vector, np.cos(half))
 
 
 def vector_from_rotation(rotation: ArrayLike) -> FloatArray:
@@ -52,7 +56,12 @@ def rotation_from_quaternion(quaternion: ArrayLike) -> FloatArray:
     Raises:
         ValueError: a quaternion of norm zero.
     """
-    return _matrices(_from_quaternions, np.asarray(quaternion, dtype=float))
+    quaternion = np.asarray(quaternion, dtype=float)
+    norm = _length(quaternion)
+    if not norm.all():
+        raise ValueError("found a quaternion of norm zero; expected a rotation")
+    unit = quaternion / norm[..., None]
+    return _from_unit(unit[..., :3], unit[..., 3])
 
 
 def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
@@ -65,17 +74,7 @@ def quaternion_from_rotation(rotation: ArrayLike) -> FloatArray:
         ValueError: a matrix that reflects, or is singular.
     """
     rotation = np.asarray(rotation, dtype=float)
-    rows = rotation.reshape(-1, 3, 3)
-    made = np.empty((len(rows), 4))
-    for first in range(0, len(rows), _AT_ONCE):
-        chunk = slice(first, first + _AT_ONCE)
-        made[chunk] = _quaternions(rows[chunk])
-    return made.reshape(*rotation.shape[:-2], 4)
-
-
-def _quaternions(rotation: FloatArray) -> FloatArray:
-    """`quaternion_from_rotation` of matrices (n, 3, 3)."""
-    r = _by_number(rotation)
+    r = _by_number(rotation.reshape(-1, 3, 3))
     if not (_handed(r) > 0.0).all():
         raise ValueError("found a matrix of no positive determinant; expected a rotation")
     products = np.einsum("ijn,kjn->ikn", r, r)
@@ -91,7 +90,7 @@ def _quaternions(rotation: FloatArray) -> FloatArray:
     quaternion = four[largest, :, np.arange(len(largest))]
     quaternion /= _length(quaternion)[:, None]
     quaternion *= _canonical_sign(quaternion)[:, None]
-    return np.asarray(quaternion)
+    return np.asarray(quaternion.reshape(*rotation.shape[:-2], 4))
 
 
 def _multiples() -> tuple[FloatArray, FloatArray]:
@@ -132,8 +131,7 @@ def are_rotations(matrices: FloatArray) -> BoolArray:
     rows = _by_number(matrices)
     off = np.abs(np.einsum("ijn,kjn->ikn", rows, rows) - _UNIT).max(axis=(0, 1))
     # By how much the product of two rows may be off in a matrix that somebody calls a rotation.
-    orthonormal = 1e-6
-    return np.asarray((off <= orthonormal) & (_handed(rows) > 0.0))
+    return np.asarray((off <= 1e-6) & (_handed(rows) > 0.0))
 
 
 def right_singular(rows: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -161,39 +159,6 @@ def _canonical_sign(quaternion: FloatArray) -> FloatArray:
         return np.asarray(np.sign(w))
     first = np.where(x != 0.0, x, np.where(y != 0.0, y, z))
     return np.where(np.where(w != 0.0, w, first) < 0.0, -1.0, 1.0)
-
-
-def _matrices(make: Callable[[FloatArray], FloatArray], given: FloatArray) -> FloatArray:
-    """Rotation matrices (..., 3, 3) that ``make`` makes of vectors (..., k).
-
-    Of many so many at a time that all that is computed stays in the cache.
-    """
-    rows = given.reshape(-1, given.shape[-1])
-    if len(rows) <= _AT_ONCE:
-        return make(given)
-    made = np.empty((len(rows), 3, 3))
-    for first in range(0, len(rows), _AT_ONCE):
-        chunk = slice(first, first + _AT_ONCE)
-        made[chunk] = make(rows[chunk])
-    return made.reshape(*given.shape[:-1], 3, 3)
-
-
-def _from_vectors(vector: FloatArray) -> FloatArray:
-    angle = _length(vector)
-    half = angle / 2.0
-    factor = np.sin(half) / np.maximum(angle, _SMALL)
-    if (small := angle <= _SMALL).any():
-        square = angle**2
-        factor = np.where(small, 0.5 - square / 48.0 + square**2 / 3840.0, factor)
-    return _from_unit(factor[..., None] * vector, np.cos(half))
-
-
-def _from_quaternions(quaternion: FloatArray) -> FloatArray:
-    norm = _length(quaternion)
-    if not norm.all():
-        raise ValueError("found a quaternion of norm zero; expected a rotation")
-    unit = quaternion / norm[..., None]
-    return _from_unit(unit[..., :3], unit[..., 3])
 
 
 def _from_unit(axis: FloatArray, w: FloatArray) -> FloatArray:
@@ -314,14 +279,9 @@ def nearest_rotation(matrix: FloatArray) -> FloatArray:
 
 
 def tangent_of_vector(vector: FloatArray) -> FloatArray:
-    """Right Jacobian J of SO(3): ``exp(v + dv) = exp(v) exp(J dv)``.
+    """Right Jacobian J (3, 3) of SO(3) at v (3,), rad: ``exp(v + dv) = exp(v) exp(J dv)``.
 
-    Args:
-        vector: (3,) rotation vector, rad.
-
-    Returns:
-        (3, 3). Chirikjian (2012), Stochastic Models, Information Theory, and Lie Groups 2, eq.
-        10.86.
+    Chirikjian (2012), Stochastic Models, Information Theory, and Lie Groups 2, eq. 10.86.
     """
     angle = float(np.linalg.norm(vector))
     k = skew(vector)
@@ -330,3 +290,17 @@ def tangent_of_vector(vector: FloatArray) -> FloatArray:
     first = (1.0 - np.cos(angle)) / angle**2
     second = (angle - np.sin(angle)) / angle**3
     return np.asarray(np.eye(3) - first * k + second * k @ k)
+
+
+def tangent_of_poses(x: FloatArray, length: float = 1.0) -> FloatArray:
+    """Derivative (6k, 6k) of displacements and small turns, in the poses' own axes, by poses x.
+
+    Args:
+        x: (6k,) position and rotation vector of each, rad.
+        length: m per unit of the positions.
+    """
+    matrix = np.diag(np.tile(np.repeat([length, 1.0], 3), len(x) // 6))
+    for first in range(3, len(x), 6):
+        turn = slice(first, first + 3)
+        matrix[turn, turn] = tangent_of_vector(x[turn])
+    return matrix

@@ -24,10 +24,7 @@ INTRINSICS: Final = (*FOCAL, *CENTRE, *DISTORTION)
 def distorted(x: Any, y: Any, coefficients: Any) -> tuple[Any, Any]:
     """Where a lens puts what an ideal camera with focal length one sees at x, y.
 
-    Args:
-        x: coordinate at unit depth: numbers, an array, or a CasADi symbol.
-        y: the other one.
-        coefficients: five, in the order of `DISTORTION`.
+    Numbers, arrays, or CasADi symbols; coefficients in the order of `DISTORTION`.
     """
     k1, k2, p1, p2, k3 = (coefficients[k] for k in range(5))
     squared = x * x + y * y
@@ -41,11 +38,7 @@ def distorted(x: Any, y: Any, coefficients: Any) -> tuple[Any, Any]:
 def pixel_of(x: Any, y: Any, z: Any, intrinsics: Any) -> tuple[Any, Any]:
     """Pixel u, v of a point in the camera's frame (x right, y down, z ahead, any unit).
 
-    Args:
-        x: coordinate to the right: numbers, an array, or a CasADi symbol.
-        y: coordinate down.
-        z: depth, not zero.
-        intrinsics: nine, in the order of `INTRINSICS`.
+    Numbers, arrays, or CasADi symbols; intrinsics in the order of `INTRINSICS`.
     """
     fx, fy, cx, cy = (intrinsics[k] for k in range(4))
     u, v = distorted(x / z, y / z, [intrinsics[k] for k in range(4, 9)])

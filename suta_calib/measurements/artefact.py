@@ -29,15 +29,9 @@ from suta_calib.measurements.fields import (
 )
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import finite, rotation_matrix
-from suta_calib.measurements.scale import (
-    SCALE_KEYS,
-    STRETCH,
-    LengthScale,
-    read_stretch,
-    stretch_row,
-)
+from suta_calib.measurements.scale import BODY_KEYS, LengthScale, read_stretch, scale_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
-from suta_calib.measurements.yaml_text import yaml_text
+from suta_calib.measurements.yaml_text import rounded, yaml_text
 from suta_calib.showing import Displayable
 from suta_calib.units import deg, mm
 
@@ -98,14 +92,14 @@ class Artefact:
     twist: str | None = None
 
     def __post_init__(self) -> None:
+        where = f"artefact {self.name!r}"
         if not isinstance(self.landmarks, Mapping):
             marks = [*self.landmarks]
             if not all(isinstance(mark, Landmark) for mark in marks):
-                where = f"artefact {self.name!r}"
                 raise ArtefactError(repr(marks[0]), "landmarks", where=where)
             object.__setattr__(self, "landmarks", {mark.name: mark for mark in marks})
         if not self.landmarks:
-            raise ArtefactError("no landmarks", "at least one", where=f"artefact {self.name!r}")
+            raise ArtefactError("no landmarks", "at least one", where=where)
         if pair := coincident_landmarks(self.landmarks.values()):
             raise ArtefactError(f"{pair[0]!r} and {pair[1]!r} in the same place", "distinct places")
 
@@ -158,8 +152,7 @@ class Artefact:
 
 ARTEFACT_KEYS: Final = Fields(
     Field("name", TEXT, "What it is called; the file's name without it."),
-    *SCALE_KEYS,
-    STRETCH,
+    *BODY_KEYS,
     Field(
         "twist",
         choice(("ccw", "cw"), "ccw or cw"),
@@ -181,9 +174,8 @@ def coincident_landmarks(landmarks: Iterable[Landmark]) -> tuple[str, str] | Non
     listed = list(landmarks)
     position = np.array([landmark.position for landmark in listed])
     distances = np.linalg.norm(position[:, None] - position, axis=2)
-    # A distance of zero has no gradient, and no artefact is made or certified this fine (m).
-    coincident = 1e-6
-    for first, second in np.argwhere(np.triu(distances <= coincident, k=1))[:1]:
+    # A distance of zero has no gradient, and no artefact is made or certified this fine.
+    for first, second in np.argwhere(np.triu(distances <= 1e-6, k=1))[:1]:
         return listed[first].name, listed[second].name
     return None
 
@@ -211,9 +203,8 @@ def read_artefact(path: str | Path) -> Artefact:
             at=(pair[1], "position_mm"),
         )
     span = float(np.ptp([landmark.position for landmark in landmarks.values()], axis=0).max())
-    # Span of an artefact, m, below which its file must be in metres.
-    smallest = 1e-3
-    if len(landmarks) > 1 and span < smallest:
+    # An artefact spans more: its file must be in metres.
+    if len(landmarks) > 1 and span < 1e-3:
         raise listed.refuse(
             f"landmarks that lie within {mm(span):.3g} mm of one another",
             "positions in mm; these look like metres",
@@ -245,18 +236,12 @@ def artefact_text(artefact: Artefact) -> str:
     """Content of ``artefact.yaml``: millimetres to 1 pm, degrees to 1e-9."""
     landmarks: dict[str, Any] = {}
     for name, landmark in artefact.landmarks.items():
-        row: dict[str, Any] = {"position_mm": _rounded(mm(landmark.position))}
+        row: dict[str, Any] = {"position_mm": mm(landmark.position).tolist()}
         if landmark.rotation is not None:
-            row["rotation_rpy_deg"] = _rounded(deg(rpy_from_rotation(landmark.rotation)))
+            row["rotation_rpy_deg"] = deg(rpy_from_rotation(landmark.rotation)).tolist()
         if landmark.sigma:
-            row["sigma_mm"] = _rounded([mm(landmark.sigma)])[0]
+            row["sigma_mm"] = mm(landmark.sigma)
         landmarks[name] = row
-    scale = {} if artefact.scale is None else artefact.scale.row()
-    scale = {**scale, **stretch_row(artefact.stretch, artefact.scale)}
     twist = {} if artefact.twist is None else {"twist": artefact.twist}
-    return yaml_text({"name": artefact.name, **scale, **twist, "landmarks": landmarks})
-
-
-def _rounded(values: ArrayLike) -> list[float]:
-    """Rounded to 1e-9, without negative zeros."""
-    return [float(value) + 0.0 for value in np.round(np.asarray(values, dtype=float), 9)]
+    scale = scale_row(artefact.scale, artefact.stretch)
+    return yaml_text(rounded({"name": artefact.name, **scale, **twist, "landmarks": landmarks}))

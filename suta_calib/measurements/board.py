@@ -11,6 +11,7 @@ from collections.abc import Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from numbers import Integral
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
@@ -33,15 +34,9 @@ from suta_calib.measurements.fields import (
     read_as,
 )
 from suta_calib.measurements.files import write_text
-from suta_calib.measurements.scale import (
-    SCALE_KEYS,
-    STRETCH,
-    LengthScale,
-    read_stretch,
-    stretch_row,
-)
+from suta_calib.measurements.scale import BODY_KEYS, LengthScale, read_stretch, scale_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
-from suta_calib.measurements.yaml_text import yaml_text
+from suta_calib.measurements.yaml_text import rounded, yaml_text
 from suta_calib.showing import Displayable
 from suta_calib.units import deg, mm
 
@@ -152,7 +147,38 @@ class Board(Displayable, ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Chessboard(Board):
+class _SquaresBoard(Board):
+    """Boards of squares: so many columns and rows, and the edge of a square, m."""
+
+    # Least number of columns and rows of which there is something to be seen.
+    least: ClassVar[int] = 1
+
+    columns: int
+    rows: int
+    square: float
+
+    def __post_init__(self) -> None:
+        where = f"board ({self.type})"
+        counts = self.columns, self.rows
+        if not all(isinstance(n, Integral) and n >= self.least for n in counts):
+            expected = f"two whole numbers from {self.least} up"
+            raise BoardError(f"{counts[0]} columns and {counts[1]} rows", expected, where=where)
+        _check_size(self.square, "a square", where)
+
+    @property
+    def exchanged(self) -> Board | None:
+        """Columns for rows."""
+        other = replace(self, columns=self.rows, rows=self.columns)
+        return other if self.rows != self.columns else None
+
+
+def _check_size(size: float, what: str, where: str) -> None:
+    if not 0.0 < size < np.inf:
+        raise BoardError(f"{what} of {mm(size):g} mm", "a size greater than 0", where=where)
+
+
+@dataclass(frozen=True, eq=False)
+class Chessboard(_SquaresBoard):
     """Where four squares meet; numbered from 0 along the rows, the first at the origin.
 
     Attributes:
@@ -161,10 +187,6 @@ class Chessboard(Board):
     """
 
     type: ClassVar[str] = "chessboard"
-
-    columns: int
-    rows: int
-    square: float
 
     @cached_property
     def points(self) -> Mapping[int, FloatArray]:
@@ -177,17 +199,8 @@ class Chessboard(Board):
 
     def row(self) -> dict[str, Any]:
         """Type, corners and square."""
-        return {
-            "type": self.type,
-            "corners": [self.columns, self.rows],
-            "square_mm": mm(self.square),
-        }
-
-    @property
-    def exchanged(self) -> Board | None:
-        """Columns for rows."""
-        other = replace(self, columns=self.rows, rows=self.columns)
-        return other if self.rows != self.columns else None
+        counts = [self.columns, self.rows]
+        return {"type": self.type, "corners": counts, "square_mm": mm(self.square)}
 
     @property
     def recounted(self) -> Iterator[Chessboard]:
@@ -204,7 +217,7 @@ class Chessboard(Board):
 
 
 @dataclass(frozen=True, eq=False)
-class Charuco(Board):
+class Charuco(_SquaresBoard):
     """A chessboard with a marker in every white square, which says which corner is which.
 
     The inner corners are numbered from 0 along the rows; the origin is the outer corner of the
@@ -218,11 +231,20 @@ class Charuco(Board):
 
     type: ClassVar[str] = "charuco"
 
-    columns: int
-    rows: int
-    square: float
+    least: ClassVar[int] = 2
+
     marker: float
     dictionary: str
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _check_size(self.marker, "a marker", f"board ({self.type})")
+        if self.marker >= self.square:
+            raise BoardError(
+                f"a marker of {mm(self.marker):g} mm in a square of {mm(self.square):g} mm",
+                "a marker smaller than its square",
+                where="marker_mm",
+            )
 
     @cached_property
     def points(self) -> Mapping[int, FloatArray]:
@@ -232,12 +254,6 @@ class Charuco(Board):
     def scaled(self, factor: float) -> Self:
         """Larger squares and markers."""
         return replace(self, square=factor * self.square, marker=factor * self.marker)
-
-    @property
-    def exchanged(self) -> Board | None:
-        """Columns for rows."""
-        other = replace(self, columns=self.rows, rows=self.columns)
-        return other if self.rows != self.columns else None
 
     def row(self) -> dict[str, Any]:
         """Type, squares, both edges and dictionary."""
@@ -264,6 +280,9 @@ class Marker(Displayable):
     size: float = keyed(LENGTH, "Edge of the black square.")
     rotation: FloatArray = keyed(ROTATION, "", lambda: np.eye(3))
 
+    def __post_init__(self) -> None:
+        _check_size(self.size, "a marker", "marker")
+
     @property
     def corners(self) -> FloatArray:
         """(4, 3) top left, top right, bottom right, bottom left, in the board's frame, m."""
@@ -283,6 +302,10 @@ class Markers(Board):
 
     dictionary: str
     markers: Mapping[int, Marker]
+
+    def __post_init__(self) -> None:
+        if not self.markers:
+            raise BoardError("no markers", "at least one", where=f"board ({self.type})")
 
     @cached_property
     def points(self) -> Mapping[int, FloatArray]:
@@ -343,14 +366,28 @@ def read_board(path: str | Path) -> Board:
         BoardError: unreadable, an unknown, missing or unusable key (with its line), or a size that
             speaks of another unit than mm.
     """
-    # Sizes of a whole board, m, beyond which its file is in another unit than mm.
-    smallest = 2e-3
-    largest = 30.0
     top = YamlSection(read_yaml(Path(path), BoardError), BoardError)
     kind = top.choice("type", BOARD_KEYS)
     values = BOARD_KEYS[kind].read(top)
     scale = values.get("scale")
-    board = replace(_READERS[kind](top, values), scale=scale, stretch=read_stretch(top, scale))
+    more: Any = {"scale": scale, "stretch": read_stretch(top, scale)}
+    board: Board
+    if kind == Markers.type:
+        listed = top.section("markers")
+        markers = dict(_marker(listed, key) for key in listed.data)
+        board = Markers(values["dictionary"], markers, **more)
+    elif kind == Chessboard.type:
+        columns, rows = values["corners"]
+        board = Chessboard(columns, rows, values["square"], **more)
+    else:
+        columns, rows = values["squares"]
+        square, marker = values["square"], values["marker"]
+        try:
+            board = Charuco(columns, rows, square, marker, values["dictionary"], **more)
+        except BoardError as problem:
+            raise top.refuse(problem.found, problem.expected, at=(problem.where,)) from None
+    # Sizes of a whole board, m, beyond which its file is in another unit than mm.
+    smallest, largest = 2e-3, 30.0
     places = np.array(list(board.points.values()))
     size = float(np.ptp(places, axis=0).max())
     if not smallest <= size <= largest:
@@ -361,36 +398,6 @@ def read_board(path: str | Path) -> Board:
             + ("these look like metres" if size < smallest else "these look like µm"),
         )
     return board
-
-
-def _read_chessboard(top: YamlSection, values: dict[str, Any]) -> Board:
-    del top
-    columns, rows = values["corners"]
-    return Chessboard(columns, rows, values["square"])
-
-
-def _read_charuco(top: YamlSection, values: dict[str, Any]) -> Board:
-    square, marker = values["square"], values["marker"]
-    if marker >= square:
-        raise top.refuse(
-            f"a marker of {mm(marker):g} mm in a square of {mm(square):g} mm",
-            "a marker smaller than its square",
-            at=("marker_mm",),
-        )
-    columns, rows = values["squares"]
-    return Charuco(columns, rows, square, marker, values["dictionary"])
-
-
-def _read_markers(top: YamlSection, values: dict[str, Any]) -> Board:
-    listed = top.section("markers")
-    return Markers(values["dictionary"], dict(_marker(listed, key) for key in listed.data))
-
-
-_READERS: Final = {
-    Chessboard.type: _read_chessboard,
-    Charuco.type: _read_charuco,
-    Markers.type: _read_markers,
-}
 
 
 def _marker(listed: YamlSection, key: str) -> tuple[int, Marker]:
@@ -413,6 +420,11 @@ def _counts(top: YamlSection, key: str, least: int) -> tuple[int, int]:
     return columns, rows
 
 
+def _counts_field(name: str, least: int, what: str) -> Field:
+    counts = Value("columns, rows", lambda top, key: _counts(top, key, least))
+    return Field(name, counts, f"Numbers of {what}.", required=True)
+
+
 _TYPE: Final = Field("type", TEXT, "Which sort of board it is.", required=True)
 _SQUARE: Final = Field("square_mm", LENGTH, "Edge of a square.", required=True)
 _DICTIONARY: Final = Field(
@@ -424,30 +436,12 @@ _DICTIONARY: Final = Field(
 # The keys of a board's file, by its type.
 BOARD_KEYS: Final = {
     Chessboard.type: Fields(
-        _TYPE,
-        Field(
-            "corners",
-            Value("columns, rows", lambda top, key: _counts(top, key, 2)),
-            "Numbers of inner corners.",
-            required=True,
-        ),
-        _SQUARE,
-        *SCALE_KEYS,
-        STRETCH,
+        _TYPE, _counts_field("corners", 2, "inner corners"), _SQUARE, *BODY_KEYS
     ),
     Charuco.type: Fields(
-        _TYPE,
-        Field(
-            "squares",
-            Value("columns, rows", lambda top, key: _counts(top, key, 3)),
-            "Numbers of squares.",
-            required=True,
-        ),
-        _SQUARE,
+        *(_TYPE, _counts_field("squares", 3, "squares"), _SQUARE),
         Field("marker_mm", LENGTH, "Edge of a marker, smaller than a square's.", required=True),
-        _DICTIONARY,
-        *SCALE_KEYS,
-        STRETCH,
+        *(_DICTIONARY, *BODY_KEYS),
     ),
     Markers.type: Fields(
         _TYPE,
@@ -460,17 +454,14 @@ BOARD_KEYS: Final = {
             "each `rotation_rpy_deg: [180, 0, 0]`.",
             required=True,
         ),
-        *SCALE_KEYS,
-        STRETCH,
+        *BODY_KEYS,
     ),
 }
 
 
 def board_text(board: Board) -> str:
     """Content of ``board.yaml``, millimetres to 1 pm."""
-    scale: dict[str, Any] = {} if board.scale is None else board.scale.row()
-    scale |= stretch_row(board.stretch, board.scale)
-    return yaml_text(_rounded(board.row() | scale))
+    return yaml_text(rounded(board.row() | scale_row(board.scale, board.stretch)))
 
 
 def write_board(path: Path, board: Board) -> None:
@@ -480,12 +471,3 @@ def write_board(path: Path, board: Board) -> None:
         OutputError: the file cannot be written; what was there is untouched.
     """
     write_text(path, board_text(board))
-
-
-def _rounded(value: Any) -> Any:
-    """The same with every float rounded to 1e-9, without negative zeros."""
-    if isinstance(value, dict):
-        return {key: _rounded(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_rounded(item) for item in value]
-    return round(value, 9) + 0.0 if isinstance(value, float) else value

@@ -52,8 +52,6 @@ CAMERA_KEYS: Final = Fields(
         given_attribute="corners",
     ),
 )
-# Focal lengths in picture widths that some lens has; others are in mm, or another picture's.
-_FOCAL: Final = (0.1, 1000.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,11 +144,13 @@ def _matrix(top: YamlSection, width: int, height: int) -> list[float]:
         raise section.refuse(
             shown([fx, skew, cx]), "fx 0 cx 0 fy cy 0 0 1, row by row, without skew", at=("data",)
         )
+    # In picture widths; other focal lengths are in mm, or another picture's.
+    least, most = 0.1 * width, 1000.0 * width
     for name, focal in (("fx", fx), ("fy", fy)):
-        if not _FOCAL[0] * width <= focal <= _FOCAL[1] * width:
+        if not least <= focal <= most:
             raise section.refuse(
                 f"{name} = {focal:g} px for a picture {width} px wide",
-                f"{_FOCAL[0] * width:g} to {_FOCAL[1] * width:g} px",
+                f"{least:g} to {most:g} px",
                 at=("data",),
                 hint="the focal length is in pixels of this picture",
             )
@@ -171,12 +171,11 @@ def _coefficients(top: YamlSection) -> list[float]:
     listed = section.data.get("data")
     count = len(listed) if isinstance(listed, list) else len(DISTORTION)
     values = section.numbers("data", count)
-    # Coefficients of the rational model, which is called plumb_bob at times.
-    of_rational = 8
+    # The rational model has eight, and is called plumb_bob at times.
     if any(values[len(DISTORTION) :]):
         raise section.refuse(
             f"{count} coefficients"
-            + (f", {OTHER_MODELS['rational_polynomial']}" if count == of_rational else ""),
+            + (f", {OTHER_MODELS['rational_polynomial']}" if count == 8 else ""),
             f"five: {', '.join(DISTORTION)}",
             at=("data",),
             hint=f"calibrate the camera with the model {PLUMB_BOB}",
@@ -193,9 +192,8 @@ def _covariance(top: YamlSection) -> FloatArray | None:
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     scale[scale == 0.0] = 1.0
     unit = matrix / np.outer(scale, scale)
-    # A negative variance of this share of the largest is rounding.
-    rounding = 1e-9
-    if not np.allclose(unit, unit.T) or np.linalg.eigvalsh((unit + unit.T) / 2)[0] < -rounding:
+    # A negative variance of such a share of the largest is rounding.
+    if not np.allclose(unit, unit.T) or np.linalg.eigvalsh((unit + unit.T) / 2)[0] < -1e-9:
         raise section.refuse(
             "a matrix that is no covariance",
             f"81 numbers, row by row, in the order {', '.join(INTRINSICS)}",
@@ -224,14 +222,10 @@ def camera_text(camera: Camera) -> str:
 def matrix_text(matrix: FloatArray) -> str:
     """A matrix as ROS and OpenCV have it, with the shortest digits that read back the same."""
     rows, columns = matrix.shape
-    # Shortest text that reads back as the same number; YAML 1.1 takes an exponent with a dot only.
-    data = ", ".join(_number(value) for value in matrix.ravel().tolist())
-    return f"{{rows: {rows}, cols: {columns}, data: [{data}]}}"
-
-
-def _number(value: float) -> str:
-    text = repr(value)
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    # YAML 1.1 takes an exponent with a dot only.
+    texts = map(repr, matrix.ravel().tolist())
+    data = [text if "." in text else text.replace("e", ".0e") for text in texts]
+    return f"{{rows: {rows}, cols: {columns}, data: [{', '.join(data)}]}}"
 
 
 def write_camera(path: Path, camera: Camera) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -35,16 +36,11 @@ _OF_MESSAGE: Final = {
     **{"k": "camera_matrix", "d": "distortion_coefficients"},
     **{"K": "camera_matrix", "D": "distortion_coefficients"},
 }
-_PINHOLE: Final = "pinhole"
 _CAMCHAIN: Final = ("intrinsics", "distortion_coeffs", "resolution")
 
 
 def camera_document(path: Path) -> YamlDocument:
-    """A camera's file with the keys of ``camera.yaml``, each with its line in the file.
-
-    Raises:
-        CameraError: unreadable, not YAML, several cameras, or a camera that is no pinhole.
-    """
+    """A camera's file with the keys of ``camera.yaml``, each with its line in the file."""
     text = read_text(path, CameraError)
     data, lines = plain_data(path, _first_document(text), CameraError)
     document = YamlDocument(path, data, lines)
@@ -96,10 +92,10 @@ def _of_kalibr(document: YamlDocument, chain: list[str]) -> YamlDocument:
             hint="copy each into a file of its own",
         )
     section = top.section(chain[0])
-    if (model := section.data.get("camera_model", _PINHOLE)) != _PINHOLE:
+    if (model := section.data.get("camera_model", "pinhole")) != "pinhole":
         raise section.refuse(
             f"{model!r}, a camera of kalibr's",
-            f"{_PINHOLE} with radtan",
+            "pinhole with radtan",
             at=("camera_model",),
             hint="calibrate it with --models pinhole-radtan",
         )
@@ -109,24 +105,17 @@ def _of_kalibr(document: YamlDocument, chain: list[str]) -> YamlDocument:
     coefficients = section.data["distortion_coeffs"]
     if model == "none":
         model, coefficients = PLUMB_BOB, coefficients or [0.0]
-    data = {
-        "image_width": int(width),
-        "image_height": int(height),
-        "camera_matrix": {"data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]},
-        "distortion_model": model,
-        "distortion_coefficients": {"data": coefficients},
+    matrix = {"data": [fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0]}
+    keys: dict[str, tuple[str, Any]] = {
+        "image_width": ("resolution", int(width)),
+        "image_height": ("resolution", int(height)),
+        "camera_matrix": ("intrinsics", matrix),
+        "distortion_model": ("distortion_model", model),
+        "distortion_coefficients": ("distortion_coeffs", {"data": coefficients}),
     }
-    at = {
-        "image_width": "resolution",
-        "image_height": "resolution",
-        "camera_matrix": "intrinsics",
-        "distortion_model": "distortion_model",
-        "distortion_coefficients": "distortion_coeffs",
-    }
-    lines: dict[KeyPath, int] = {
-        (key,): section.document.line_of(chain[0], source) or 1 for key, source in at.items()
-    }
-    return YamlDocument(document.path, data, lines)
+    line_of = partial(section.document.line_of, chain[0])
+    lines: dict[KeyPath, int] = {(key,): line_of(source) or 1 for key, (source, _) in keys.items()}
+    return YamlDocument(document.path, {key: value for key, (_, value) in keys.items()}, lines)
 
 
 def _renamed(document: YamlDocument, names: Mapping[str, str]) -> YamlDocument:
@@ -144,11 +133,7 @@ def _renamed(document: YamlDocument, names: Mapping[str, str]) -> YamlDocument:
 
 
 def plumb_bob(top: YamlSection) -> None:
-    """Refuse a distortion model that is not `PLUMB_BOB`, by whatever name.
-
-    Raises:
-        CameraError: another model; says what it is.
-    """
+    """Refuse a distortion model that is not `PLUMB_BOB`, by whatever name."""
     model = top.data.get("distortion_model", PLUMB_BOB)
     if model == PLUMB_BOB or model in _PLUMB_BOB_TOO:
         return

@@ -329,9 +329,6 @@ def position_sigmas(table: CsvTable) -> FloatArray:
 
     From ``sigma_x, sigma_y, sigma_z``, or else from ``sigma``, the same for each coordinate; in m,
     or in mm with ``_mm`` after their names.
-
-    Raises:
-        SamplesError: no such columns, a cell that is no positive number, or both m and mm.
     """
     by_axis = any(column in table.columns for name in SIGMAS for column in _sigma(name).names)
     names = SIGMAS if by_axis else (SIGMA,) * 3
@@ -367,12 +364,7 @@ def _sigma(name: str) -> NumberColumn:
 
 
 def numbers(table: CsvTable, column: NumberColumn) -> FloatArray:
-    """Measured numbers, (n,) in SI.
-
-    Raises:
-        SamplesError: no such column, a cell that is no number, or not a positive one where it must
-            be, or the column in both units.
-    """
+    """Measured numbers, (n,) in SI."""
     there = [name for name in column.names if name in table.columns]
     if len(there) > 1:
         raise SamplesError(

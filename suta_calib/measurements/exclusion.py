@@ -37,12 +37,7 @@ class Exclusion:
         return {level: list(names) for level, names in self.names}
 
     def remaining(self, samples: Samples) -> Samples:
-        """The samples that are left.
-
-        Raises:
-            SamplesError: a name that no sample has, a level these samples have no column for, or
-                nothing left.
-        """
+        """The samples that are left."""
         out = np.zeros(len(samples), dtype=bool)
         for level, names in self.names:
             labels = _labels(samples, level, self.columns[level])
@@ -81,15 +76,7 @@ def exclusion_keys(groupings: Mapping[str, tuple[str, ...]]) -> Fields:
 
 
 def read_exclusion(section: YamlSection, groupings: Mapping[str, tuple[str, ...]]) -> Exclusion:
-    """The mapping under a job row's key ``exclude``.
-
-    Args:
-        section: what stands there.
-        groupings: what one group is called, and the label columns that tell groups apart.
-
-    Raises:
-        InputError: an unknown key, or names that are no text; names the line and the key.
-    """
+    """The mapping under a job row's key ``exclude``."""
     columns = {f"{noun}s": labels for noun, labels in groupings.items()}
     names = exclusion_keys(groupings).read(section)
     return Exclusion(tuple((level, names[level]) for level in section.data), columns)

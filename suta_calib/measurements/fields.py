@@ -95,23 +95,11 @@ class Fields:
         return tuple(field.name for field in self if field.required)
 
     def check(self, section: YamlSection) -> None:
-        """Refuse any other key in a mapping, and the absence of those that must be there.
-
-        Raises:
-            InputError: names the line and the key.
-        """
+        """Refuse any other key in a mapping, and the absence of those that must be there."""
         section.check_keys(self.names, self.required)
 
     def values(self, section: YamlSection, without: Collection[str] = ()) -> dict[str, Any]:
-        """The values of the keys that are there, by attribute; other keys are not looked at.
-
-        Args:
-            section: the mapping.
-            without: attributes that are not read.
-
-        Raises:
-            InputError: a value that cannot be used; names the line and the key.
-        """
+        """The values of the keys that are there, by attribute; other keys are not looked at."""
         return {
             field.attribute: field.value.read(section, field.name)
             for field in self
@@ -158,16 +146,7 @@ def fields_of(cls: Any) -> Fields:
 
 
 def read_as(cls: type[T], section: YamlSection, /, **more: Any) -> T:
-    """A dataclass made of a mapping whose keys its fields state.
-
-    Args:
-        cls: the dataclass.
-        section: the mapping.
-        more: other fields; those that are keys too are not read.
-
-    Raises:
-        InputError: a key that is unknown, missing or unusable; names the line and the key.
-    """
+    """A dataclass made of a mapping whose keys its fields state."""
     fields: Fields = fields_of(cast(Any, cls))
     return cls(**fields.read(section, more), **more)
 

@@ -114,9 +114,6 @@ def _matching(folder: Path, parts: Sequence[str], looked: Iterator[int]) -> Iter
     """What matches the parts of a pattern below a folder.
 
     Not `glob.glob`, which says nothing until it has gone through all there is.
-
-    Raises:
-        OverflowError: too much has been looked at.
     """
     if not parts:
         yield folder

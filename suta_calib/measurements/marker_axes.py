@@ -20,11 +20,8 @@ from suta_calib.measurements.board import Board, Markers
 from suta_calib.measurements.corners import Corners
 from suta_calib.units import deg
 
-# Pictures that are asked: what is wrong with the file is wrong in all.
-ENOUGH: Final = 8
-# Corners of a marker, and corners from which two markers or more are seen.
+# Corners of a marker.
 CORNERS: Final = 4
-TWO_MARKERS: Final = 2 * CORNERS
 # Singular value of centred points, relative to the first, of which a plane has none.
 FLAT: Final = 1e-6
 
@@ -32,14 +29,8 @@ FLAT: Final = 1e-6
 def markers_as_seen(board: Board, corners: Corners) -> tuple[Board, str]:
     """The board with its markers turned as the pictures show them, and what was changed.
 
-    Places are kept, so that the board's frame is that of its file.
-
-    Args:
-        board: as its file has it.
-        corners: of its markers, by their numbers.
-
-    Returns:
-        The board itself and an empty sentence where it fits, or where nothing tells.
+    Places are kept, so that the board's frame is that of its file. The board itself and an empty
+    sentence where it fits, or where nothing tells.
     """
     if not isinstance(board, Markers):
         return board, ""
@@ -48,20 +39,20 @@ def markers_as_seen(board: Board, corners: Corners) -> tuple[Board, str]:
     for name in corners.images:
         rows = corners.image == name
         point = corners.point[rows]
-        if len(point) < TWO_MARKERS or len(np.unique(point // CORNERS)) < 2:
+        if len(point) < 2 * CORNERS or len(np.unique(point // CORNERS)) < 2:
             continue
         misfits.append([_misfit(way.positions(point), corners.pixel[rows], point) for way in ways])
-        if len(misfits) == ENOUGH:
+        # What is wrong with the file is wrong in all pictures.
+        if len(misfits) == 8:
             break
     if not misfits:
         return board, ""
     misfit = np.median(misfits, axis=0)
     best = int(np.argmin(misfit))
     # Misfit, in edges of a marker, up to which the file is right: a lens bends straight lines by a
-    # few hundredths, and another way round leaves 0.3 and more.
-    fits = 0.1
-    # Another way must leave so many times less: the true one leaves ten times less and better.
-    if misfit[0] < fits or 4.0 * misfit[best] > misfit[0]:
+    # few hundredths, and another way round leaves 0.3 and more. Another way must leave so many
+    # times less: the true one leaves ten times less and better.
+    if misfit[0] < 0.1 or 4.0 * misfit[best] > misfit[0]:
         return board, ""
     return ways[best], _sentence(board, ways[best])
 
@@ -81,13 +72,7 @@ def _turned(board: Markers, turn: FloatArray) -> Markers:
 
 
 def _misfit(points: FloatArray, pixels: FloatArray, numbers: FloatArray) -> float:
-    """RMS of what the best projective map leaves, in edges of a marker in the picture.
-
-    Args:
-        points: (n, 3) on the board, m.
-        pixels: (n, 2) where they were seen.
-        numbers: (n,) of the points.
-    """
+    """RMS, in edges of a marker, that the best projective map of points (n, 3) leaves."""
     centred = points - points.mean(axis=0)
     _, size, axes = np.linalg.svd(centred, full_matrices=False)
     flat = centred @ axes[size > FLAT * size[0]].T

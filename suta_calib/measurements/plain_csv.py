@@ -22,8 +22,6 @@ _NOT_PLAIN: Final = (
     *('"', "#", ";", "\0"),
     *(c for c in map(chr, range(128)) if c.isspace() and c != "\n"),
 )
-# All that decimal numbers consist of, and what stands between them.
-_OF_NUMBERS: Final = b"0123456789+-.eE,\n"
 # Characters that the parser takes for one cell at most.
 _LONGEST_LINE: Final = 100_000
 
@@ -35,81 +33,39 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
         header: names of the columns.
         text: all lines, each with its end.
         start: where in it the lines behind the header begin.
-        read: (rows, columns) numbers of all cells, where they have been read.
     """
 
-    def __init__(
-        self, header: list[str], text: str, start: int, read: FloatArray | None = None
-    ) -> None:
+    def __init__(self, header: list[str], text: str, start: int) -> None:
         self._place = {name: k for k, name in enumerate(header)}
-        self._text, self._start, self._read = text, start, read
+        self._text, self._start = text, start
 
     @classmethod
     def of(cls, text: str) -> Self | None:
         """The columns of a plain file; None where something is to be skipped or explained."""
         if "\r" in text:
             text = text.replace("\r\n", "\n")
-        if (numbers := cls._of_numbers(text)) is not None:
-            return numbers
         ended = text.isascii() and text.endswith("\n")
         if not ended or any(mark in text for mark in _NOT_PLAIN):
             return None
         end = text.index("\n")
         header, commas = text[:end].split(","), text.count(",", 0, end)
         columns = cls(header, text, end + 1)
-        if not _names_columns(header) or not columns._body:
+        if not (all(header) and len(columns) == len(header) and columns._body):
             return None
         lines = columns._body.split("\n")
         # One pass in C over what may be a million lines.
-        if set(map(methodcaller("count", ","), lines)) != {commas}:
-            return None
-        if max(map(len, lines)) > _LONGEST_LINE:
-            return None
-        if not commas and not all(lines):
-            return None
-        return columns
-
-    @classmethod
-    def _of_numbers(cls, text: str) -> Self | None:
-        """The columns of a file of nothing but decimal numbers: NumPy alone looks at its lines.
-
-        Large files are not copied to look at them.
-        """
-        head, _, rest = text[:_LONGEST_LINE].partition("\n")
-        header, start = head.split(","), len(head) + 1
-        plain = head.isascii() and not any(mark in head for mark in _NOT_PLAIN)
-        first = rest.partition("\n")[0].split(",")
-        if not (plain and _names_columns(header) and all(map(_is_number, first))):
-            return None
-        data = text.encode()
-        if data.translate(None, _OF_NUMBERS) != data[:start].translate(None, _OF_NUMBERS):
-            return None
-        if not data.endswith(b"\n"):
-            return None
-        lines = BytesIO(data)
-        lines.seek(start)
-        try:
-            # Refuses lines of different lengths, and goes over empty ones.
-            read = np.loadtxt(lines, delimiter=",", comments=None, ndmin=2)
-        except ValueError:
-            return None
-        if read.shape != (data.count(b"\n", start), len(header)):
-            return None
-        return cls(header, text, start, read)
+        plain = set(map(methodcaller("count", ","), lines)) == {commas}
+        plain = plain and max(map(len, lines)) <= _LONGEST_LINE
+        return columns if plain and (commas or all(lines)) else None
 
     @property
     def rows(self) -> int:
         """How many there are."""
-        return self._body.count("\n") + 1 if self._read is None else len(self._read)
+        return self._body.count("\n") + 1
 
     def numbers(self, name: str) -> FloatArray | None:
         """One column (n,); None where one of its cells is no number."""
-        place = self._place[name]
-        if self._read is not None:
-            return self._read[:, place]
-        if self._numbers is None or place not in self._numbers:
-            return None
-        return self._numbers[place]
+        return (self._numbers or {}).get(self._place[name])
 
     @cached_property
     def _body(self) -> str:
@@ -150,10 +106,6 @@ class PlainColumns(Mapping[str, tuple[str, ...]]):
 
     def __len__(self) -> int:
         return len(self._place)
-
-
-def _names_columns(header: list[str]) -> bool:
-    return all(header) and len(set(header)) == len(header)
 
 
 def _is_number(cell: str) -> bool:

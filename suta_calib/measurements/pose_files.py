@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,13 +35,7 @@ OTHER_UNIT: Final = (300.0, 3000.0)
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class _PoseRows:
-    """What was read from a file.
-
-    Attributes:
-        path: the file.
-        lines: (n,) line of every row in it, from 1.
-        unit_notes: what speaks of another unit than the columns say, one sentence each.
-    """
+    """What was read from a file: lines (n,) of the rows in it, and what speaks of another unit."""
 
     path: Path
     lines: tuple[int, ...]
@@ -118,14 +112,7 @@ def read_tool_poses(path: str | Path) -> ToolPoses:
     (rotation, position), notes = _poses(table)
     point = table.labels("point") if "point" in table.columns else None
     _check_different(table, position, rotation)
-    return ToolPoses(
-        path=table.path,
-        lines=table.lines,
-        unit_notes=notes,
-        rotation=rotation,
-        position=position,
-        point=point,
-    )
+    return ToolPoses(**_read(table, notes), rotation=rotation, position=position, point=point)
 
 
 def read_pose_pairs(path: str | Path) -> PosePairs:
@@ -134,10 +121,9 @@ def read_pose_pairs(path: str | Path) -> PosePairs:
     Raises, warns: as `read_tool_poses`.
     """
     table = read_csv_table(Path(path))
-    (hand, of_hand), (target, of_seen) = _poses(table, "a_"), _poses(table, "b_")
+    (hand, of_hand), (target, of_target) = _poses(table, "a_"), _poses(table, "b_")
     _check_different(table, *hand, *target)
-    notes = of_hand + of_seen
-    return PosePairs(path=table.path, lines=table.lines, unit_notes=notes, hand=hand, target=target)
+    return PosePairs(**_read(table, of_hand + of_target), hand=hand, target=target)
 
 
 def read_hand_poses(path: str | Path) -> HandPoses:
@@ -159,7 +145,7 @@ def read_hand_poses(path: str | Path) -> HandPoses:
             raise table.refuse(row, "image", problem, "each picture once")
         first[name] = row
     _check_different(table, *pose)
-    return HandPoses(path=table.path, lines=table.lines, unit_notes=notes, pose=pose, image=image)
+    return HandPoses(**_read(table, notes), pose=pose, image=image)
 
 
 def read_points(path: str | Path) -> PointSet:
@@ -211,16 +197,14 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
     return _points(a, both[0]), _points(b, both[1])
 
 
+def _read(table: CsvTable, notes: tuple[str, ...]) -> dict[str, Any]:
+    return {"path": table.path, "lines": table.lines, "unit_notes": notes}
+
+
 def _points(table: CsvTable, position: FloatArray) -> PointSet:
-    notes = _hint_at_unit(table, position)
     stated = any(name in table.columns for name in position_sigma_columns())
-    return PointSet(
-        path=table.path,
-        lines=table.lines,
-        unit_notes=notes,
-        position=position,
-        sigma=position_sigmas(table) if stated else None,
-    )
+    sigma = position_sigmas(table) if stated else None
+    return PointSet(**_read(table, _hint_at_unit(table, position)), position=position, sigma=sigma)
 
 
 def _poses(

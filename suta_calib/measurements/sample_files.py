@@ -6,7 +6,7 @@ import csv
 import io
 import math
 import warnings
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -38,15 +38,6 @@ from suta_calib.measurements.samples import TEMPERATURES, Samples
 from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 
-# Turns that a counter may be off by; and how far (rad) other joints must have moved, in their
-# ranges, to be plainly no degrees.
-_MOST_TURNS = 2
-_PLAINLY_MOVED = 0.2
-_PRISMATIC_WIDTHS = 10.0
-_PRISMATIC_MARGIN = 0.5
-# How far beyond its range, in units of it, what a prismatic joint reads deserves a word: no zero
-# that is set a little otherwise puts it there. A revolute joint's may be anywhere on its turn.
-_PRISMATIC_WORD = 0.5
 TEMPERATURE = "temperature"
 
 
@@ -158,7 +149,9 @@ def _tell_of_slides(samples: Samples, joints: Sequence[JointRange]) -> None:
         if joint.unit == "rad" or not 0.0 < width < math.inf:
             continue
         beyond = np.maximum(joint.lower - q, q - joint.upper)
-        rows = np.flatnonzero(beyond > _PRISMATIC_WORD * width)
+        # So far beyond its range, in units of it, that no zero which is set a little otherwise puts
+        # it there. A revolute joint's may be anywhere on its turn.
+        rows = np.flatnonzero(beyond > 0.5 * width)
         if len(rows):
             warnings.warn(
                 f"{samples.origin[rows[0]]}: found {q[rows[0]]:.4g} m for {joint.name}; expected "
@@ -257,33 +250,27 @@ def check_readings(q: FloatArray, joints: Sequence[JointRange], origin: Sequence
         SamplesError: names the first of them, and what it looks like.
     """
     lower, upper = _plausible(tuple(joints))
-    wrong = (q < lower) | (q > upper)
+    lower, upper = _plausible(tuple(joints))
     # Asked of thousands of readings of the same data.
-    if not wrong.any():
-        return
-    for k, joint in enumerate(joints):
-        for row in np.flatnonzero(wrong[:, k]).tolist():
-            raise SamplesError(
-                f"{q[row, k]:.6g}",
-                f"{joint.unit}, joint range {joint}",
-                where=f"{origin[row]}, {joint.name}",
-                hint=_what_it_is(q.T, k, joints),
-            )
+    if ((q < lower) | (q > upper)).any():
+        for k, row, expected, hint in _unusable(q.T, joints):
+            where = f"{origin[row]}, {joints[k].name}"
+            raise SamplesError(f"{q[row, k]:.6g}", expected, where=where, hint=hint)
 
 
 def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
     """(n, joints), refused where they can only be degrees, millimetres or whole turns off."""
     q = np.array([table.numbers(joint.name, _expected(joint)) for joint in joints])
-    for k, joint in enumerate(joints):
-        for row in np.flatnonzero(_implausible(q[k], joint)):
-            raise table.refuse(
-                int(row),
-                joint.name,
-                f"{q[k, row]:.6g}",
-                f"{joint.unit}, joint range {joint}",
-                _what_it_is(q, k, joints),
-            )
+    for k, row, expected, hint in _unusable(q, joints):
+        raise table.refuse(row, joints[k].name, f"{q[k, row]:.6g}", expected, hint)
     return q.reshape(-1, len(table)).T
+
+
+def _unusable(q: FloatArray, joints: Sequence[JointRange]) -> Iterator[tuple[int, int, str, str]]:
+    """Joint and row of implausible readings (joints, n), what is expected, and what they may be."""
+    for k, joint in enumerate(joints):
+        for row in np.flatnonzero(_implausible(q[k], joint)).tolist():
+            yield k, row, f"{joint.unit}, joint range {joint}", _what_it_is(q, k, joints)
 
 
 def _implausible(values: FloatArray, joint: JointRange) -> NDArray[np.bool_]:
@@ -296,17 +283,14 @@ def _plausible(joints: tuple[JointRange, ...]) -> tuple[FloatArray, FloatArray]:
     """(joints,) the least and the greatest reading that need not be in another unit, rad or m."""
     # Encoders report raw readings, which may lie outside the joint's limits: only what no arm in
     # radians or metres can mean is refused.
-    revolute_margin = 0.5
-    unlimited_revolute = 8 * math.pi
     limits = list[tuple[float, float]]()
     for joint in joints:
         if joint.unit == "rad":
-            limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + revolute_margin
-            limit = limit if math.isfinite(limit) else unlimited_revolute
+            limit = max(abs(joint.lower), abs(joint.upper), 2 * math.pi) + 0.5
+            limit = limit if math.isfinite(limit) else 8 * math.pi
             limits.append((-limit, limit))
         else:
-            width = joint.upper - joint.lower
-            beyond = max(_PRISMATIC_WIDTHS * width, _PRISMATIC_MARGIN)
+            beyond = max(10.0 * (joint.upper - joint.lower), 0.5)
             limits.append(
                 (max(joint.lower - beyond, -FARTHEST), min(joint.upper + beyond, FARTHEST))
             )
@@ -322,7 +306,8 @@ def _what_it_is(q: FloatArray, k: int, joints: Sequence[JointRange]) -> str:
         return "looks like millimetres: convert to m"
     turning = [i for i, joint in enumerate(joints) if joint.unit == "rad"]
     turns = {i: _turns_beyond(q[i], joints[i]) for i in turning}
-    in_rad = [i for i in turning if turns[i] == 0 and np.ptp(q[i]) > _PLAINLY_MOVED]
+    # Other joints must have moved by 0.2 rad in their ranges to be plainly no degrees.
+    in_rad = [i for i in turning if turns[i] == 0 and np.ptp(q[i]) > 0.2]
     more = turns[k]
     if not (more and in_rad and None not in turns.values()):
         return "looks like degrees: convert to radians"
@@ -339,21 +324,17 @@ def _turns_beyond(values: FloatArray, joint: JointRange) -> int | None:
     outside = values[(values < joint.lower) | (values > joint.upper)]
     if not _implausible(values, joint).any():
         return 0
-    for turns in range(-_MOST_TURNS, _MOST_TURNS + 1):
+    # A counter may be off by two turns.
+    for turns in range(-2, 3):
         back = outside - 2 * math.pi * turns
-        if math.isfinite(joint.upper - joint.lower) and np.all(
-            (joint.lower <= back) & (back <= joint.upper)
-        ):
+        inside = (joint.lower <= back) & (back <= joint.upper)
+        if math.isfinite(joint.upper - joint.lower) and inside.all():
             return turns
     return None
 
 
 def check_joint_names(joints: Sequence[str], columns: SampleColumns) -> None:
-    """Refuse a joint whose column would also have to hold something else.
-
-    Raises:
-        SamplesError: names the joint, and the columns.
-    """
+    """Refuse a joint whose column would also have to hold something else."""
     taken = {*columns.labels, *columns.common_labels}
     taken |= {name for column in columns.numbers for name in column.names}
     taken |= {*position_columns()} if columns.position else set()

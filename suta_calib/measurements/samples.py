@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Final, Literal, SupportsIndex, TypeVar, overload
+from typing import Any, Final, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,38 +21,10 @@ from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
 Array = TypeVar("Array", bound=NDArray[Any])
 # What an arm may be, °C; kelvins are beyond.
 TEMPERATURES: Final = (-60.0, 150.0)
-
-
-class RowNames(Sequence[str]):
-    """``row 0``, ``row 1``, …, each made when somebody reads it; equal to a tuple of them.
-
-    Args:
-        count: of the rows.
-    """
-
-    def __init__(self, count: int) -> None:
-        self._rows = range(count)
-
-    def __len__(self) -> int:
-        return len(self._rows)
-
-    @overload
-    def __getitem__(self, index: SupportsIndex) -> str: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[str, ...]: ...
-    def __getitem__(self, index: SupportsIndex | slice) -> str | tuple[str, ...]:
-        if isinstance(index, slice):
-            return tuple(f"row {row}" for row in self._rows[index])
-        return f"row {self._rows[index]}"
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, (tuple, RowNames)) and tuple(self) == tuple(other)
-
-    def __hash__(self) -> int:
-        return hash(tuple(self))
-
-    def __repr__(self) -> str:
-        return repr(tuple(self))
+# Attributes that have a row for each sample, where they are there at all.
+_BY_ROW: Final = (
+    *("q", "position", "rotation", "pixels", "direction", "temperature", "position_sigma"),
+)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -91,9 +63,8 @@ class Samples(Displayable):
     position_sigma: FloatArray | None = None
 
     def __post_init__(self) -> None:
-        # Of very many rows hardly one is ever named.
-        if not len(self.origin):
-            object.__setattr__(self, "origin", RowNames(len(self.q)))
+        if not self.origin:
+            object.__setattr__(self, "origin", tuple(map("row {}".format, range(len(self.q)))))
 
     def __len__(self) -> int:
         return len(self.q)
@@ -124,23 +95,10 @@ class Samples(Displayable):
         position_sigma: ArrayLike | None = None,
         pixels: ArrayLike | None = None,
     ) -> Samples:
-        """Samples from copies of arrays, checked; arguments as the class's attributes.
+        """Samples from copies of arrays, checked; shapes and units as the class's attributes.
 
         Whether readings can be rad or m only the arm can say: `ArmPoses` refuses degrees,
         millimetres, and joints in another order than the arm's.
-
-        Args:
-            joints: names, each once.
-            q: (n, n_joints) rad, m for prismatic joints; n at least one.
-            labels: each (n,), not empty strings.
-            position: (n, 3).
-            rotation: (n, 3, 3) orthonormal, right-handed.
-            origin: (n,); ``row 0``, ``row 1``, … where not given.
-            numbers: each (n,).
-            direction: (n, n_joints) of -1, 0 and 1.
-            temperature: (n,).
-            position_sigma: (n, 3), all of them positive.
-            pixels: (n, points, 2), NaN where a point was not seen.
 
         Raises:
             SamplesError: a shape does not fit, or a value is not finite, empty, not a rotation, no
@@ -215,9 +173,7 @@ class Samples(Displayable):
     @property
     def in_a_line(self) -> str:
         """How many, of what."""
-        also = [
-            name for name in ("position", "rotation", "pixels") if getattr(self, name) is not None
-        ]
+        also = [n for n in ("position", "rotation", "pixels") if getattr(self, n) is not None]
         columns = ", ".join((*self.labels, *self.numbers, *also))
         return f"{len(self)} of {len(self.joints)} joints" + (f" with {columns}" if columns else "")
 
@@ -247,15 +203,9 @@ class Samples(Displayable):
 
     @property
     def _compared(self) -> FloatArray:
-        parts = [self.q]
-        if self.position is not None:
-            parts.append(self.position)
-        if self.rotation is not None:
-            parts.append(self.rotation.reshape(-1, 9))
-        if self.pixels is not None:
-            parts.append(self.pixels.reshape(len(self), -1))
-        parts += [lengths[:, None] for lengths in self.numbers.values()]
-        return np.hstack(parts)
+        seen = [a for a in (self.q, self.position, self.rotation, self.pixels) if a is not None]
+        parts = [array.reshape(len(array), int(np.prod(array.shape[1:]))) for array in seen]
+        return np.hstack([*parts, *(lengths[:, None] for lengths in self.numbers.values())])
 
     @classmethod
     def concatenate(cls, parts: Sequence[Samples]) -> Samples:
@@ -268,48 +218,44 @@ class Samples(Displayable):
         kinds = {
             (
                 *(part.joints, frozenset(part.labels), frozenset(part.numbers)),
-                *(part.position is None, part.rotation is None),
-                *(part.direction is None, part.temperature is None),
-                part.position_sigma is None,
+                *(getattr(part, name) is None for name in _BY_ROW),
                 None if part.pixels is None else part.pixels.shape[1:],
             )
             for part in parts
         }
         if len(kinds) != 1:
             raise SamplesError("parts with different columns", "one or more with the same columns")
-        first = parts[0]
         if len(parts) == 1:
-            return first
-        return cls(
-            first.joints,
-            _frozen(np.concatenate([part.q for part in parts])),
-            {n: _frozen(np.concatenate([p.labels[n] for p in parts])) for n in first.labels},
-            _joined([part.position for part in parts]),
-            _joined([part.rotation for part in parts]),
-            tuple(origin for part in parts for origin in part.origin),
-            _joined([part.pixels for part in parts]),
-            {n: _frozen(np.concatenate([p.numbers[n] for p in parts])) for n in first.numbers},
-            _joined([part.direction for part in parts]),
-            _joined([part.temperature for part in parts]),
-            _joined([part.position_sigma for part in parts]),
-        )
+            return parts[0]
+        origin = tuple(origin for part in parts for origin in part.origin)
+        return cls._made(parts, np.concatenate, origin)
 
     def take(self, index: ArrayLike | slice) -> Samples:
         """Rows by number (repeats allowed, as in a bootstrap), by boolean mask or by slice."""
         rows = np.arange(len(self))[index if isinstance(index, slice) else np.asarray(index)]
-        return Samples(
-            self.joints,
-            _frozen(self.q[rows]),
-            {name: _frozen(values[rows]) for name, values in self.labels.items()},
-            None if self.position is None else _frozen(self.position[rows]),
-            None if self.rotation is None else _frozen(self.rotation[rows]),
-            tuple(self.origin[row] for row in rows),
-            None if self.pixels is None else _frozen(self.pixels[rows]),
-            {name: _frozen(values[rows]) for name, values in self.numbers.items()},
-            None if self.direction is None else _frozen(self.direction[rows]),
-            None if self.temperature is None else _frozen(self.temperature[rows]),
-            None if self.position_sigma is None else _frozen(self.position_sigma[rows]),
-        )
+        origin = tuple(self.origin[row] for row in rows)
+        return self._made([self], lambda arrays: arrays[0][rows], origin)
+
+    @classmethod
+    def _made(
+        cls,
+        parts: Sequence[Samples],
+        make: Callable[[list[NDArray[Any]]], NDArray[Any]],
+        origin: tuple[str, ...],
+    ) -> Samples:
+        """What ``make`` makes of each array of parts that have the same columns."""
+        first = parts[0]
+        arrays: dict[str, Any] = {
+            name: _frozen(make([getattr(part, name) for part in parts]))
+            for name in _BY_ROW
+            if getattr(first, name) is not None
+        }
+        for columns in ("labels", "numbers"):
+            arrays[columns] = {
+                name: _frozen(make([getattr(part, columns)[name] for part in parts]))
+                for name in getattr(first, columns)
+            }
+        return cls(first.joints, origin=origin, **arrays)
 
 
 def hashed(rows: FloatArray) -> NDArray[np.uint64]:
@@ -332,11 +278,7 @@ def _frozen(array: Array) -> Array:
 
 
 def numbers_of(name: str, values: ArrayLike) -> FloatArray:
-    """A copy of numbers of any shape; what a masked array hides is none.
-
-    Raises:
-        SamplesError: something else than numbers; ``name`` says where.
-    """
+    """A copy of numbers of any shape; what a masked array hides is none."""
     try:
         array = np.array(values)
         if isinstance(values, np.ma.MaskedArray):
@@ -349,52 +291,44 @@ def numbers_of(name: str, values: ArrayLike) -> FloatArray:
 
 
 def finite(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Read-only copy as finite numbers of a shape.
-
-    Raises:
-        SamplesError: something else; ``name`` says where.
-    """
+    """Read-only copy as finite numbers of a shape."""
     array = numbers_of(name, values)
     if array.shape != shape:
         raise SamplesError(f"shape {array.shape}", f"shape {shape}", where=name)
-    for index in np.argwhere(~np.isfinite(array)):
-        place = f"{name}[{', '.join(map(str, index))}]"
-        raise SamplesError(str(array[tuple(index)]), "a finite number", where=place)
-    return _frozen(array)
+    return _frozen(_checked(name, array, ~np.isfinite(array), "a finite number"))
 
 
-def positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
-    """Read-only copy as positive floats of the given shape, or the error that it is not."""
-    array = finite(name, values, shape)
-    for index in np.argwhere(array <= 0.0):
+def _checked(
+    name: str, array: FloatArray, wrong: NDArray[np.bool_], expected: str, hint: str = ""
+) -> FloatArray:
+    """The array, if none of its numbers is wrong."""
+    for index in np.argwhere(wrong):
         place = f"{name}[{', '.join(map(str, index))}]"
-        raise SamplesError(f"{array[tuple(index)]:g}", "a number greater than 0", where=place)
+        raise SamplesError(f"{array[tuple(index)]:g}", expected, where=place, hint=hint)
     return array
 
 
+def positive(name: str, values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
+    """`finite`, and all numbers greater than zero."""
+    array = finite(name, values, shape)
+    return _checked(name, array, array <= 0.0, "a number greater than 0")
+
+
 def _positions(values: ArrayLike, n: int) -> FloatArray:
-    position = finite("position", values, (n, 3))
-    for index in np.argwhere(np.abs(position) > FARTHEST):
-        place = f"position[{', '.join(map(str, index))}]"
-        found, hint = f"{position[tuple(index)]:g}", "coordinates of a grid? subtract an origin"
-        raise SamplesError(found, f"m, within {FARTHEST:g}", where=place, hint=hint)
-    return position
+    position, hint = finite("position", values, (n, 3)), "coordinates of a grid? subtract an origin"
+    far = np.abs(position) > FARTHEST
+    return _checked("position", position, far, f"m, within {FARTHEST:g}", hint)
 
 
 def _directions(values: ArrayLike, shape: tuple[int, ...]) -> FloatArray:
     direction = finite("direction", values, shape)
-    for index in np.argwhere(~np.isin(direction, (-1.0, 0.0, 1.0))):
-        place = f"direction[{', '.join(map(str, index))}]"
-        raise SamplesError(f"{direction[tuple(index)]:g}", "-1, 0 or 1", where=place)
-    return direction
+    return _checked("direction", direction, ~np.isin(direction, (-1.0, 0.0, 1.0)), "-1, 0 or 1")
 
 
 def _temperatures(values: ArrayLike, n: int) -> FloatArray:
     temperature, (low, high) = finite("temperature", values, (n,)), TEMPERATURES
-    for row in np.flatnonzero((temperature < low) | (temperature > high)):
-        found, expected = f"{temperature[row]:g}", f"°C, from {low:g} to {high:g}"
-        raise SamplesError(found, expected, where=f"temperature[{row}]")
-    return temperature
+    beyond = (temperature < low) | (temperature > high)
+    return _checked("temperature", temperature, beyond, f"°C, from {low:g} to {high:g}")
 
 
 def _pixels(values: ArrayLike, n: int) -> FloatArray:
@@ -431,17 +365,8 @@ def _no_rotation(where: str) -> SamplesError:
 
 
 def rotation_matrix(name: str, values: ArrayLike) -> FloatArray:
-    """Read-only copy (3, 3) of a rotation.
-
-    Raises:
-        SamplesError: something else; ``name`` says where.
-    """
+    """Read-only copy (3, 3) of a rotation."""
     matrix = finite(name, values, (3, 3))
     if not are_rotations(matrix[None]).all():
         raise _no_rotation(name)
     return matrix
-
-
-def _joined(arrays: Sequence[FloatArray | None]) -> FloatArray | None:
-    present = [array for array in arrays if array is not None]
-    return _frozen(np.concatenate(present)) if present else None

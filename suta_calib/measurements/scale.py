@@ -62,15 +62,7 @@ class LengthScale:
 
 
 def read_stretch(section: YamlSection, scale: LengthScale | None) -> float | None:
-    """``stretch`` of a file: the prior of the stretch along x and y, a ratio; None where fixed.
-
-    Args:
-        section: of the file.
-        scale: what `read_scale` has read of it.
-
-    Raises:
-        InputError: neither free nor fixed; names the line and the key.
-    """
+    """``stretch`` of a file: the prior of the stretch along x and y, a ratio; None where fixed."""
     printed = scale is not None and scale.grade == "printed"
     choice = section.choice("stretch", ("free", "fixed"), "free" if printed else "fixed")
     if choice == "fixed":
@@ -78,27 +70,24 @@ def read_stretch(section: YamlSection, scale: LengthScale | None) -> float | Non
     return scale.std if scale is not None and scale.std > 0 else GRADES["printed"]
 
 
-def stretch_row(stretch: float | None, scale: LengthScale | None) -> dict[str, str]:
-    """The key ``stretch`` of a file, where it is not the default."""
+def scale_row(scale: LengthScale | None, stretch: float | None) -> dict[str, Any]:
+    """The keys ``grade``, ``scale_ppm`` and ``stretch`` of a file, but for defaults."""
     printed = scale is not None and scale.grade == "printed"
+    row = {} if scale is None else scale.row()
     if printed == (stretch is not None):
-        return {}
-    return {"stretch": "fixed" if printed else "free"}
+        return row
+    return row | {"stretch": "fixed" if printed else "free"}
 
 
 def read_scale(section: YamlSection) -> LengthScale | None:
-    """``grade`` and ``scale_ppm`` of a file or a row; None where it has neither.
-
-    Raises:
-        InputError: another grade, or a number that is no scale; names the line and the key.
-    """
+    """``grade`` and ``scale_ppm`` of a file or a row; None where it has neither."""
     if "grade" not in section and "scale_ppm" not in section:
         return None
     grade = section.choice("grade", GRADES) if "grade" in section else ""
     if "scale_ppm" not in section:
         return LengthScale.of_grade(grade)
     ppm = section.number("scale_ppm", "non-negative")
-    # Largest standard deviation of a scale that a file may state: 10 %, beyond which it is a unit.
+    # 10 %, beyond which it is a unit.
     largest_ppm = 1e5
     if ppm > largest_ppm:
         raise section.refuse(
@@ -135,3 +124,4 @@ STRETCH: Final = Field(
     "its scale (5,000 ppm without grade and scale_ppm). The default is free for the grade "
     "printed, else fixed.",
 )
+BODY_KEYS: Final = Fields(*SCALE_KEYS, STRETCH)

@@ -59,8 +59,6 @@ def read_yaml(path: str | Path, error: type[InputError] = InputError) -> YamlDoc
             where there is one.
     """
     path = Path(path)
-    # What reads YAML is imported where there is some.
-
     data, lines = plain_data(path, read_text(path, error), error)
     return YamlDocument(path, data, lines)
 
@@ -181,9 +179,8 @@ class YamlSection(Displayable):
     def bits(self, key: str, minimum: int) -> int:
         """Of an encoder."""
         value = self.integer(key, minimum)
-        most_bits = 52
-        if value > most_bits:
-            raise self.refuse(str(value), f"at most {most_bits} bits", at=(key,))
+        if value > 52:
+            raise self.refuse(str(value), "at most 52 bits", at=(key,))
         return value
 
     def position(self, key: str) -> FloatArray:
@@ -283,8 +280,7 @@ def shown(value: Any) -> str:
     if isinstance(value, (list, dict)):
         return f"{'a' if value else 'an empty'} {'list' if isinstance(value, list) else 'mapping'}"
     text = repr(value)
-    longest_quote = 60
-    return text if len(text) <= longest_quote else f"{text[:longest_quote]}…"
+    return text if len(text) <= 60 else f"{text[:60]}…"
 
 
 def _written(keys: KeyPath) -> str:

@@ -45,16 +45,7 @@ _PLAIN: Final = {
 def plain_data(
     path: Path, text: str, error: type[InputError]
 ) -> tuple[dict[str, Any], dict[KeyPath, int]]:
-    """What a YAML text says, whose top level is a mapping, and the line of every key, from 1.
-
-    Args:
-        path: of the file, for messages.
-        text: of it.
-        error: what is raised.
-
-    Raises:
-        InputError: as of `yaml_file.read_yaml`.
-    """
+    """What a YAML text says, whose top level is a mapping, and the line of every key, from 1."""
     if len(text) > MOST_BYTES:
         excess, expected = f"{len(text):,} characters", f"at most {MOST_BYTES:,}"
         raise error(excess, expected, file=path, hint="long tables belong into a CSV file")
@@ -71,11 +62,7 @@ def plain_data(
 
 
 def _graph(path: Path, text: str, error: type[InputError]) -> Node:
-    """The graph, by libyaml where it is installed; or what is wrong, and where.
-
-    Raises:
-        RecursionError: lists nested far too deeply.
-    """
+    """The graph, by libyaml where it is installed; or what is wrong, and where."""
     refused = yaml.YAMLError()
     # What libyaml refuses, the reader in Python refuses with better words.
     for base in (*([yaml.CSafeLoader] if yaml.__with_libyaml__ else []), yaml.SafeLoader):

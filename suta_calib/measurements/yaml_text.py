@@ -15,13 +15,7 @@ add_rules(_DUMPER)
 
 
 def yaml_text(data: Mapping[str, Any], comment: str = "", *, one_line: bool = False) -> str:
-    """A mapping as YAML; a list or mapping below it that holds no mapping is on one line.
-
-    Args:
-        data: mappings, lists, texts, numbers and truth values.
-        comment: above it, one line or several.
-        one_line: whether the whole mapping is on one line.
-    """
+    """A mapping as YAML; a list or mapping below it that holds no mapping is on one line."""
     lines = "".join(f"# {line}\n" for line in comment.splitlines())
     node = _node(data, top=not one_line)
     # Long texts are not folded.
@@ -42,3 +36,12 @@ def _node(value: Any, *, top: bool = False) -> yaml.Node:
     if isinstance(value, str) and not value.isprintable():
         scalar.style = '"'
     return scalar
+
+
+def rounded(value: Any) -> Any:
+    """The same with every float rounded to 1e-9, without negative zeros."""
+    if isinstance(value, dict):
+        return {key: rounded(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [rounded(item) for item in value]
+    return round(value, 9) + 0.0 if isinstance(value, float) else value

@@ -19,10 +19,9 @@ from scipy.special import chdtri
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 
 TRIES: Final = 300
-# Rows on which all models are tried, and how many of the best are then tried on all; the same
-# authors begin with parts of as many.
+# Rows on which all models are tried before the best 40 of them are tried on all; the same authors
+# begin with parts of as many.
 SCREENING: Final = 300
-SCREENED: Final = 40
 # Rows that tell models apart as well as more do; so many Rousseeuw and Van Driessen take of more.
 MOST_ROWS: Final = 1_500
 # Probability that a set without outliers loses a row.
@@ -69,14 +68,12 @@ def find_consensus(
     if len(rows) > SCREENING:
         screened = rows[np.linspace(0, len(rows) - 1, SCREENING).astype(np.intp)]
         part = min(len(screened), (len(screened) + needed + 1) // 2)
-        samples = samples[_best(_score(residuals(propose(samples), screened), part), SCREENED)]
+        samples = samples[_best(_score(residuals(propose(samples), screened), part), 40)]
     every = residuals(propose(samples), rows)
-    refined = 8
-    best = _best(_score(every, half), refined)
+    best = _best(_score(every, half), 8)
     basis, norms = [*samples[best]], every[best]
     kinds, going = norms.shape[-1], np.arange(len(norms))
-    concentrations = 20
-    for _ in range(concentrations):
+    for _ in range(20):
         scale = _scale(norms, half)[going]
         distance = np.sum((norms[going] / scale[:, None, :]) ** 2, axis=-1)
         order = np.argsort(distance, axis=-1, kind="stable")[:, :half]
@@ -137,10 +134,7 @@ def _drawn(groups: bytes, size: int, seed: int) -> IntArray:
 
 
 def outlier_limit(count: int, kinds: int) -> float:
-    """Squared distance, in units of the scatter, beyond which a row is an outlier.
-
-    Such that a set of ``count`` rows without outliers loses none with probability 1 - FALSE_ALARM.
-    """
+    """Squared distance, in units of the scatter, that a set of ``count`` inliers hardly exceeds."""
     return float(chdtri(DIMENSION * kinds, FALSE_ALARM / count))
 
 

@@ -78,10 +78,7 @@ def _variances(
     order: IntArray,
     rests: IntArray,
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Variance (p, p) of the pull of one group of components, and that of independent rows.
-
-    None where they leave nothing that would tell.
-    """
+    """Variance (p, p) of one group's pull, and of independent rows'; None where nothing is left."""
     n, size, unknowns = jacobian.shape
     count = np.bincount(rests).astype(float)
     groups = len(count)
@@ -160,9 +157,7 @@ def _rank(jacobian: FloatArray) -> int:
 def embedded(rotation: FloatArray, position: FloatArray) -> FloatArray:
     """Poses as points (n, 12) of a space, whose distances are those of places and turns, rad.
 
-    Args:
-        rotation: (n, 3, 3).
-        position: (n, 3) in units of the extent, so that 1 is far.
+    Positions are in units of the extent, so that 1 is far.
     """
     return np.hstack([position, rotation.reshape(-1, 9) / np.sqrt(2.0)])
 
@@ -199,15 +194,9 @@ def _kernels(
 def _restricted(
     covariance: FloatArray, slope: FloatArray, mean: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Logarithm of the restricted likelihood of rows, and the factor on their covariance.
+    """Restricted log-likelihood (k, v) of rows, seen in v ways, and the factor on their covariance.
 
-    Args:
-        covariance: (k, n, n) that may be.
-        slope: (v, n, d, p) of the rows, as they may be seen.
-        mean: (v, n, d) of them.
-
-    Returns:
-        (k, v) each; a likelihood of nothing where the rows leave nothing.
+    Covariances are (k, n, n), slopes (v, n, d, p), means (v, n, d).
     """
     views, n, size, unknowns = slope.shape
     # NumPy's for all of it: to import SciPy's triangular solver takes longer than it would save.
@@ -231,14 +220,11 @@ def _restricted(
     power = np.einsum("kvnd,vnd->kv", solved[..., ends:], mean)
     power -= np.sum(np.where(determined, sums**2 / values, 0.0), axis=2)
     scale = np.maximum(power, 1e-300) / np.maximum(freedom, 1)
-    log_determinant = (
-        2.0 * size * np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
-    )
-    # Unit of an unknown of which nothing is told.
-    untold = 1e149
-    lengths = np.log(np.where(unit < untold, unit, 1.0)).sum(axis=2)
+    log_determinant = np.log(np.diagonal(factor, axis1=1, axis2=2)).sum(axis=1)[:, None]
+    # An unknown of which nothing is told has no unit.
+    lengths = np.log(np.where(unit < 1e149, unit, 1.0)).sum(axis=2)
     fitted = np.log(values).sum(axis=2) - 2.0 * lengths
-    likelihood = -0.5 * (log_determinant + fitted + freedom * np.log(scale))
+    likelihood = -size * log_determinant - 0.5 * (fitted + freedom * np.log(scale))
     return np.where(freedom < 1, -np.inf, likelihood), scale
 
 

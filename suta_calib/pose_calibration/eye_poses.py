@@ -80,11 +80,9 @@ class EyePoses:
     @property
     def unsure(self) -> str:
         """How badly X is known, as the beginning of a sentence; empty where it is well known."""
-        # Standard deviations of X, m and rad, beyond which more poses are asked for.
-        unsure = 2e-3
-        unsure_turn = from_deg(0.5)
         displaced, turned = self.displaced_turned
-        if displaced <= unsure and turned <= unsure_turn:
+        # Beyond these more poses are asked for.
+        if displaced <= 2e-3 and turned <= from_deg(0.5):
             return ""
         return f"X is known to ± {mm(displaced):.1f} mm and ± {deg(turned):.2f}° only (one sigma)"
 

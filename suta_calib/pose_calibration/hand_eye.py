@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Final, NamedTuple, get_args
+from typing import Any, Final, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,21 +18,26 @@ from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
     rotation_from_vector,
-    tangent_of_vector,
+    tangent_of_poses,
     vector_from_rotation,
 )
 from suta_calib.measurements.pose_files import PosePairs
+from suta_calib.measurements.scale import PPM, LengthScale
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
-from suta_calib.pose_calibration.constant_poses import refuse_constant
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
-from suta_calib.pose_calibration.hand_eye_causes import refuse_misread, refuse_strangers
+from suta_calib.pose_calibration.hand_eye_causes import (
+    refuse_constant,
+    refuse_misread,
+    refuse_strangers,
+)
 from suta_calib.pose_calibration.inputs import checked_poses, error_context
-from suta_calib.pose_calibration.noise_made import noise_made_directions
-from suta_calib.pose_calibration.robot_noise import EYE, TARGET, RobotNoise
+from suta_calib.pose_calibration.robot_noise import EYE, TARGET, RobotNoise, noise_made_directions
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
 from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
 from suta_calib.showing import Displayable
+from suta_calib.solver.covariance import observed_parts
+from suta_calib.solver.problem import Problem
 from suta_calib.terms.hand_eye_start import (
     EYE_IN_HAND,
     EYE_TO_HAND,
@@ -50,16 +55,13 @@ from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, text
 
-# Pairs that determine X, and pairs of a minimal sample: one more, against small turns.
+# Pairs that determine X.
 NEEDED: Final = 3
-SAMPLE: Final = 4
-LEAST_POSES: Final = 3
 # What makes X known.
 ADVICE: Final = "turn the hand about at least two axes that are not parallel"
-# Pairs below which positions can be fitted so well that they would seem exact; then this, in units
-# of the extent, is the least that they are taken to scatter, and no pair can be judged by others.
+# Pairs below which positions can be fitted so well that they would seem exact: no pair can be
+# judged by others then.
 FEW_PAIRS: Final = 8
-FINEST_POSITION: Final = 5e-4
 # What X and Z are another by, where it is moved.
 MAY_MOVE: Final[dict[EyeSetup, dict[str, str]]] = {
     EYE_IN_HAND: {
@@ -139,9 +141,9 @@ class HandEyeCalibration(Displayable, EyePoses, RobustAnswer):
     def _std_without_far_sight(self) -> float:
         """Standard deviation of X's position but for `far_sight`, m, 3-D."""
         evidence = self.evidence(DepthScale.name)
-        moves = np.zeros(3) if evidence is None else self.length * evidence.moves[:3]
-        more = 0.0 if evidence is None else 1.0 + 1.0 / evidence.significance**2
-        by_it = more * float(moves @ moves)
+        assert evidence is not None
+        moves = self.length * evidence.moves[:3]
+        by_it = (1.0 + 1.0 / evidence.significance**2) * float(moves @ moves)
         return math.sqrt(max(float(np.trace(self.covariance[:3, :3])) - by_it, 0.0))
 
     @property
@@ -230,9 +232,9 @@ def calibrate_hand_eye(
         raise SamplesError(
             f"{len(A[1])} poses of the hand and {len(B[1])} of the target", "as many of each"
         )
-    if len(A[1]) < LEAST_POSES:
+    if len(A[1]) < NEEDED:
         raise SamplesError(
-            f"{len(A[1])} pairs of poses", f"at least {LEAST_POSES}, turned about different axes"
+            f"{len(A[1])} pairs of poses", f"at least {NEEDED}, turned about different axes"
         )
     refuse_constant(A, B)
     A = as_eye_in_hand(A, setup)
@@ -246,21 +248,16 @@ def calibrate_hand_eye(
     other = next(name for name in get_args(EyeSetup) if name != setup)
     refuse_misread(start, scaled, target, length, other, start_from, rule)
     noise = RobotNoise(scaled, target, finest_turn)
-    floors = (FINEST_POSITION if few else 0.0, finest_turn)
+    # In units of the extent few positions are taken to scatter by this at least.
+    floors = (5e-4 if few else 0.0, finest_turn)
     fit = robust_fit(noise.make, start, floors, robust=robust, revise=noise.revise)
     if noise.moves_targets and not noise.explains(fit):
         noise.forget()
         fit = robust_fit(noise.make, start, floors, robust=robust)
     made_by_noise = noise_made_directions(fit, noise)
     refuse_strangers(fit, start, A[0], length, made_by_noise)
-    refuse_undetermined(
-        fit.solution,
-        EYE,
-        "X",
-        ADVICE,
-        axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1]),
-        made_by_noise,
-    )
+    axis = axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1])
+    refuse_undetermined(fit.solution, EYE, "X", ADVICE, axis, made_by_noise)
     failed = list[str]()
     answer = fit.examined(length, "pairs", MAY_MOVE[setup])
     weighed = weigh(answer, failed)
@@ -275,8 +272,7 @@ def calibrate_hand_eye(
     X = rotation_from_vector(x[3:6]), x[:3] * length
     Z = rotation_from_vector(x[9:12]), x[6:9] * length + centre
     loops = loop_closures(A, X, B)
-    jacobian = np.diag(np.tile(np.repeat([length, 1.0], 3), 2))
-    jacobian[3:6, 3:6], jacobian[9:, 9:] = tangent_of_vector(x[3:6]), tangent_of_vector(x[9:12])
+    jacobian = tangent_of_poses(x, length)
     return HandEyeCalibration(
         setup=setup,
         model=model,
@@ -313,26 +309,40 @@ def _copies(A: Poses, B: Poses, fit: RobustFit) -> int:
     return len(rows) - len(np.unique(together(np.hstack(numbers)[rows], 1.0)))
 
 
-def hand_eye_from_pairs(
-    pairs: PosePairs,
-    *,
-    setup: EyeSetup = EYE_IN_HAND,
-    model: Model = "AX=XB",
-    robust: bool = True,
-    seed: int = 0,
-) -> HandEyeCalibration:
-    """`calibrate_hand_eye` of a file: its errors name it, its assessment knows what it found."""
+def with_scale(answer: HandEyeCalibration, scale_ppm: float) -> HandEyeCalibration:
+    """The same with what one factor on all that the eye sees does, in the covariance.
+
+    A target of another size than its file says puts all that is seen nearer or farther. X follows,
+    and where distances hardly differ no residual shows it. Where the residuals show that distances
+    are off, the covariance allows for that already.
+
+    Args:
+        answer: from pairs of poses.
+        scale_ppm: standard deviation of the factor on what was seen, against what the hand moved,
+            1e-6.
+    """
+    if answer.far_sight or scale_ppm == 0.0:
+        return answer
+    solution, scale = answer.solution, LengthScale(scale_ppm * PPM)
+    problem = Problem([replace(term, scale=scale) for term in solution.problem.terms])
+    part = observed_parts(problem, solution.x, solution.sigmas, solution.free).of_scale
+    jacobian = tangent_of_poses(solution.x[:12], answer.length)
+    return replace(answer, covariance=answer.covariance + jacobian @ part @ jacobian.T)
+
+
+def hand_eye_from_pairs(pairs: PosePairs, **options: Any) -> HandEyeCalibration:
+    """`calibrate_hand_eye` of a file, with its options: errors name it, so do notes on its unit."""
     with error_context(pairs.path):
-        answer = calibrate_hand_eye(
-            pairs.hand, pairs.target, setup=setup, model=model, robust=robust, seed=seed
-        )
+        answer = calibrate_hand_eye(pairs.hand, pairs.target, **options)
     return replace(answer, notes=pairs.unit_notes)
 
 
 def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
     """What most pairs agree on; all of them without a seed, or where they are too few to tell."""
     n = len(A[1])
-    if seed is None or n <= SAMPLE:
+    # Pairs of a minimal sample: one more than needed, against small turns.
+    sample = 4
+    if seed is None or n <= sample:
         X = quaternion_hand_eye(A, B)
         Z = close_the_loop(A, X, B)
         R, p = loop_closures(A, X, B)
@@ -345,7 +355,7 @@ def _start(A: Poses, B: Poses, seed: int | None) -> Consensus:
     def residuals(X: Poses, rows: IntArray) -> FloatArray:
         return _norms((A[0][rows], A[1][rows]), (B[0][rows], B[1][rows]), X)
 
-    samples = minimal_samples(np.zeros(n, dtype=np.intp), SAMPLE, seed)
+    samples = minimal_samples(np.zeros(n, dtype=np.intp), sample, seed)
     return find_consensus(n, samples, propose, residuals, NEEDED)
 
 

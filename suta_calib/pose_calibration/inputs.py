@@ -54,7 +54,7 @@ def _checked(values: ArrayLike, shape: tuple[int, ...], where: str) -> FloatArra
         array = np.array(values, dtype=float)
     except (TypeError, ValueError) as problem:
         raise SamplesError(f"no array of numbers ({problem})", where=where) from None
-    if array.ndim != 1 + len(shape) or array.shape[1:] != shape:
+    if array.shape[1:] != shape:
         expected = ", ".join(map(str, ("n", *shape)))
         raise SamplesError(f"shape {array.shape}", f"({expected})", where=where)
     for index in np.argwhere(~np.isfinite(array)):
@@ -69,9 +69,6 @@ def error_context(file: Path | None = None, where: str = "") -> Iterator[None]:
     Args:
         file: the file; an error that names one already keeps it.
         where: put before the place the error names, such as ``frame 3``.
-
-    Raises:
-        SamplesError: an `InputError` was raised within; says the same, and the place.
     """
     try:
         yield

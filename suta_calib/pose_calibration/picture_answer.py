@@ -31,32 +31,17 @@ from suta_calib.words import listed
 
 # Times what the camera alone leaves from where on it is the robot that leaves the rest.
 ROBOTS: Final = 2.0
-# Share by which a board's size may be off before it is asked for: arms' lengths err by less.
-MISPRINTED: Final = 0.01
 # Focal lengths and principal point among the intrinsics.
 PAIRS: Final = (slice(0, 2), slice(2, 4))
-# Times by which X is better known with the intrinsics held, from which on it is told.
-WORTH_HOLDING: Final = 1.2
 COUNTED: Final = "Pixels are counted from 0 at the centre of the first one."
 
 
 @dataclass(frozen=True, eq=False)
 class HeldIntrinsics:
-    """X as it would be with the intrinsics held at what the camera's file says.
-
-    Attributes:
-        X: (4, 4).
-        std: (6,) as `EyePoses.std` has it, the file's own ± counted.
-    """
+    """X (4, 4) with the intrinsics held at what the camera's file says; `std` as in `EyePoses`."""
 
     X: FloatArray
     std: FloatArray
-
-    @property
-    def sizes(self) -> tuple[float, float]:
-        """Standard deviations of the position, m, and of the turn, rad, each over three axes."""
-        displaced, turned = np.linalg.norm(self.std.reshape(2, 3), axis=1)
-        return float(displaced), float(turned)
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -73,8 +58,7 @@ class CameraEstimate(EyePoses):
         if_held: X with the intrinsics held at the file's; None where it says no ± of its own, or
             they were held.
         by_pictures: as the pictures alone tell them, with covariance; where they were held, focal
-            lengths
-            and principal point beside the distortion of the file.
+            lengths and principal point beside the distortion of the file.
         images: (n,) names of its pictures.
         rows: (n,) their rows in the file of poses.
         inliers: (n,) which were fitted.
@@ -131,13 +115,13 @@ class CameraEstimate(EyePoses):
     def board_scale(self) -> float:
         """How many times as large the board must be, or as far the hand must move; 1 if by chance.
 
-        Arms' lengths err by less than `MISPRINTED`. Student's t, for the few turns and places of a
-        few pictures.
+        Student's t, for the few turns and places of a few pictures.
         """
         size = self.board_size
         # Poses of X and Z, and the size of the board.
         freedom = WAYS * int(self.inliers.sum()) - 13
-        if freedom < 1 or abs(size.value - 1.0) < MISPRINTED:
+        # Arms' lengths err by less.
+        if freedom < 1 or abs(size.value - 1.0) < 0.01:
             return 1.0
         limit = float(-stdtrit(freedom, FALSE_ALARM / 2.0))
         return size.value if abs(np.log(size.value)) > limit * size.log_std else 1.0
@@ -202,7 +186,7 @@ class PictureCalibration:
         if not self.solution.converged:
             bad.append(f"The solver did not converge: {self.solution.sentence}.")
         for camera in self.cameras:
-            which = f"Camera {camera.label}: " if len(self.cameras) > 1 else ""
+            which = self._which("Camera", camera)
             more_bad, more_care = _judged(camera, self.noise)
             bad += [which + sentence for sentence in more_bad]
             care += [which + sentence for sentence in more_care]
@@ -212,9 +196,8 @@ class PictureCalibration:
             if level == "good" and (better := _better_if_held(camera)):
                 facts.append(which + better)
         sentence = "; ".join(
-            f"{f'camera {camera.label}: ' if len(self.cameras) > 1 else ''}"
-            f"{camera.accuracy_text}, by {int(camera.inliers.sum())} of "
-            f"{len(camera.inliers)} pictures"
+            f"{self._which('camera', camera)}{camera.accuracy_text}, "
+            f"by {int(camera.inliers.sum())} of {len(camera.inliers)} pictures"
             for camera in self.cameras
         )
         return Assessment.of(
@@ -224,13 +207,15 @@ class PictureCalibration:
             facts=facts,
         )
 
+    def _which(self, word: str, camera: CameraEstimate) -> str:
+        return f"{word} {camera.label}: " if len(self.cameras) > 1 else ""
+
 
 def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
     """What the pictures say against the camera's file, and whether it calls for care.
 
-    Pictures that put the principal point elsewhere by more than chance are told; care is asked for
-    where what is known of the file's own errors does not explain it either, and wherever X follows
-    the file.
+    Care is asked for where what is known of the file's own errors does not explain it either, and
+    wherever X follows the file.
     """
     by_pictures, given = camera.by_pictures, camera.given
     assert by_pictures.covariance is not None
@@ -245,10 +230,8 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
     change = by_pictures.intrinsics - given.intrinsics
     stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
     if camera.held:
-        off = [
-            pair for pair in PAIRS if _significant(change[pair], by_pictures.covariance[pair, pair])
-        ]
-        return (_held_against(camera, given), "care") if off else ("", "good")
+        off = [_significant(change[pair], by_pictures.covariance[pair, pair]) for pair in PAIRS]
+        return (_held_against(camera, given), "care") if any(off) else ("", "good")
     prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
     expected = stated if given.covariance is not None else np.diag(prior**2)
     for pair in PAIRS:
@@ -268,8 +251,10 @@ def _better_if_held(camera: CameraEstimate) -> str:
     """How well X would be known with the intrinsics held, where that is worth a word."""
     if camera.if_held is None:
         return ""
-    (shift, turn), (held_shift, held_turn) = camera.displaced_turned, camera.if_held.sizes
-    if shift < WORTH_HOLDING * held_shift and turn < WORTH_HOLDING * held_turn:
+    (shift, turn) = camera.displaced_turned
+    held_shift, held_turn = np.linalg.norm(camera.if_held.std.reshape(2, 3), axis=1)
+    # Worth a word where X is so many times better known.
+    if shift < 1.2 * held_shift and turn < 1.2 * held_turn:
         return ""
     return (
         "If the ± of the intrinsics in the camera's file is right, --intrinsics fixed gives X "
@@ -310,12 +295,11 @@ def _significant(change: FloatArray, covariance: FloatArray) -> bool:
 
 def _contradiction(camera: CameraEstimate, given: Camera) -> str:
     changes, other = [], False
-    # Relative departure of a focal length that no calibration of the same pictures has.
-    other_pictures = 0.1
     for key in ("fx", "fy", "cx", "cy"):
         before, after = given.values[key], camera.camera.values[key]
         changes.append(f"{key} {before:.1f} → {after:.1f}")
-        other |= key[0] == "f" and abs(after / before - 1.0) > other_pictures
+        # No calibration of the same pictures changes a focal length by as much.
+        other |= key[0] == "f" and abs(after / before - 1.0) > 0.1
     what = "is the file of pictures of another size?" if other else "X follows the pictures."
     return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
@@ -334,10 +318,8 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
             "measure the squares or markers as they were printed (if they are so many times as "
             "large, correct board.yaml), and check the unit and scale of the hand's positions."
         )
-        # Share by which a board is of another size than its file says, from which on X is of no
-        # use.
-        rescaled = 0.05
-        (bad if abs(camera.board_scale - 1.0) > rescaled else care).append(sentence)
+        # X is of no use from this share on.
+        (bad if abs(camera.board_scale - 1.0) > 0.05 else care).append(sentence)
     if fitted < ENOUGH:
         care.append(
             f"Only {fitted} pictures: the standard deviations are guesses themselves, and a wrong "

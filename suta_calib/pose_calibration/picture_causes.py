@@ -25,14 +25,7 @@ from suta_calib.terms.hand_eye_start import (
 def cause_of_disagreement(
     term: CameraView, corners: Corners, given: Camera | None, seed: int
 ) -> tuple[str, str]:
-    """What is wrong with pictures that agree with no X, and what to do; empty if unknown.
-
-    Args:
-        term: of all pictures of one camera.
-        corners: in them.
-        given: the camera's file.
-        seed: of the minimal samples.
-    """
+    """What is wrong with pictures that agree with no X, and what to do; empty if unknown."""
     hand, board = _usable_poses(term)
     scale = _scale(as_eye_in_hand(hand, term.setup), board)
     # Ratio of two sizes that no measuring error explains.
@@ -55,6 +48,7 @@ def cause_of_disagreement(
     try:
         estimated = camera_alone(corners, term.board)
     except InputError:
+        return "", ""
         return "", ""
     before, after = given.values["fx"], estimated.values["fx"]
     # Of two focal lengths of one camera, another focus.

@@ -6,7 +6,7 @@ picture, value and gradient take no more than a product of six by six matrices f
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -17,9 +17,8 @@ from suta_calib.arrays import BoolArray, FloatArray
 # A hand's pose is wrong in three directions and three turns.
 DIRECTIONS: Final = 3
 WAYS: Final = 2 * DIRECTIONS
-# Logarithms: step of the differences, and how far a level may move in one round.
+# Step of the differences of logarithms.
 STEP: Final = 0.1
-FARTHEST: Final = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +45,7 @@ class Sums:
 
     def without(self, part: Sums) -> Sums:
         """Over the corners that are not in ``part``, which are among these."""
-        return Sums(
-            self.count - part.count,
-            self.jj - part.jj,
-            self.jr - part.jr,
-            self.rr - part.rr,
-            self.pj - part.pj,
-            self.pr - part.pr,
-            self.pp - part.pp,
-        )
+        return Sums(*(getattr(self, f.name) - getattr(part, f.name) for f in fields(self)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +78,17 @@ class PriorKnowledge:
         added, scatter = np.split(levels**2, [len(self.groups)])
         unit = np.where(self.shared.any(axis=0), scatter @ self.shared, 1.0)
         return self.precision / (1.0 + added @ self.groups) / unit
+
+    def with_shared(self, count: int) -> PriorKnowledge:
+        """The same with so many coefficients of shared errors: three and three in turn."""
+        sorts = np.tile(np.repeat(np.eye(2, dtype=np.bool_), DIRECTIONS, axis=1), count // WAYS)
+        return replace(
+            self,
+            precision=np.concatenate([self.precision, np.ones(count)]),
+            away=np.pad(self.away, (0, count)),
+            groups=np.pad(self.groups, ((0, 0), (0, count))),
+            shared=np.pad(sorts[: 2 if count else 0], ((0, 0), (len(self.precision), 0))),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,7 +199,8 @@ class Likelihood:
             here = self.at(eta)
             return here.value, self.gradient(eta, here)
 
-        bounds = [(level - FARTHEST, level + FARTHEST) for level in start.tolist()]
+        # How far a level may move in one round.
+        bounds = [(level - 3.0, level + 3.0) for level in start.tolist()]
         minimum = minimize(value_and_gradient, start, jac=True, method="L-BFGS-B", bounds=bounds)
         return np.asarray(minimum.x, dtype=np.float64)
 

@@ -39,8 +39,6 @@ from suta_calib.terms.hand_eye_start import EYE_IN_HAND
 # predicts as well: folds dealt in another way change the ratio of two models by as much.
 AS_GOOD: Final = 1.02
 FOLDS: Final = 10
-# Poses of the hand from which on pictures are left out: fewer leave too few to calibrate.
-ENOUGH: Final = 6
 # Of the order in which poses are dealt into folds.
 SEED: Final = 0
 
@@ -105,13 +103,9 @@ class Chosen:
 
 @dataclass(frozen=True, eq=False)
 class _Placing:
-    """A step that follows from another one and from the pixels: ``M step - L Jᵀr``.
+    """A step that follows from another one and from the pixels: ``M step - L Jᵀr``."""
 
-    Attributes:
-        by_step: M (p, p).
-        by_pixels: L (p, p).
-    """
-
+    # M and L, (p, p).
     by_step: FloatArray
     by_pixels: FloatArray
 
@@ -196,11 +190,9 @@ def choose_model(
 
 
 def _by_pixels(jj: FloatArray, placed: BoolArray) -> _Placing:
-    """Some unknowns (p,) placed where the pixels are best, the others as they are.
+    """The unknowns ``placed`` (p,) where the pixels are best, the others as they are.
 
-    Args:
-        jj: (p, p) of the reprojection errors, JᵀJ.
-        placed: which.
+    The reprojection errors have JᵀJ = jj (p, p).
     """
     mine = jj[np.ix_(placed, placed)]
     unit = 1.0 / np.sqrt(np.maximum(np.diag(mine), 1e-300))
@@ -217,7 +209,8 @@ def _errors(
 ) -> dict[ErrorModel, ReprojectionError]:
     """Errors of every model, of pictures that are fitted and that are left out."""
     hands = np.unique(np.concatenate([part.hand for part in rows.parts]))
-    if len(hands) < ENOUGH:
+    # Fewer poses of the hand leave too few to calibrate.
+    if len(hands) < 6:
         return {}
     p = len(frames.base)
     fold = np.full(len(rows.shared), -1)

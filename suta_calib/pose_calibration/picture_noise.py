@@ -34,7 +34,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
 from suta_calib.pose_calibration.correlation import common_covariance
 from suta_calib.pose_calibration.picture_likelihood import (
-    DIRECTIONS,
     WAYS,
     Likelihood,
     LikelihoodPoint,
@@ -49,9 +48,8 @@ from suta_calib.solver.weights import CAMERA, Learned, prior_groups
 from suta_calib.terms import CameraView
 from suta_calib.terms.intrinsics import HELD
 
-# Linearisations, until a step is shorter than this part of its standard deviation.
+# Linearisations at most.
 ROUNDS: Final = 10
-SETTLED: Final = 1e-3
 # Corners' σ, px, and the hand's τ, m and rad, from where the search begins.
 BEGIN: Final = (0.1, 1e-4, 1e-4)
 
@@ -127,16 +125,7 @@ class Weighed:
 
 @dataclass(frozen=True, eq=False)
 class _Settled:
-    """Where the search for unknowns and levels has ended.
-
-    Attributes:
-        problem: with the boards as large as they came out.
-        x: (n,) its parameters.
-        eta: the levels.
-        rows: the corners about x less the last step.
-        likelihood: of them.
-        here: of the levels.
-    """
+    """Unknowns x (n,) and levels of largest likelihood; rows are about x less the last step."""
 
     problem: Problem
     x: FloatArray
@@ -155,16 +144,9 @@ def _settled(
     eta: FloatArray | None = None,
     rounds: int = ROUNDS,
 ) -> _Settled:
-    """Unknowns and levels of largest likelihood.
+    """Unknowns and levels of largest likelihood, from a start near the answer.
 
-    Args:
-        problem: of the pictures of every camera, as its job gives it.
-        start: (n,) near the answer.
-        free: indices of what is estimated.
-        hands: poses of the hand.
-        boards: those whose size is estimated too, by label; how well it is known, as a part of it.
-        eta: the levels to begin from.
-        rounds: linearisations at most.
+    The sizes of ``boards`` are estimated too: by label, how well each is known, as a part of it.
     """
     x, sizes = start.copy(), np.zeros(len(boards))
     unknown, count = np.append(free, len(x) + np.arange(len(boards))), len(free)
@@ -173,22 +155,20 @@ def _settled(
     precision = np.concatenate([problem.prior_precision(), known_sizes])[unknown]
     groups = np.pad(_camera_groups(problem), ((0, 0), (0, len(boards))))[:, unknown]
     groups = groups[groups.any(axis=1)]
-    shared = _shared_groups(hands.shared.shape[2])
-    precision = np.concatenate([precision, np.ones(shared.shape[1])])
-    groups = np.pad(groups, ((0, 0), (0, shared.shape[1])))
-    shared = np.pad(shared, ((0, 0), (len(unknown), 0)))
+    away, none = np.zeros(len(unknown)), np.zeros((0, len(unknown)), dtype=np.bool_)
+    prior = PriorKnowledge(precision, away, groups, WeightOptions().camera, none)
+    prior = prior.with_shared(hands.shared.shape[2])
     cameras = len(problem.terms)
     if eta is None:
         begin = [*([BEGIN[0]] * cameras), *BEGIN[1:], *([1.0] * len(groups))]
-        eta = np.log([*begin, *BEGIN[1 : 1 + len(shared)]])
+        eta = np.log([*begin, *BEGIN[1 : 1 + len(prior.shared)]])
     weights: list[FloatArray] | None = None
     now = problem
     for _ in range(rounds):
         rows = PictureRows.about(now, x, free, hands.of_sample, hands.shared, list(boards), weights)
         # What neighbours share is found anew each time: the problem knows nothing of it.
         away = np.concatenate([(x - nominal)[free], sizes])
-        away = np.pad(away, (0, shared.shape[1] - len(unknown)))
-        prior = PriorKnowledge(precision, away, groups, WeightOptions().camera, shared)
+        prior = replace(prior, away=np.pad(away, (0, len(prior.away) - len(away))))
         likelihood = Likelihood(rows.sums, prior)
         before, eta = eta, likelihood.best(eta)
         here = likelihood.at(eta)
@@ -196,7 +176,8 @@ def _settled(
             weights = rows.beliefs(here, np.exp(eta[:cameras]))
         x[free] += here.step[:count]
         std = np.sqrt(np.diag(here.covariance))
-        settled = np.all(np.abs(here.step) <= SETTLED * std, where=np.arange(len(std)) < count)
+        # Until a step is shorter than this part of its standard deviation.
+        settled = np.all(np.abs(here.step) <= 1e-3 * std, where=np.arange(len(std)) < count)
         if boards:
             sizes = sizes + here.step[count : len(unknown)]
             now = _resized(problem, dict(zip(boards, np.exp(sizes).tolist(), strict=True)))
@@ -206,27 +187,8 @@ def _settled(
     return _Settled(now, x, eta, rows, likelihood, here)
 
 
-def _shared_groups(count: int) -> BoolArray:
-    """(2, count) coefficients of displacements and of turns; (0, 0) of none."""
-    if not count:
-        return np.zeros((0, 0), dtype=np.bool_)
-    return np.tile(np.repeat(np.eye(2, dtype=np.bool_), DIRECTIONS, axis=1), count // WAYS)
-
-
-def weigh_pictures(
-    problem: Problem,
-    start: FloatArray,
-    free: IntArray,
-    hands: Hands,
-) -> Weighed:
-    """The unknowns with every picture weighed by how far the hand is off, and how certainly.
-
-    Args:
-        problem: of the pictures of every camera.
-        start: (n,) near the answer, as a solver leaves it, SI and px.
-        free: indices of what is estimated.
-        hands: poses of the hand.
-    """
+def weigh_pictures(problem: Problem, start: FloatArray, free: IntArray, hands: Hands) -> Weighed:
+    """The unknowns with every picture weighed by how far the hand is off, and how certainly."""
     problem = problem.as_given()
     cameras, count = len(problem.terms), len(free)
     alone = replace(hands, shared=hands.shared[:, :, :0])
@@ -272,25 +234,12 @@ def weigh_pictures(
 
 
 def _with_shared(estimate: _Settled, hands: Hands) -> FloatArray | None:
-    """Levels with what poses share, if that makes the corners likely; None where it is chance.
-
-    Args:
-        estimate: with every pose for itself.
-        hands: poses of the hand.
-    """
-    if not hands.shared.shape[2]:
+    """Levels with what poses share, if that makes the corners likelier than ``estimate``."""
+    count = hands.shared.shape[2]
+    if not count:
         return None
-    prior, cameras = estimate.likelihood.known, estimate.likelihood.cameras
-    shared = _shared_groups(hands.shared.shape[2])
-    more = ((0, 0), (0, shared.shape[1]))
-    beliefs = PriorKnowledge(
-        np.concatenate([prior.precision, np.ones(shared.shape[1])]),
-        np.pad(prior.away, more[1]),
-        np.pad(prior.groups, more),
-        prior.spread,
-        np.pad(shared, ((0, 0), (len(prior.precision), 0))),
-    )
-    likelihood = Likelihood(replace(estimate.rows, shared=hands.shared).sums, beliefs)
+    prior, cameras = estimate.likelihood.known.with_shared(count), estimate.likelihood.cameras
+    likelihood = Likelihood(replace(estimate.rows, shared=hands.shared).sums, prior)
     # What each pose had for itself is shared for the most part.
     begin = np.concatenate([estimate.eta, estimate.eta[cameras : cameras + 2]])
     # Part of their errors that poses have for themselves, from where the search begins.
@@ -314,21 +263,12 @@ def _shared_scatter(shared: FloatArray, levels: FloatArray) -> tuple[float, floa
     return size * float(levels[0]), size * float(levels[1])
 
 
-def sizes_of_boards(
-    problem: Problem,
-    weighed: Weighed,
-) -> dict[str, Learned]:
-    """How many times as large as its file says every board is, by the motions of the hand.
+def sizes_of_boards(problem: Problem, weighed: Weighed) -> dict[str, Learned]:
+    """How many times as large as its file says every board is, by label and the hand's motions.
 
     The hand's millimetres are held against the board's: the logarithm of each size is one more
-    unknown of the same likelihood, beside all that was free in ``weighed``.
-
-    Args:
-        problem: of which ``weighed`` is the answer.
-        weighed: what `weigh_pictures` found.
-
-    Returns:
-        By the board's label.
+    unknown of the same likelihood, beside all that was free in ``weighed``, the answer of
+    ``problem``.
     """
     problem, first = problem.as_given(), len(weighed.free)
     targets = dict.fromkeys(t.target for t in problem.terms if isinstance(t, CameraView))
@@ -339,8 +279,7 @@ def sizes_of_boards(
     for rounds in (1, ROUNDS):
         estimate = _settled(problem, weighed.x, weighed.free, hands, boards, weighed.levels, rounds)
         away = (estimate.likelihood.known.away + estimate.here.step)[sizes]
-        # So near, one step is enough.
-        # Such a part that one linearisation tells as well as several.
+        # So near, one linearisation tells as well as several.
         if np.all(np.abs(away) < 5e-3):
             break
     levels = estimate.likelihood.uncertainty(estimate.eta)
@@ -398,12 +337,6 @@ def _in_common(here: LikelihoodPoint, neighbourhoods: Sequence[FloatArray]) -> F
     residual = np.einsum("gij,gj->gi", white, errors) + jacobian @ here.step
     by_itself = np.arange(len(residual), dtype=np.intp)
     return common_covariance(
-        jacobian,
-        residual,
-        np.ones(WAYS),
-        here.covariance,
-        neighbourhoods,
-        by_itself,
-        by_itself,
-        [WAYS],
+        *(jacobian, residual, np.ones(WAYS), here.covariance, neighbourhoods),
+        *(by_itself, by_itself, [WAYS]),
     )

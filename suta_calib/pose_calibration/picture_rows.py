@@ -1,4 +1,4 @@
-"""The corners of every camera about one point, and their sums over pictures.
+"""The corners of every camera about one point, their sums over pictures, and their errors.
 
 What poses of the hand share is one more set of unknowns: ``e_i = F_i b`` (`shared_errors`). Corners
 know of it only by their hand's pose, so that its sums follow from those of the pictures.
@@ -6,16 +6,18 @@ know of it only by their hand's pose, so that its sums follow from those of the 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Final, Self
 
 import numpy as np
+from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.pose_calibration.picture_likelihood import WAYS, LikelihoodPoint, Sums
+from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS, WAYS, LikelihoodPoint, Sums
 from suta_calib.solver.kernel import dense
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
@@ -67,16 +69,9 @@ class PictureRows:
         boards: Sequence[str] = (),
         weights: Sequence[FloatArray] | None = None,
     ) -> Self:
-        """Linearise at x.
+        """Linearise at parameters x, by those that are free and by the sizes of ``boards``.
 
-        Args:
-            problem: of the pictures of every camera.
-            x: its parameters.
-            free: indices of what is estimated.
-            hands: (samples,) pose of the hand of every sample.
-            shared: as above.
-            boards: labels of those whose size is estimated too.
-            weights: (n,) of each camera's corners; 1 without.
+        Each sample has a pose of the hand, by number; corners of each camera have weights or 1.
         """
         parts = []
         lines = problem.linearise(x, problem.assumed_sigmas())
@@ -103,20 +98,11 @@ class PictureRows:
 
     def at_hands(self, chosen: BoolArray) -> PictureRows:
         """The corners seen at some poses of the hand (poses,)."""
-        parts = ((part, chosen[part.hand]) for part in self.parts)
-        return PictureRows(
-            tuple(
-                CameraRows(
-                    part.hand[rows],
-                    part.residual[rows],
-                    part.jacobian[rows],
-                    part.by_pose[rows],
-                    part.weight[rows],
-                )
-                for part, rows in parts
-            ),
-            self.shared,
+        parts = tuple(
+            CameraRows(*(getattr(part, field.name)[chosen[part.hand]] for field in fields(part)))
+            for part in self.parts
         )
+        return PictureRows(parts, self.shared)
 
     @property
     def sums(self) -> Sums:
@@ -179,18 +165,77 @@ class PictureRows:
 
 
 def _by_size(problem: Problem, term: CameraView, every: FloatArray, x: FloatArray) -> FloatArray:
-    """(n, 2) derivative of the residuals by the logarithm of the board's size.
+    """(n, 2) derivative of the residuals by the logarithm of the size of a term's board.
 
-    A point of it moves as the whole board would if it were pushed along the way from its origin.
-
-    Args:
-        problem: of the term.
-        term: whose board it is.
-        every: (n, 2, p) derivative by all unknowns.
-        x: (p,) of them.
+    A point of it moves as the whole board would if it were pushed along the way from its origin:
+    ``every`` (n, 2, p) is the derivative by all unknowns x (p,).
     """
     owner = term.owners[1]
     at = [problem.names.index(f"{owner}.{key}") for key in PLACEMENT]
     turn = rotation_from_vector(x[at[3:]])
     _, point = term.detected
     return np.asarray(np.einsum("nda,na->nd", every[:, :, at[:3]], term.points[point] @ turn.T))
+
+
+@dataclass(frozen=True, eq=False)
+class PictureErrors:
+    """Reprojection errors of a camera's pictures at some values, and what is asked of them.
+
+    Attributes:
+        residual: (m, 2) of every corner, px.
+        picture: (m,) that it is in.
+        by_pose: (m, 2, 6) derivative by the hand's pose, px per m and rad.
+        count: of pictures.
+    """
+
+    residual: FloatArray
+    picture: IntArray
+    by_pose: FloatArray
+    count: int
+
+    @cached_property
+    def rms(self) -> FloatArray:
+        """(count,) root mean square error of the corners of each picture, px."""
+        squared = np.sum(self.residual**2, axis=1)
+        corners = np.bincount(self.picture, minlength=self.count)
+        return np.asarray(np.sqrt(np.bincount(self.picture, squared, self.count) / corners))
+
+    def _posed(self, k: np.intp) -> tuple[FloatArray, FloatArray]:
+        """Pose (6,) that a picture gives the hand, to first order, and the residuals it leaves."""
+        mine = self.picture == k
+        residual = self.residual[mine].ravel()
+        matrix = self.by_pose[mine].reshape(len(residual), WAYS)
+        pose = np.linalg.lstsq(matrix, residual, rcond=None)[0]
+        return pose, residual - matrix @ pose
+
+    @cached_property
+    def by_hand(self) -> FloatArray:
+        """(count, 2) by how much each picture has the hand off, to first order: m and rad."""
+        displacement = np.zeros((self.count, 2))
+        for k in np.unique(self.picture):
+            displacement[k] = np.linalg.norm(self._posed(k)[0].reshape(2, DIRECTIONS), axis=1)
+        return displacement
+
+    def scatter(self, good: BoolArray) -> float:
+        """Of one component, px, by the middle one of the errors in pictures that are believed."""
+        middle = float(np.median(np.linalg.norm(self.residual[good[self.picture]], axis=1)))
+        # Half of all pairs of unit normal components are longer.
+        return max(middle / float(np.sqrt(chdtri(2, 0.5))), FINEST)
+
+    def alone(self, good: BoolArray) -> float:
+        """RMS, px, that is left where every picture may have a pose of its own, to first order."""
+        rests = [self._posed(k)[1] for k in np.flatnonzero(good)]
+        freedom = sum(max(len(rest) - WAYS, 0) for rest in rests)
+        left = sum(float(rest @ rest) for rest in rests)
+        return float(np.sqrt(2.0 * left / freedom)) if freedom else float("nan")
+
+
+def picture_errors(term: CameraView, values: Mapping[str, float]) -> PictureErrors:
+    """Of all pictures, whether they were fitted or not, at parameter values by name."""
+    problem = Problem([term])
+    x = np.array([values[name] for name in problem.names])
+    (line,) = problem.linearise(x, problem.assumed_sigmas())
+    picture = term.blocks[0].samples[:, 0]
+    # The pose may be any: all six ways show in every corner.
+    by_pose = line.by_pose / term.pixel
+    return PictureErrors(line.residual / term.pixel, picture, by_pose, len(term.poses))

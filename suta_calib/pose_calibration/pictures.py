@@ -19,7 +19,7 @@ from suta_calib.geometry.numbers import (
     homogeneous,
     rms_length,
     rotation_from_vector,
-    tangent_of_vector,
+    tangent_of_poses,
     vector_from_rotation,
 )
 from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
@@ -37,7 +37,6 @@ from suta_calib.pose_calibration.picture_answer import (
     PictureCalibration,
 )
 from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose
-from suta_calib.pose_calibration.picture_errors import PictureErrors, picture_errors
 from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS
 from suta_calib.pose_calibration.picture_noise import (
     Hands,
@@ -45,7 +44,7 @@ from suta_calib.pose_calibration.picture_noise import (
     sizes_of_boards,
     weigh_pictures,
 )
-from suta_calib.pose_calibration.picture_rows import FINEST
+from suta_calib.pose_calibration.picture_rows import FINEST, PictureErrors, picture_errors
 from suta_calib.pose_calibration.shared_errors import NOWHERE, shared_errors
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.solver.losses import huber_threshold
@@ -172,13 +171,13 @@ def _freed(solution: Solution, held: Weighed, hands: Hands) -> tuple[Problem, We
     terms = [
         replace(term, free=True) for term in solution.problem.terms if isinstance(term, CameraView)
     ]
-    problem = Problem(terms)
-    values = held.values
-    start = [values.get(p.name, p.nominal) for p in problem.parameters.values()]
+    problem, values = Problem(terms), held.values
+    parameters = list(problem.parameters.values())
+    start = [values.get(p.name, p.nominal) for p in parameters]
     estimated = {held.names[k] for k in held.free}
     free = [
         k
-        for k, p in enumerate(problem.parameters.values())
+        for k, p in enumerate(parameters)
         if p.name in estimated or (p.name not in values and p.key in (*FOCAL, *CENTRE))
     ]
     return problem, weigh_pictures(problem, np.array(start), np.array(free), hands)
@@ -239,8 +238,7 @@ def _settled(
         picture_errors(term, values).scatter(good)
         for term, good in zip(terms, believed, strict=True)
     ]
-    rounds = 8
-    for _ in range(rounds):
+    for _ in range(8):
         fitted = [
             term.take(good).with_noise(
                 Noise(level, huber_threshold(2) * level) if robust else Noise(level)
@@ -295,16 +293,10 @@ def _camera_estimate(
 ) -> CameraEstimate:
     """A camera of the answer; ``freed`` is one with its intrinsics estimated."""
     same_corners = view.camera is not None and term.prior is not None
-    values, parameters = weighed.values, list(weighed.values)
+    values = weighed.values
     eye, board, owner = term.owners
-    names = [f"{frame}.{key}" for frame in (eye, board) for key in PLACEMENT]
-    at = [parameters.index(name) for name in names]
-    covariance = weighed.covariance
-    jacobian = np.eye(12)
-    for k, frame in enumerate((eye, board)):
-        turn = np.array([values[f"{frame}.{key}"] for key in PLACEMENT[3:]])
-        turned = slice(6 * k + 3, 6 * k + 6)
-        jacobian[turned, turned] = tangent_of_vector(turn)
+    at = [weighed.names.index(f"{frame}.{key}") for frame in (eye, board) for key in PLACEMENT]
+    jacobian = tangent_of_poses(weighed.x[at])
     of = [freed.names.index(f"{owner}.{key}") for key in INTRINSICS]
     by_pictures = replace(
         term.camera,
@@ -328,15 +320,8 @@ def _camera_estimate(
     errors = picture_errors(term, values)
     points = np.array(list(view.board.points))
     sample, point = term.detected
-    corners = np.column_stack(
-        [
-            sample,
-            points[point],
-            term.pixels[sample, point],
-            errors.residual,
-            good[sample],
-        ]
-    )
+    pixels = term.pixels[sample, point]
+    corners = np.column_stack([sample, points[point], pixels, errors.residual, good[sample]])
     images = term.poses.samples.labels["image"]
     upside_down = refined.pictures.upside_down(A)
     return CameraEstimate(
@@ -344,7 +329,7 @@ def _camera_estimate(
         setup=term.setup,
         X=homogeneous(*X),
         Z=homogeneous(*Z),
-        covariance=jacobian @ covariance[np.ix_(at, at)] @ jacobian.T,
+        covariance=jacobian @ weighed.covariance[np.ix_(at, at)] @ jacobian.T,
         camera=camera,
         given=view.camera,
         same_corners=same_corners,
@@ -370,29 +355,20 @@ def _if_held(
 ) -> HeldIntrinsics | None:
     """X with the intrinsics held at what the camera's file says, whose own ± is counted.
 
-    By the regression of X on the intrinsics, which no prior of these changes. None where the file
-    says no ±, or where they were held.
-
-    Args:
-        view: of the camera.
-        weighed: with the intrinsics estimated.
-        eye: six parameters of X.
-        intrinsics: nine parameters.
+    By the regression of X on the intrinsics, which no prior of these changes; ``eye`` are the six
+    parameters of X. None where the file says no ±, or where they were held.
     """
     if view.camera is None or view.camera.covariance is None or intrinsics[0] not in weighed.free:
         return None
     every = weighed.covariance
     mixed, of_intrinsics = every[np.ix_(eye, intrinsics)], every[np.ix_(intrinsics, intrinsics)]
-    unit = 1.0 / np.sqrt(np.maximum(np.diag(of_intrinsics), 1e-300))
-    inverse = np.linalg.pinv(of_intrinsics * np.outer(unit, unit), 1e-9, True) * np.outer(
-        unit, unit
-    )
-    slope = mixed @ inverse
+    unit = np.sqrt(np.maximum(np.diag(of_intrinsics), 1e-300))
+    scale = np.outer(unit, unit)
+    slope = mixed @ (np.linalg.pinv(of_intrinsics / scale, 1e-9, True) / scale)
     covariance = every[np.ix_(eye, eye)] - slope @ mixed.T
     covariance = covariance + slope @ view.camera.covariance @ slope.T
     x = weighed.x[eye] + slope @ (view.camera.intrinsics - weighed.x[intrinsics])
-    jacobian = np.eye(6)
-    jacobian[3:, 3:] = tangent_of_vector(x[3:])
+    jacobian = tangent_of_poses(x)
     return HeldIntrinsics(
         homogeneous(rotation_from_vector(x[3:]), x[:3]),
         np.sqrt(np.maximum(np.diag(jacobian @ covariance @ jacobian.T), 0.0)),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -34,11 +34,6 @@ from suta_calib.trust.hypotheses.bent_tip import EVENLY, BentTip, displacement
 from suta_calib.trust.hypothesis import Finding, weigh
 from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, mm, text
-
-# Turns below which a tip is badly determined whatever the residuals are: what is left of a cone of
-# 24°. And the standard deviation of a tip that no navigation can afford (optical systems: 0.3 mm).
-SMALL_TURN: Final = from_deg(12.0)
-UNSURE: Final = 0.5e-3
 
 
 @dataclass(frozen=True, eq=False, kw_only=True, repr=False)
@@ -97,7 +92,8 @@ class PivotCalibration(Displayable, RobustAnswer):
     def assessment(self) -> Assessment:
         """How far to trust the tip."""
         caution = list[str]()
-        if self.turn < SMALL_TURN:
+        # What is left of a cone of 24°: whatever the residuals are, the tip is badly determined.
+        if self.turn < from_deg(12.0):
             caution.append(
                 f"The tool was turned too little ({deg(self.turn):.0f}° RMS where it "
                 "matters most): the tip is badly determined; turn it by 30° or more to every side."
@@ -108,22 +104,23 @@ class PivotCalibration(Displayable, RobustAnswer):
         if self.bent:
             caution.append(self.bent.sentence)
         caution += self.others_found(BentTip.name)
-        # A rigid tool seems to bend by chance in one of 20 sets: no reason for care.
-        if unsure > UNSURE and (self.bent or unsure**2 - self.by_bending**2 > UNSURE**2):
+        # No navigation can afford more (optical systems: 0.3 mm). A rigid tool seems to bend by
+        # chance in one of 20 sets: no reason for care.
+        most = 0.5e-3
+        if unsure > most and (self.bent or unsure**2 - self.by_bending**2 > most**2):
             caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
         bad = self.objections("poses", self.inliers)
-        long = float(np.linalg.norm(self.tip))
-        if max(long, float(np.linalg.norm(self.post))) > LARGEST or long > LONGEST_TIP:
+        long, away = float(np.linalg.norm(self.tip)), float(np.linalg.norm(self.post))
+        if max(long, away) > LARGEST or long > LONGEST_TIP:
             bad.append(
                 f"The tip lies {long:.4g} m from the tool's origin, and the point that it touched "
-                f"{float(np.linalg.norm(self.post)):.4g} m from the tracker's: are the positions "
-                "in mm? Then name the columns x_mm, y_mm, z_mm."
+                f"{away:.4g} m from the tracker's: are the positions in mm? Then name the columns "
+                "x_mm, y_mm, z_mm."
             )
         if self.inverted != "good":
             (bad if self.inverted == "bad" else caution).append(
-                f"The tip lies {mm(float(np.linalg.norm(self.tip))):.0f} mm from the tool's "
-                f"origin, farther than the post from the tracker's "
-                f"({mm(float(np.linalg.norm(self.post))):.0f} mm): are the poses T_tool_tracker? "
+                f"The tip lies {mm(long):.0f} mm from the tool's origin, farther than the post "
+                f"from the tracker's ({mm(away):.0f} mm): are the poses T_tool_tracker? "
                 f"Inverted, they give the tip {_place(self.post)} and the post {_place(self.tip)}."
             )
         # No tracker sees a tool from millimetres or from tens of metres.
@@ -204,10 +201,6 @@ def calibrate_pivot(
             determined; names the undetermined directions.
     """
     least_poses = 3
-    # Scatter, in units of the extent, of poses that have no point in common, and turns (rad) that
-    # are hardly any.
-    no_point = 0.1
-    hardly_turned = from_deg(2.0)
     R, p = checked_poses(rotation, position, "poses")
     labels = np.full(len(p), "post") if point is None else np.asarray(point, dtype=np.str_)
     if len(labels) != len(p):
@@ -244,8 +237,9 @@ def calibrate_pivot(
         return FixedPoint(some_poses(rows), noises[0])
 
     fit = robust_fit(make, start, robust=robust)
-    # Where nothing fits though the tool turned, what the data leave open is not the trouble.
-    if fit.sigmas[0] > no_point and _turns(R[fit.inliers])[-1] > hardly_turned:
+    # Where nothing fits though the tool turned, what the data leave open is not the trouble: poses
+    # without a common point scatter by a tenth of their extent.
+    if fit.sigmas[0] > 0.1 and _turns(R[fit.inliers])[-1] > from_deg(2.0):
         raise SamplesError(
             f"poses whose tips scatter by {mm(length * fit.sigmas[0]):.0f} mm per axis",
             "a tool whose tip rests on a point",
@@ -299,13 +293,7 @@ def calibrate_pivot(
 def _bending(
     fit: RobustFit, weighed: Sequence[Finding], rule: Rule
 ) -> tuple[tuple[float, float] | None, FloatArray]:
-    """`PivotCalibration.unseen`, and the fit's covariance for having followed a tip that bends.
-
-    Args:
-        fit: of the poses.
-        weighed: all hypotheses.
-        rule: when they are reported.
-    """
+    """`PivotCalibration.unseen`, and the fit's covariance for having followed a tip that bends."""
     bends = [finding for finding in weighed if finding.hypothesis.name == BentTip.name]
     followed = next((f.evidence for f in bends if f.supported(rule)), None)
     evenly = next((f.evidence for f in bends if f.evidence.effect.name == EVENLY), None)
@@ -323,23 +311,10 @@ def _bending(
     return unseen, nothing if followed is None else fit.followed(followed)
 
 
-def pivot_from_poses(
-    poses: ToolPoses,
-    *,
-    robust: bool = True,
-    seed: int = 0,
-    scale_ppm: float = INSTRUMENT_PPM,
-) -> PivotCalibration:
-    """`calibrate_pivot` of a file: its errors name the file, its assessment knows what it found."""
+def pivot_from_poses(poses: ToolPoses, **options: Any) -> PivotCalibration:
+    """`calibrate_pivot` of a file, with its options: errors name it, so do notes on its unit."""
     with error_context(poses.path):
-        answer = calibrate_pivot(
-            poses.rotation,
-            poses.position,
-            poses.point,
-            robust=robust,
-            seed=seed,
-            scale_ppm=scale_ppm,
-        )
+        answer = calibrate_pivot(poses.rotation, poses.position, poses.point, **options)
     return replace(answer, notes=poses.unit_notes)
 
 

@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.assessment import Assessment, Level, judged
-from suta_calib.geometry.numbers import (
-    homogeneous,
-    rms_length,
-    skew,
-)
+from suta_calib.geometry.numbers import homogeneous, rms_length, skew
 from suta_calib.measurements.pose_files import PointSet
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
 from suta_calib.pose_calibration.inputs import checked_points, checked_sigmas, error_context
@@ -37,11 +33,6 @@ from suta_calib.trust.hypothesis import weigh
 from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, mm, text
 
-# Standard deviations, m and rad, that deserve a word.
-UNSURE: Final = 1e-3
-UNSURE_TURN: Final = from_deg(1.0)
-# What stands elsewhere in its frame, from a row on.
-MAY_MOVE: Final = "one of the two sets"
 DEFORMED: Final = (ScaledPoints.name, StrainedPoints.name)
 
 
@@ -140,7 +131,8 @@ class Registration(Displayable, RobustAnswer):
             caution.append(f"{count} points leave few residuals: an error in one may not show.")
         unsure = float(np.sqrt(np.trace(self.covariance[:3, :3])))
         turned = float(np.sqrt(np.trace(self.covariance[3:, 3:])))
-        if unsure > UNSURE or turned > UNSURE_TURN:
+        # Standard deviations that deserve a word.
+        if unsure > 1e-3 or turned > from_deg(1.0):
             caution.append(
                 f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
                 f"± {deg(turned):.2f}° only (one sigma)."
@@ -283,7 +275,8 @@ def register(
         distinct = np.isin(np.arange(len(distinct)), first)
     fit, failed = rigid.fit, list[str]()
     placed = a[fit.inliers]
-    called = {p.owner: MAY_MOVE for p in fit.solution.problem.parameters.values()}
+    # What stands elsewhere in its frame, from a row on.
+    called = {p.owner: "one of the two sets" for p in fit.solution.problem.parameters.values()}
     answer = fit.examined(rigid.length, "points", called, first)
     weighed = weigh(answer, failed)
     return Registration(
@@ -317,33 +310,19 @@ def _repeats(a: FloatArray, b: FloatArray, rigid: RigidFit) -> RepeatedPoints | 
     numbered = [together(points, near) for points in (a, b)]
     if numbered := [point for point in numbered if point.max() < len(a) - 1]:
         # Most points are touched once.
-
         return repeats(numbered, rigid.off(a, b) / rigid.relative[:, None], rigid.fit.inliers)
     return None
 
 
 def registration_from_points(
-    a: PointSet,
-    b: PointSet,
-    targets: PointSet | None = None,
-    *,
-    robust: bool = True,
-    seed: int = 0,
-    scale_ppm: float = INSTRUMENT_PPM,
+    a: PointSet, b: PointSet, targets: PointSet | None = None, **options: Any
 ) -> Registration:
-    """`register` of two files: errors name them, the assessment knows what was found in them.
+    """`register` of two files, with its options: errors name them, so do notes on their units.
 
     ``targets`` are points in frame a at which the error to expect will be asked for.
     """
     with error_context(a.path, f"registered to {b.path}"):
-        answer = register(
-            a.position,
-            b.position,
-            source_sigma=a.sigma,
-            target_sigma=b.sigma,
-            robust=robust,
-            seed=seed,
-            scale_ppm=scale_ppm,
-        )
+        sigmas: Any = {"source_sigma": a.sigma, "target_sigma": b.sigma}
+        answer = register(a.position, b.position, **sigmas, **options)
     files = (a, b) if targets is None else (a, b, targets)
     return replace(answer, notes=tuple(note for file in files for note in file.unit_notes))

@@ -19,8 +19,7 @@ from suta_calib.geometry.numbers import (
 from suta_calib.measurements.samples import Samples
 from suta_calib.pose_calibration.consensus import Consensus, find_consensus, minimal_samples
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
-from suta_calib.pose_calibration.stated_noise import StatedSpread
-from suta_calib.pose_calibration.weighed_point import WeighedPoint
+from suta_calib.pose_calibration.stated_noise import StatedSpread, WeighedPoint
 from suta_calib.terms.block import Noise
 from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.poses import MeasuredPoses
@@ -32,8 +31,6 @@ LEAST_POINTS: Final = 3
 ON_A_LINE: Final = 1e-6
 # A reflection that fits so many times better than any rotation is what the data are.
 MIRRORED: Final = 3.0
-# Extent across a line, in units of the scatter, from which on it is more than noise.
-OFF_LINE: Final = 2.5
 _NOT_ON_A_LINE: Final = "at least three points that are not on one line"
 # Points from which on one that does not fit can be told from the others.
 ENOUGH_TO_JUDGE: Final = 5
@@ -103,8 +100,6 @@ def rigid_fit(
         poses = some_poses(rows)
         if spread is None:
             return TrackedPoint(poses, noises[0])
-        # Few instruments state anything.
-
         return WeighedPoint(poses, noises[0], whitening=spread.take(rows).whitening(turned))
 
     def revise(values: Mapping[str, float], inliers: BoolArray) -> None:
@@ -139,14 +134,9 @@ def _start(a: FloatArray, b: FloatArray, seed: int | None, relative: FloatArray)
 def agreeing_points(
     a: FloatArray, b: FloatArray, seed: int, needed: int, relative: FloatArray | None = None
 ) -> Consensus:
-    """The points (n, 3) that most agree on how ``a`` lies on ``b``.
+    """The points (n, 3), m, that most agree on how ``a`` lies on ``b``; ``needed`` determine it.
 
-    Args:
-        a: points in one frame, m.
-        b: the same in the other, m.
-        seed: of the minimal samples.
-        needed: points that determine the answer.
-        relative: (n,) how much each scatters in units of a typical one; all alike by default.
+    A point scatters ``relative`` (n,) times as much as a typical one.
     """
     scatter = np.ones(len(a)) if relative is None else relative
 
@@ -178,10 +168,7 @@ def check_points(a: FloatArray, b: FloatArray) -> None:
 
 
 def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
-    """Refuse points that do not lie on each other whatever the transform, or on a line.
-
-    Points off a line by no more than noise do not tell the turn about it.
-    """
+    """Refuse points that do not lie on each other, or off a line by no more than noise."""
     sigma = fit.sigmas[0]
     # Scatter of the residuals, in units of the points' extent, that unrelated points have.
     if sigma > 0.25:
@@ -193,7 +180,8 @@ def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
         )
     spread = np.linalg.svd(moved - moved.mean(axis=0), compute_uv=False)
     held = len(fit.solution.identification.fixed)
-    if held or spread[1] / np.sqrt(len(moved)) < OFF_LINE * sigma:
+    # Extent across a line, in units of the scatter, up to which it is noise.
+    if held or spread[1] / np.sqrt(len(moved)) < 2.5 * sigma:
         raise SamplesError(
             "points that hardly differ from a line, given how they scatter: the turn about it "
             "is not determined",

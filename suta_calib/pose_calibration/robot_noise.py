@@ -1,4 +1,14 @@
-"""Whose noise turns the residuals of a hand-eye calibration: the hand's or the eye's."""
+"""Whose noise turns the residuals of hand-eye calibration, and what it would tell as well as pairs.
+
+Turns of the hand make X's position known: between two poses that are turned alike, X may slide, and
+nothing changes. Noise turns every pose a little, too, and seems to tell what it does not (errors in
+variables). How much of the information about a direction noise made up is asked of the pairs: the
+turns of the hand can be no noisier than their residuals, nor noisier than the places where the
+target was seen allow, which a turn of the hand moves by its lever. What the eye saw enters no
+derivative: its noise makes up nothing, however large.
+
+All of this is the same whatever frames were chosen on base, hand, eye and target.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +20,12 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.geometry.numbers import rotation_from_vector, skew
+from suta_calib.geometry.numbers import rotation_from_vector, skew, tangent_of_poses
 from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.pose_calibration.consensus import Consensus, some_rows
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
+from suta_calib.solver.information import scaled_inverse, whitened_rows
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms.block import Noise
 from suta_calib.terms.external_frame import pose_parameters
@@ -50,11 +61,8 @@ class LeverModel:
 
     @property
     def at_most(self) -> float:
-        """The largest fraction that the residuals allow."""
-        # Standard deviations of the fraction up to which the hand's part may be larger than it
-        # seems.
-        sure = 2.0
-        return min(1.0, self.fraction + sure * self.std)
+        """The largest fraction that the residuals allow: two standard deviations more."""
+        return min(1.0, self.fraction + 2.0 * self.std)
 
 
 def estimate_lever(
@@ -85,7 +93,6 @@ def estimate_lever(
     # standard deviation before the data are asked. Zero unless they speak for another by this much
     # (log- likelihood): six numbers more follow noise, too.
     centres = (0.0, 0.05, 0.2, 1.0)
-    clearly = 2.0
     cross = skew(turn)
     columns = np.concatenate([(cross @ lever[..., None]), cross, cross @ target], axis=2)
     if not columns[..., 0].any():
@@ -97,7 +104,7 @@ def estimate_lever(
     position, columns = (weight * position[..., None]).ravel(), (weight * columns).reshape(-1, 7)
     y = position - EXPECTED * columns[:, 0]
     ridges = [_ridge(columns, y, size) for size in centres]
-    best = max(range(len(ridges)), key=lambda k: ridges[k][0] - clearly * (k > 0))
+    best = max(range(len(ridges)), key=lambda k: ridges[k][0] - 2.0 * (k > 0))
     _, beta, std = ridges[best]
     fraction = EXPECTED + float(beta[0])
     if not 0.0 <= fraction <= 1.0:
@@ -112,9 +119,8 @@ def estimate_lever(
 def _believed(position: FloatArray) -> FloatArray:
     """(n,) roots of Huber's weights: six numbers must not explain one pair that is wrong."""
     size = np.linalg.norm(position, axis=1)
-    # Times the middle residual, from which on a pair counts less: noise exceeds it in one of 50.
-    strange = 2.0
-    limit = max(strange * float(np.median(size)), 1e-300)
+    # From twice the middle residual on a pair counts less: noise exceeds it in one of 50.
+    limit = max(2.0 * float(np.median(size)), 1e-300)
     return np.asarray(np.sqrt(np.minimum(1.0, limit / np.maximum(size, 1e-300))))
 
 
@@ -130,10 +136,8 @@ def _less_along(position: FloatArray, sight: FloatArray) -> FloatArray:
 def _ridge(columns: FloatArray, y: FloatArray, size: float) -> tuple[float, FloatArray, float]:
     """Logarithm of the marginal likelihood, the estimate, and the first one's std.
 
-    Args:
-        columns: (n, k): the fraction's, if there are seven, and those of two points.
-        y: (n,)
-        size: standard deviation of the points' coordinates before the data.
+    Columns (n, k) are the fraction's, if there are seven, and those of two points, whose
+    coordinates have the standard deviation ``size`` before the data.
     """
     points = np.full(6, size)
     prior = np.concatenate([[SPREAD], points]) if columns.shape[1] == 7 else points
@@ -168,11 +172,10 @@ class PairedHandEye(HandEye):
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """The poses of its frames."""
-        # Times of a known unknown's plausible range that hand-eye's may take: what the pairs tell
-        # badly gets a large standard deviation. Only what is singular is held, and then refused.
-        anything = 100.0
+        # Times of a known unknown's plausible range: what the pairs tell badly gets a large
+        # standard deviation. Only what is singular is held, and then refused.
         return tuple(
-            replace(p, plausible=anything * p.plausible)
+            replace(p, plausible=100.0 * p.plausible)
             for frame in self.frame_names
             for p in pose_parameters(frame)
         )
@@ -194,7 +197,7 @@ class RobotNoise:
         self._seen, self._finest = eye, finest_turn
         nothing = np.zeros((len(hand[1]), 0))
         samples = Samples.from_arrays([], nothing, position=eye[1], rotation=eye[0])
-        # What noise makes up is judged here: `undetermined.noise_made_directions`.
+        # What noise makes up is judged here: `noise_made_directions`.
         self._poses = parts_of(MeasuredPoses(*hand, samples, judged=False))
         self.lever = LeverModel()
         self.at_most = 1.0
@@ -260,3 +263,51 @@ class RobotNoise:
 
 
 NO_LEVER: Final = LeverModel(fraction=0.0, std=0.0)
+
+
+def noise_made_directions(fit: RobustFit, noise: RobotNoise) -> list[FloatArray]:
+    """Displacements and turns (6,) of X that noise may tell as well as the pairs do.
+
+    The largest generalised eigenvalues of what noise makes up, F, against the information A, on X
+    with Z free to follow; first of X's displacements alone.
+    """
+    if len(fit.solution.identification.fixed):
+        return []  # X is where it started: nothing can be said of its surroundings
+    sigmas = np.maximum(fit.sigmas, ROUNDING)
+    x, count = fit.solution.x, int(fit.inliers.sum())
+    rows = whitened_rows(fit.solution.problem, x, sigmas.tolist())
+    jacobian = np.vstack([r.jacobian for r in rows]) @ np.linalg.inv(tangent_of_poses(x))
+    information = jacobian.T @ jacobian
+    follow = np.vstack([np.eye(6), -scaled_inverse(information[6:, 6:]) @ information[6:, :6]])
+    of_eye = follow.T @ information @ follow
+    place, turned = sigmas
+    of_hand = noise.at_most * turned**2
+    # What the point on the target moves by at which noise of places and of turns is independent.
+    lever = -rotation_from_vector(x[9:12]) @ noise.lever.in_target
+    target = np.hstack([np.eye(3), -skew(lever) @ rotation_from_vector(x[9:12])]) @ follow[6:]
+    made = 2.0 * count * of_hand / place**2 * target.T @ target
+    made[3:, 3:] += 2.0 * count * (1.0 + of_hand / turned**2) * np.eye(3)
+    slides = _made(of_eye[:3, :3], made[:3, :3])
+    every = _made(of_eye, made)
+    return [
+        *(np.concatenate([v / np.linalg.norm(v), np.zeros(3)]) for v in slides),
+        *_turns(every, len(every) - len(slides)),
+    ]
+
+
+def _made(information: FloatArray, made: FloatArray) -> list[FloatArray]:
+    """Directions of which noise may have made a tenth, by which it biases them; most made first."""
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(information), 1e-300))
+    values, axes = np.linalg.eigh(information * np.outer(scale, scale))
+    root = scale[:, None] * axes / np.sqrt(np.maximum(values, 1e-14 * values[-1]))
+    share, directions = np.linalg.eigh(root.T @ made @ root)
+    return [root @ directions[:, k] for k in range(len(share))[::-1] if share[k] > 0.1]
+
+
+def _turns(directions: list[FloatArray], count: int) -> list[FloatArray]:
+    """The turns (count, 6) that some directions have most of."""
+    if count < 1:
+        return []
+    unit = np.array([v[3:] for v in directions]).T
+    axes = np.linalg.svd(unit / max(float(np.linalg.norm(unit)), 1e-300))[0]
+    return [np.concatenate([np.zeros(3), axes[:, k]]) for k in range(min(count, 3))]

@@ -23,9 +23,8 @@ from suta_calib.trust.rule import Rule
 from suta_calib.units import text
 from suta_calib.words import listed
 
-# Part of the rows that, where they disagree, leave open who is right; and that is no accident.
+# Part of the rows that, where they disagree, leave open who is right.
 MANY_OUTLIERS: Final = 0.4
-SOME_OUTLIERS: Final = 0.3
 # Nor is a tool so long, or all that a tracker sees of a hand or points so large, m: they seem
 # so large where millimetres are called metres.
 LONGEST_TIP: Final = 10.0
@@ -65,15 +64,8 @@ class RobustAnswer:
 
     def evidence(self, hypothesis: str, effect: str = "") -> Evidence | None:
         """On a hypothesis by its name, and on one of its effects; None where it was not tested."""
-        return next(
-            (
-                finding.evidence
-                for finding in self.weighed
-                if finding.hypothesis.name == hypothesis
-                and effect in ("", finding.evidence.effect.name)
-            ),
-            None,
-        )
+        weighed = (f for f in self.weighed if f.hypothesis.name == hypothesis)
+        return next((f.evidence for f in weighed if effect in ("", f.evidence.effect.name)), None)
 
     def finding(self, hypothesis: str) -> Finding | None:
         """A hypothesis by its name, where the data support it."""
@@ -105,23 +97,12 @@ class RobustAnswer:
         return tuple(int(row) for row in np.flatnonzero(~self.inliers))
 
     def agreed(self, what: str, *turned: str) -> str:
-        """How well the rows that were fitted agree, as the end of a sentence.
-
-        Args:
-            what: the rows, in the plural.
-            turned: how well they do in orientation too.
-        """
+        """How well the rows that were fitted agree, as the end of a sentence."""
         to = " and ".join([text(self.rms, "m", with_unit=True), *turned])
         return f"{int(self.inliers.sum())} of {len(self.inliers)} {what} agree to {to} RMS"
 
     def objections(self, what: str, inliers: BoolArray, size: float = 0.0) -> list[str]:
-        """Why it must not be used, one sentence each.
-
-        Args:
-            what: the rows, in the plural.
-            inliers: (n,) which of them agree.
-            size: how large what was measured is, m.
-        """
+        """Why it must not be used, one sentence each."""
         objections = list[str]()
         if size > LARGEST:
             objections.append(
@@ -138,7 +119,8 @@ class RobustAnswer:
     def set_aside(self, what: str, inliers: BoolArray) -> list[str]:
         """That many rows, ``what`` in the plural, were left out, where it is not too many."""
         lost = int(np.sum(~inliers))
-        if not SOME_OUTLIERS < lost / len(inliers) <= MANY_OUTLIERS:
+        # So many are no accident.
+        if not 0.3 < lost / len(inliers) <= MANY_OUTLIERS:
             return []
         return [
             f"{lost} of {len(inliers)} {what} do not agree with the rest and are left out: more "
@@ -211,6 +193,5 @@ def exchanged(held: FloatArray, standing: FloatArray, std: float) -> Level:
     # Standard deviations by which one of two lengths is the longer.
     if near - far <= 3.0 * std:
         return "good"
-    # Nothing that a hand holds reaches farther, m.
-    longest_tool = 1.0
-    return "bad" if near > max(longest_tool, 2.0 * far) else "care"
+    # Nothing that a hand holds reaches farther than a metre.
+    return "bad" if near > max(1.0, 2.0 * far) else "care"

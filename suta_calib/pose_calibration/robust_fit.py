@@ -44,8 +44,6 @@ from suta_calib.trust.serial_correlation import blocks, correlation_length
 MANY_ROWS: Final = 30
 # Rows from which on neighbours in a series tell what they have in common well enough by themselves.
 MOST_ROWS: Final = 400
-# Relative change of a noise level that is none.
-SAME_NOISE: Final = 0.01
 THRESHOLD: Final = huber_threshold(DIMENSION)
 # Residual, in units of the problem's extent or rad, that is rounding: exact data have no other.
 ROUNDING: Final = 1e-9
@@ -154,10 +152,6 @@ def robust_fit(
             `make` makes.
         stated: scatter of one component of the only block that instruments state, m.
     """
-    # Part of many rows, and times the limit of an outlier that their squares are on average, which
-    # no tail of a distribution makes: something else was measured there.
-    another_thing = 0.1
-    far_off = 2.0
 
     def plainly(rows: BoolArray) -> RobustFit:
         believed = Consensus(rows, np.array(fit.sigmas))
@@ -170,11 +164,12 @@ def robust_fit(
     everyone = np.ones(count, dtype=np.bool_)
     needed = len(fit.solution.free) / (DIMENSION * len(fit.sigmas))
     plain = plainly(everyone)
+    if not plain.solution.converged:
+        return fit  # Rows so far off that nothing fits beside them are proven wrong.
     total, distance = _misfit(plain, fit.sigmas).sum(), _misfit(fit, fit.sigmas)
     suspects = suspects[np.argsort(-distance[suspects])]
     remaining, least = fit, 1.0
     # All of them, then fewer: of many not one by one, each costs a fit.
-    # Numbers of suspects, from all to one, that are tried for being wrong.
     numbers = np.unique(np.geomspace(1, len(suspects), 12).round().astype(np.intp))[::-1]
     for dropped, fewer in zip(numbers.tolist(), [*numbers[1:].tolist(), 0], strict=True):
         # Rows that err alike where they are alike are not independent, nor are their components: a
@@ -185,22 +180,26 @@ def robust_fit(
         # Any choice of as many rows might have been the suspicious one.
         alone = fdtrc(dropped, freedom, gain) if freedom > 0 else 1.0
         chance = min(alone * math.exp(min(log_ways(count, dropped), 700.0)), 1.0)
-        # Where many are wrong so many choices are possible that no chance is small. A hand, whose
-        # turns are fitted too, may err alike in many like poses.
-        if len(fit.sigmas) == 1 and count >= MANY_ROWS and dropped >= another_thing * count:
+        # Where many are wrong so many choices are possible that no chance is small. But a tenth of
+        # many rows, on average at twice the limit of an outlier, no tail of a distribution makes:
+        # something else was measured there. A hand, whose turns are fitted too, may err alike in
+        # many like poses.
+        if len(fit.sigmas) == 1 and count >= MANY_ROWS and dropped >= 0.1 * count:
             far = float(distance[suspects[:dropped]].mean())
-            chance *= far < far_off * outlier_limit(count, 1)
+            chance *= far < 2.0 * outlier_limit(count, 1)
         least = min(least, chance)
         if chance < FALSE_ALARM:
             break
         believed = everyone.copy()
         believed[suspects[:fewer]] = False
-        remaining = plainly(believed)
+        again = plainly(believed)
+        if not again.solution.converged:
+            break
+        remaining = again
     # Chance of what rows that are kept stand out by, above which it is not worth a word.
     remarkable = least < 0.2 and remaining is not fit
-    return (
-        replace(remaining, suspects=remaining.inliers & ~fit.inliers) if remarkable else remaining
-    )
+    kept = remaining.inliers & ~fit.inliers
+    return replace(remaining, suspects=kept) if remarkable else remaining
 
 
 def _misfit(fit: RobustFit, sigmas: Sequence[float]) -> FloatArray:
@@ -235,7 +234,10 @@ def _settled(
         noises = [Noise(s, THRESHOLD * s) if robust else Noise(s) for s in assumed]
         # The levels that weigh the blocks are learned here, round by round.
         problem = Problem([make(np.flatnonzero(inliers), noises)])
-        options = SolverOptions(weights=None, confirm=False)
+        # Least squares that does not come to a minimum beside the robust one in so many iterations
+        # has none that tells.
+        most = 50 if last is not None and not robust else 200
+        options = SolverOptions(weights=None, confirm=False, max_iterations=most)
         solution = (
             solve(problem, options, spread=False) if last is None else again(problem, last, options)
         )
@@ -257,11 +259,13 @@ def _settled(
             squared = np.array([np.sum(r**2, axis=1) for r in residuals])
             limit = outlier_limit(len(inliers), len(residuals))
             agreeing = np.sum(squared / levels[:, None] ** 2, axis=0) <= limit
-        settled = np.array_equal(agreeing, inliers) and np.allclose(levels, sigmas, SAME_NOISE, 0)
+        settled = np.array_equal(agreeing, inliers) and np.allclose(levels, sigmas, 0.01, 0)
+        # What plain least squares does not come to in one search it does not come to in twelve.
+        settled |= not robust and not solution.converged
         if settled or agreeing.sum() < DIMENSION or round_ + 1 == max_rounds:
             break
         inliers, sigmas = agreeing, levels
-    if unjudged:
+    if unjudged and (robust or solution.converged):
         believed, weighed = Consensus(inliers, sigmas), judged(solution)
         if weighed is None:
             return _settled(
@@ -349,24 +353,15 @@ def _covariance(
     if exact:
         return independent
     at = np.ix_(free, free)
-    jacobian = np.concatenate(
-        [
-            r.jacobian[:, free].reshape(count, DIMENSION, -1) / w
-            for r, w in zip(rows, weights, strict=True)
-        ],
-        axis=1,
-    )
+    parts = [
+        r.jacobian[:, free].reshape(count, DIMENSION, -1) / w
+        for r, w in zip(rows, weights, strict=True)
+    ]
+    jacobian = np.concatenate(parts, axis=1)
     bread, weight = scaled_inverse(curvature[at]), np.repeat(weights**2, DIMENSION)
     independent[at] += common_covariance(
-        jacobian,
-        white,
-        weight,
-        bread,
-        _neighbour_spaces(poses, solution),
-        order,
-        postures,
-        [DIMENSION] * len(rows),
-        [_to_base(row) for row in rows],
+        *(jacobian, white, weight, bread, _neighbour_spaces(poses, solution), order, postures),
+        *([DIMENSION] * len(rows), [_to_base(row) for row in rows]),
     )
     return independent
 

@@ -22,24 +22,15 @@ from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.pose_calibration.correlation import embedded
 from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS, WAYS
 
-# Poses that the components are found by; more make no difference.
-ENOUGH: Final = 150
 # Extent, m, of poses that are all at one place.
 NOWHERE: Final = 1e-9
 
 
 def shared_errors(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """What poses are off by, (n, 6, k) of each per unit of each coefficient, in the base's axes.
+    """What poses of a hand are off by, (n, 6, k) per unit of each coefficient, in the base's axes.
 
     Coefficients come in sixes, three displacements and three turns, each of which gives errors of
-    about unit variance.
-
-    Args:
-        rotation: (n, 3, 3) of the hand.
-        position: (n, 3) m.
-
-    Returns:
-        (n, 6, 0) of few poses, or of poses of which something is not known.
+    about unit variance; none of few poses, or of poses of which something is not known.
     """
     # Part of the variance of what neighbours share that all poses have in common in the hand, and
     # as much about the base: that of two joints of six.
@@ -61,15 +52,13 @@ def shared_errors(rotation: FloatArray, position: FloatArray) -> FloatArray:
 
 def _components(space: FloatArray) -> FloatArray:
     """(n, k) smooth functions of poses that are points (n, d) of a space in which 1 is far."""
-    # Most components, and the part of the variance that they should have at least.
-    most = 10
-    part = 0.99
+    # More poses make no difference to the components.
     n = len(space)
-    sampled = space[np.unique(np.linspace(0, n - 1, min(n, ENOUGH)).astype(np.intp))]
+    sampled = space[np.unique(np.linspace(0, n - 1, min(n, 150)).astype(np.intp))]
     values, vectors = np.linalg.eigh(_correlation(sampled, sampled))
     values, vectors = values[::-1], vectors[:, ::-1]
-    enough = int(np.searchsorted(np.cumsum(values), part * values.sum())) + 1
-    k = min(enough, most)
+    # Most components, and the part of the variance that they should have at least.
+    k = min(int(np.searchsorted(np.cumsum(values), 0.99 * values.sum())) + 1, 10)
     return np.asarray(_correlation(space, sampled) @ vectors[:, :k] / np.sqrt(values[:k]))
 
 

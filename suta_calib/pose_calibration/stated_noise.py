@@ -1,15 +1,21 @@
-"""What instruments state of the points they measured, and whether it is true."""
+"""What instruments state of the points they measured: whether it is true, and weights by it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
+import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import chdtrc
 
 from suta_calib.arrays import FloatArray
+from suta_calib.geometry.symbols import Symbol
+from suta_calib.terms.block import Block, Pose, flat, pose_of
+from suta_calib.terms.tracked_point import TrackedPoint
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,11 +56,7 @@ class StatedSpread:
         return StatedSpread(self.of_source[np.asarray(rows)], self.of_target[np.asarray(rows)])
 
     def whitening(self, rotation: FloatArray) -> FloatArray:
-        """(n, 3, 3) what makes each residual scatter by `typical` in every direction.
-
-        Args:
-            rotation: (3, 3) from frame a to frame b.
-        """
+        """(n, 3, 3) what makes residuals scatter by `typical`, by the turn from a to b."""
         turned = rotation * self.of_source[:, None, :]
         covariance = turned @ np.swapaxes(turned, 1, 2)
         covariance[:, range(3), range(3)] += self.of_target**2
@@ -85,7 +87,6 @@ class Agreement:
     @property
     def contradicted(self) -> bool:
         """Whether the residuals say that what was stated is not so."""
-        # Chance of residuals as large, or as small, below which what was stated is contradicted.
         return self.chance < 0.01
 
     @property
@@ -108,3 +109,31 @@ class Agreement:
             f"The residuals are {self.factor:.2g} times as large as the stated σ have them "
             f"(chance {chance}): {because}."
         )
+
+
+def _whitened(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
+    base = pose_of(unknowns)
+    return ca.reshape(data[3:], 3, 3) @ (base.R @ poses[0].p + base.p - data[:3])
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class WeighedPoint(TrackedPoint):
+    """`TrackedPoint` of which every row has a covariance of its own.
+
+    Attributes:
+        whitening: (n, 3, 3) that makes residuals scatter alike in every row and direction.
+    """
+
+    whitening: FloatArray
+
+    @cached_property
+    def blocks(self) -> tuple[Block, ...]:
+        """Positions, weighed."""
+        (block,) = super().blocks
+        data = np.hstack([block.data, flat(self.whitening)])
+        return (replace(block, residual=_whitened, data=data),)
+
+    def take(self, rows: ArrayLike) -> Self:
+        """The term over some of its samples."""
+        whitening = self.whitening[np.asarray(rows)]
+        return replace(self, poses=self.poses.take(rows), whitening=whitening)

@@ -21,6 +21,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
+from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import read_text
 from suta_calib.measurements.pose_files import OTHER_UNIT
 from suta_calib.showing import Displayable
@@ -117,13 +118,7 @@ def output1_text(output: Output1, name: str) -> str:
 
 
 def points_text(counts: Counts, name: str, *points: FloatArray) -> str:
-    """A header and one row for every point, mm with two decimals.
-
-    Args:
-        counts: what the header begins with.
-        name: of the file, what the header ends with.
-        points: (..., 3), m.
-    """
+    """A header that begins with counts and ends with the file's name; a row for every point, m."""
     rows = mm(np.concatenate([p.reshape(-1, 3) for p in points]))
     # Adding zero takes the sign off what was rounded to −0.00.
     rounded = np.round(rows, 2) + 0.0
@@ -204,9 +199,9 @@ class StereotacticData(Displayable):
         path = path_of(prefix, "calreadings")
         readings = read_calibration_readings(path)
         for name, part in (("N_D", "base"), ("N_A", "optical"), ("N_C", "em")):
-            count, expected = getattr(readings, part).shape[1], len(getattr(body, part))
-            agree(path, name, count, "markers", expected, calbody)
-            same_size(path, getattr(readings, part), calbody, getattr(body, part))
+            seen, known = getattr(readings, part), getattr(body, part)
+            agree(path, name, seen.shape[1], "markers", len(known), calbody)
+            same_size(path, seen, calbody, known)
         em_pivot = read_em_frames(path_of(prefix, "empivot"))
         path = path_of(prefix, "optpivot")
         optical_pivot = read_optical_pivot(path)
@@ -292,7 +287,7 @@ def _read(
             )
     counts = tuple(map(int, cells[:-1]))
     row_count = expected(counts)
-    points = [_numbers(row) for row in rows]
+    points = [[number_in(cell) for cell in row.split(",")] for row in rows]
     for line, values in enumerate(points[:row_count], 2):
         # mm; beyond this it is no position of a marker, and its square must stay a number.
         if len(values) != 3 or not all(abs(value) <= 1e9 for value in values):
@@ -305,9 +300,7 @@ def _read(
                 hint="the file ends in the middle of a row" if cut else "",
             )
     if len(rows) != row_count:
-        counts_text = ", ".join(
-            f"{name} = {count}" for name, count in zip(names, counts, strict=True)
-        )
+        counts_text = ", ".join(map("{} = {}".format, names, counts))
         raise SamplesError(
             f"{len(rows)} rows of points",
             f"{row_count}, for the header says {counts_text}",
@@ -316,12 +309,3 @@ def _read(
             hint="the file was cut off" if len(rows) < row_count else "delete the surplus rows",
         )
     return counts, from_mm(np.array(points))
-
-
-def _numbers(row: str) -> list[float]:
-    """Cells as numbers, NaN where there is none: no ``1_000``, no digits of other scripts."""
-    plain = row.isascii() and "_" not in row
-    try:
-        return [float(cell if plain else "nan") for cell in row.split(",")]
-    except ValueError:
-        return [math.nan] * (row.count(",") + 1)

@@ -27,12 +27,8 @@ from suta_calib.stereotactic.cis_files import (
 )
 from suta_calib.stereotactic.marker_cloud import BodyPoses
 
-# m, edges of the EM tracker's base with its optical markers, and of the calibration object.
-BASE, OBJECT = 0.15, 0.25
-# m, the corner of the EM tracker's working volume that all markers fill, and its size.
-CORNER, EXTENT = 0.09, 0.77
-# m, where the tip of each probe rests, about; and the EM base from the optical tracker.
-EM_POST, OPTICAL_POST = np.array([0.25, 0.25, 0.25]), np.array([0.4, 0.4, 0.2])
+# m, edge of the calibration object; where the EM base is from the optical tracker.
+OBJECT: Final = 0.25
 EM_BASE: Final = np.array([0.0, 0.0, -1.5])
 
 
@@ -116,8 +112,6 @@ def simulate_stereotactic(
     Raises:
         ValueError: ``grid`` is below 2.
     """
-    pivot_frames = 12
-    fiducials = 6
     if grid < 2:
         raise ValueError(f"grid: found {grid}; expected 2 or more")
     random = np.random.default_rng(seed)
@@ -134,19 +128,22 @@ def simulate_stereotactic(
         return BodyPoses(rotation_from_vector(turn), EM_BASE + shift)
 
     # The calibration object at the points of a grid, turned a little each time.
-    body = CalibrationMarkers(_lattice(2, BASE), _lattice(2, OBJECT), _lattice(3, OBJECT))
-    places = CORNER + _lattice(grid, EXTENT - OBJECT)
+    body = CalibrationMarkers(_lattice(2, 0.15), _lattice(2, OBJECT), _lattice(3, OBJECT))
+    # The corner of the EM tracker's working volume that all markers fill, and its size, m.
+    places = 0.09 + _lattice(grid, 0.77 - OBJECT)
     placed = BodyPoses(rotation_from_vector(random.uniform(-0.03, 0.03, places.shape)), places)
     base, expected = base_poses(len(places)), placed.to_tracker(body.em)
     optical = base.to_tracker(placed.to_tracker(body.optical))
     readings = CalibrationMarkers(base.to_tracker(body.base), optical, em(expected))
     # Either probe turned about its tip.
-    em_post, optical_post = (p + random.uniform(-0.01, 0.01, 3) for p in (EM_POST, OPTICAL_POST))
+    em_post = np.full(3, 0.25) + random.uniform(-0.01, 0.01, 3)
+    optical_post = np.array([0.4, 0.4, 0.2]) + random.uniform(-0.01, 0.01, 3)
+    pivot_frames = 12
     probe, tip = _probe(random)
     em_pivot = em(_about(em_post, tip, random, pivot_frames).to_tracker(probe))
     # The EM probe's tip in each fiducial and at the targets.
     rotation, position = rotation_from_vector(random.uniform(-0.1, 0.1, 3)), np.full(3, 0.3)
-    nav_frames = 4
+    fiducials, nav_frames = 6, 4
     ct = random.uniform(0.0, 0.2, (fiducials + nav_frames, 3))
     at_points = _about(ct @ rotation.T + position, tip, random, len(ct))
     frames = em(at_points.to_tracker(probe))

@@ -32,22 +32,17 @@ from suta_calib.showing import Displayable
 from suta_calib.stereotactic.left_out import robust_predicts_better
 from suta_calib.threads import single_threaded
 
-# Beyond this the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.
+# Beyond 6 the basis is worse conditioned than the data are good: (7 + 1)³ gives 1e8.
 DEGREES: Final = tuple(range(7))
 # Combinations of coefficients seen less than this, relative to the best seen, are left at zero.
 RCOND: Final = 1e-6
 # Left-out points that the other frames do not determine: leverage this close to one.
 UNDETERMINED: Final = 1e-9
-# Thickness of the layers left out at each side, as part of the box: what is tried where nobody says
-# what is to be corrected, and at most; and at least, or hardly a marker is in one.
+# Thickness of the layers left out at each side, as part of the box: at most, and where nobody says
+# what is to be corrected.
 THICKEST: Final = 0.2
-THINNEST: Final = 0.03
-# Mean square error at the border beyond that inside, as part of it, that is more than chance.
-GROWN: Final = 0.5
-MAX_ROUNDS: Final = 10
 # m, error of an EM reading that is none: a tenth of what such trackers promise.
 HARMLESS: Final = 1e-4
-INVERSIONS: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,10 +85,19 @@ class DistortionCorrection(Displayable):
 
     def displacement(self, points: FloatArray) -> FloatArray:
         """What is added to measured points: (..., 3) → (..., 3), m."""
-        at = (np.asarray(points, dtype=float) - self.lower) / (self.upper - self.lower)
+        at = self._in_box(points)
         # No farther than what was tested.
         reached = np.clip(at, -self.reach, 1.0 + self.reach)
         return _displacement(reached, np.clip(at, 0.0, 1.0), self.coefficients, self.continued)
+
+    def _in_box(self, points: FloatArray) -> FloatArray:
+        """Points in units of the box, 0 to 1 inside."""
+        return (np.asarray(points, dtype=float) - self.lower) / (self.upper - self.lower)
+
+    def farthest(self, points: FloatArray) -> float:
+        """How far outside the box the farthest of points (..., 3) lies, as part of the box."""
+        at = self._in_box(points)
+        return float(np.maximum(-at, at - 1.0).max(initial=0.0))
 
     def correct(self, points: FloatArray) -> FloatArray:
         """Corrected positions of measured points: (..., 3) → (..., 3), m."""
@@ -112,13 +116,10 @@ class DistortionCorrection(Displayable):
         return _in_hull(np.asarray(points, dtype=float), self.hull)
 
     def body_error(self, frames: FloatArray) -> FloatArray:
-        """3-D RMS error (N_frames,) that a body's fit does not average away, m, of one marker.
+        """3-D RMS error (N_frames,), m, that a body's fit to markers (N_frames, n, 3) keeps.
 
         It averages what each marker errs for itself. What neighbours share, and all that is
         extrapolated, it does not: then they are as good as one.
-
-        Args:
-            frames: (N_frames, n, 3) the markers as the tracker saw them, m.
         """
         inside = self.cross_validation[self.degree] ** 2
         single = inside * ((1.0 - self.common) / frames.shape[1] + self.common)
@@ -203,13 +204,10 @@ def _continued(
     corrected: FloatArray | None,
 ) -> DistortionCorrection:
     """The same with the continuation that best predicts the frames at the border from the rest."""
-    # Part of the squared error of staying as at the border that going on must leave at most to be
-    # trusted; and where readings lie farther out than any layer.
-    worth_it = 0.8
-    decisive = 0.25
     degree, size = correction.degree, correction.upper - correction.lower
-    farthest = THICKEST if corrected is None else _farthest(correction, corrected)
-    reach = float(np.clip(farthest, THINNEST, THICKEST))
+    farthest = THICKEST if corrected is None else correction.farthest(corrected)
+    # In a thinner layer hardly a marker is.
+    reach = float(np.clip(farthest, 0.03, THICKEST))
     at, corrections = fits[degree].at, fits[degree].target
     frames = np.repeat(np.arange(len(correction.residuals)), correction.residuals.shape[1])
     # Squared errors by frame, for a frame's points err together; and what is usual inside.
@@ -229,28 +227,21 @@ def _continued(
     at_border = {k: sums[squared[0] > 0] for k, sums in squared.items()}
     chosen = _lowest_as_good(at_border) if len(at_border[0]) > 1 else 0
     total = {k: float(sums.sum()) for k, sums in squared.items()}
-    if total[chosen] > (decisive if farthest > THICKEST else worth_it) * total[0]:
+    # Going on must leave so little of the squared error of staying as at the border; less where
+    # readings lie farther out than any layer.
+    if total[chosen] > (0.25 if farthest > THICKEST else 0.8) * total[0]:
         chosen = 0
     excess = total[chosen] - inside
-    grows = excess > GROWN * inside and distance > 0.0
+    # Of the mean square error inside half is more than chance.
+    grows = excess > 0.5 * inside and distance > 0.0
     growth = float(np.sqrt(excess / distance)) if grows else 0.0
     continued = fits[chosen].coefficients
     return replace(correction, continuation=chosen, continued=continued, reach=reach, growth=growth)
 
 
-def _farthest(correction: DistortionCorrection, points: FloatArray) -> float:
-    """How far outside the box the farthest point lies, as part of the box."""
-    at = (np.asarray(points, dtype=float).reshape(-1, 3) - correction.lower) / (
-        correction.upper - correction.lower
-    )
-    return float(np.maximum(-at, at - 1.0).max(initial=0.0))
-
-
 def smooth_distortion(measured: FloatArray, expected: FloatArray) -> DistortionCorrection:
     """A correction of low degree; what it leaves of left-out frames tells whether one is due."""
-    # Enough to see that there is something to correct.
-    coarse = (1, 2, 3)
-    return _fit_inside(measured, expected, coarse)[0]
+    return _fit_inside(measured, expected, (1, 2, 3))[0]
 
 
 def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:
@@ -388,11 +379,9 @@ def _displacement(
     at: FloatArray, nearest: FloatArray, inner: FloatArray, outer: FloatArray
 ) -> FloatArray:
     """Polynomial at the nearest points of the box, and what another one changes from there on."""
-    inside, inner_degree = nearest.reshape(-1, 3), round(len(inner) ** (1 / 3)) - 1
-    displacement, outer_degree = (
-        _basis(inside, inner_degree) @ inner,
-        round(len(outer) ** (1 / 3)) - 1,
-    )
+    inside = nearest.reshape(-1, 3)
+    inner_degree, outer_degree = (round(len(part) ** (1 / 3)) - 1 for part in (inner, outer))
+    displacement = _basis(inside, inner_degree) @ inner
     if outer_degree:
         step = _basis(at.reshape(-1, 3), outer_degree) - _basis(inside, outer_degree)
         displacement = displacement + step @ outer
@@ -407,7 +396,11 @@ def _basis(at: FloatArray, degree: int) -> FloatArray:
 
 
 def fit_distortion_robustly(
-    measured: FloatArray, expected: FloatArray, corrected: FloatArray | None = None
+    measured: FloatArray,
+    expected: FloatArray,
+    corrected: FloatArray | None = None,
+    *,
+    robust: bool | None = True,
 ) -> tuple[DistortionCorrection, BoolArray]:
     """`fit_distortion` without readings that do not fit the others.
 
@@ -419,45 +412,31 @@ def fit_distortion_robustly(
         measured: (N_frames, n, 3) points as the EM tracker saw them, m.
         expected: (N_frames, n, 3) where they were, m.
         corrected: (..., 3) points that are to be corrected, as of `fit_distortion`.
+        robust: None does so only where it predicts left-out frames better; False never.
 
     Returns:
         the correction, whose residuals are those of all readings; (N_frames, n) readings set aside.
-
-    Raises:
-        SamplesError: as of `fit_distortion`.
     """
-    fit, fits, residuals, wrong = _robustly(measured, expected)
-    return replace(_continued(fit, fits, corrected), residuals=residuals), wrong
-
-
-def fit_distortion_by_left_out(
-    measured: FloatArray, expected: FloatArray, corrected: FloatArray | None = None
-) -> tuple[DistortionCorrection, BoolArray]:
-    """`fit_distortion_robustly` where that predicts left-out frames better, else `fit_distortion`.
-
-    Args:
-        measured: (N_frames, n, 3) points as the EM tracker saw them, m.
-        expected: (N_frames, n, 3) where they were, m.
-        corrected: (..., 3) points that are to be corrected, as of `fit_distortion`.
-
-    Returns:
-        As of `fit_distortion_robustly`.
-    """
-    fit, fits = _fit_inside(measured, expected)
-    if far_off(fit.residuals).any() or far_off(measured - expected).any():
-        robust, other_fits, residuals, wrong = _robustly(measured, expected)
+    if not robust:
+        plain, fits = _fit_inside(measured, expected)
+        far = far_off(plain.residuals) | far_off(measured - expected)
+        nothing = np.zeros(measured.shape[:2], dtype=np.bool_)
+        if robust is False or not far.any():
+            return _continued(plain, fits, corrected), nothing
+    fit, robust_fits, residuals, wrong = _robustly(measured, expected)
+    if robust is None:
 
         def left_out(errors: FloatArray) -> FloatArray:
             """RMS (N_frames,) over the readings that both believe, of the frame left out."""
             squares = np.sum(errors**2, axis=-1) * ~wrong
             return np.asarray(np.sqrt(squares.sum(axis=1) / np.maximum((~wrong).sum(axis=1), 1)))
 
-        plain_errors, robust_errors = fits[fit.degree].left_out, other_fits[robust.degree].left_out
+        errors = fits[plain.degree].left_out, robust_fits[fit.degree].left_out
         # Where nothing is corrected either way, what is set aside would only widen the ±.
-        nothing = fit.degree == robust.degree == 0
-        if nothing or robust_predicts_better(left_out(plain_errors), left_out(robust_errors)):
-            return replace(_continued(robust, other_fits, corrected), residuals=residuals), wrong
-    return _continued(fit, fits, corrected), np.zeros(measured.shape[:2], dtype=np.bool_)
+        corrects = plain.degree or fit.degree
+        if corrects and not robust_predicts_better(*map(left_out, errors)):
+            return _continued(plain, fits, corrected), nothing
+    return replace(_continued(fit, robust_fits, corrected), residuals=residuals), wrong
 
 
 def _robustly(
@@ -466,7 +445,7 @@ def _robustly(
     """The fit and those of all degrees, residuals of all readings, and those set aside."""
     wrong, degree = far_off(measured - expected), -1
     believed = np.where(wrong[..., None], expected, measured)
-    for _ in range(MAX_ROUNDS):
+    for _ in range(10):
         fit, fits = _fit_inside(believed, expected)
         residuals = fit.correct(measured) - expected
         again = far_off(residuals)
@@ -474,7 +453,7 @@ def _robustly(
             break
         # Where the tracker would see the points if the fit is right: the correction's inverse.
         by_tracker = expected
-        for _ in range(INVERSIONS):
+        for _ in range(4):
             by_tracker = expected - fit.displacement(by_tracker)
         believed = np.where(again[..., None], by_tracker, measured)
         wrong, degree = again, fit.degree

@@ -15,9 +15,8 @@ from suta_calib.geometry.numbers import register_points
 def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
     """Whether leaving rows out predicts left-out frames better, by more than chance.
 
-    Args:
-        plain: (n,) errors of left-out frames if all rows are believed, m.
-        robust: (n,) the same if rows that do not fit are left out.
+    Errors (n,), m, of left-out frames if all rows are believed, and if those that do not fit are
+    left out.
     """
     # Errors, m, that no instrument resolves: the files of the course have two decimals of a
     # millimetre.
@@ -33,13 +32,7 @@ def robust_predicts_better(plain: FloatArray, robust: FloatArray) -> bool:
 
 
 def left_out_of_pivot(rotation: FloatArray, position: FloatArray, used: BoolArray) -> FloatArray:
-    """Distance (n,) of each frame's tip from the post that the other frames used tell, m.
-
-    Args:
-        rotation: (n, 3, 3) of the body in the tracker.
-        position: (n, 3) of it, m.
-        used: (n,) frames that are fitted; the others are only predicted.
-    """
+    """Distance (n,) of each frame's tip from the post that the other frames used (n,) tell, m."""
     n = len(rotation)
     columns = np.concatenate([rotation, -np.broadcast_to(np.eye(3), (n, 3, 3))], axis=2)
     inverse = np.linalg.pinv(np.einsum("nij,nik->jk", columns[used], columns[used]))

@@ -22,7 +22,6 @@ from suta_calib.pose_calibration.rigid_fit import (
 
 # Numbers that a pose takes of its markers'.
 OF_A_POSE: Final = 6
-MAX_ROUNDS: Final = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +182,7 @@ def _agreeing(markers: FloatArray, frames: FloatArray) -> BoolArray:
     # Residual relative to the size of the body that is rounding.
     floor = 1e-9 * float(np.ptp(markers))
     limit = np.sqrt(outlier_limit(used.size, 1))
-    for _ in range(MAX_ROUNDS):
+    for _ in range(10):
         norms = _norms(markers, frames, used)
         sigma = np.median(norms[used]) / np.sqrt(chdtri(DIMENSION, 0.5))
         agreeing = norms <= limit * sigma + floor

@@ -11,15 +11,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy.special import chdtri, fdtrc
+from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import extent, register_points, rms_length
+from suta_calib.geometry.numbers import extent, register_points, rms_length, skew
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.rigid_fit import ENOUGH_TO_JUDGE
 from suta_calib.stereotactic.distortion import smooth_distortion
 from suta_calib.stereotactic.marker_cloud import OF_A_POSE, BodyPoses, MarkerCloud, ObservedBody
+from suta_calib.trust.evidence import Effect, LinearFit, weigh_effects
 from suta_calib.units import mm
 from suta_calib.words import listed
 
@@ -35,11 +36,8 @@ CHANCE: Final = 1e-6
 SEVERAL: Final = 4.0
 # Part of an error that its explanation leaves at most.
 EXPLAINED: Final = 0.5
-# What a frame's markers miss a probe's shape by, in units of what they usually do, that is no
-# noise; and no distortion, where it is not corrected.
-UNLIKE, UNLIKE_BENT = 3.0, 5.0
-# Frames that tell a scatter, and that tell which frames belong together.
-ENOUGH_TO_SCATTER, ENOUGH_TO_PAIR = 3, 8
+# Frames that tell a scatter.
+ENOUGH_TO_SCATTER: Final = 3
 # Frames that are named.
 MOST_FRAMES: Final = 3
 
@@ -76,12 +74,12 @@ class GivenShape:
 
 @dataclass(frozen=True, eq=False)
 class _Deviation:
-    """What all frames have in common of what they miss a given shape by.
+    """What all frames have in common of what they miss a given shape by, and why.
 
     Attributes:
         common: (n, 3) mean over frames, in the body, m.
         scatter: of one coordinate about it, m.
-        known: whether it is more than the scatter makes, and worth a word.
+        significant: whether it is more than the scatter makes, and worth a word.
         factor: the markers lie so many times as far apart as they should, and its standard
             deviation; None where that does not explain it.
         marker: the one that explains it, and how far that is off, m; None where none does.
@@ -91,21 +89,13 @@ class _Deviation:
     common: FloatArray
     scatter: float
     significant: bool
-    factor: tuple[float, float] | None
-    marker: tuple[int, float] | None
-    effect: float
+    factor: tuple[float, float] | None = None
+    marker: tuple[int, float] | None = None
+    effect: float = 0.0
 
 
 def on_given_shapes(shapes: Sequence[GivenShape], *, robust: bool) -> tuple[list[str], list[str]]:
-    """Bodies that do not look as calbody says, and markers that do so in a few frames.
-
-    Args:
-        shapes: in the files.
-        robust: markers that do not fit the others were left out already.
-
-    Returns:
-        reasons not to use the answer; reasons to take care.
-    """
+    """Bodies that do not look as calbody says, and markers in a few frames: bad, care."""
     bad, care = list[str](), list[str]()
     deviations = list[tuple[GivenShape, _Deviation]]()
     for shape in shapes:
@@ -150,34 +140,42 @@ def _deviation(shape: GivenShape) -> _Deviation:
     frames, n = used.shape
     counts = used.sum(axis=0)
     common = np.nansum(residuals, axis=0) / np.maximum(counts, 1)[:, None]
-    within = np.where(used[..., None], residuals - common, 0.0)
-    # A frame's pose takes six numbers of its markers'.
-    lost = (DIMENSION * n - OF_A_POSE) / (DIMENSION * n)
-    fixed = DIMENSION * int(np.sum(counts > 0)) - OF_A_POSE
-    freedom = max(DIMENSION * float(counts.sum()) * lost - fixed, 1.0)
-    scatter = max(float(np.sqrt(np.sum(within**2) / freedom)), ROUNDED)
-    ratio = float(np.sum(counts[:, None] * common**2)) / scatter**2 / max(fixed, 1)
-    significant = (
-        frames >= ENOUGH_TO_SCATTER
-        and fixed > 0
-        and rms_length(common[counts > 0]) > WORTH_A_WORD
-        and float(fdtrc(fixed, freedom, ratio)) < CHANCE
-    )
-    if not significant:
-        return _Deviation(common, scatter, False, None, None, 0.0)
+    scatter, chance = _in_common(shape.body)
+    size = rms_length(common[counts > 0])
+    if frames < ENOUGH_TO_SCATTER or size <= WORTH_A_WORD or chance >= CHANCE:
+        return _Deviation(common, scatter, False)
     factor, left = _scale(shape.body)
     by_scale = rms_length((common - left)[counts > 0])
     marker, by_marker, moved = _one_marker(shape, common, counts > 0)
-    size = rms_length(common[counts > 0])
     if min(by_scale, by_marker) > EXPLAINED * size:
         lever = _lever(shape.body.cloud, shape.where)
-        effect = lever * size / np.sqrt(max(n - 2, 1))
-        return _Deviation(common, scatter, True, None, None, effect)
+        return _Deviation(common, scatter, True, effect=lever * size / np.sqrt(max(n - 2, 1)))
     if by_marker < by_scale:
-        return _Deviation(common, scatter, True, None, marker, moved)
+        return _Deviation(common, scatter, True, marker=marker, effect=moved)
     # Of a body that was written in another scale the origin moves too.
     effect = abs(factor[0] - 1.0) * float(np.linalg.norm(shape.body.cloud.markers.mean(axis=0)))
-    return _Deviation(common, scatter, True, factor, None, effect)
+    return _Deviation(common, scatter, True, factor, effect=effect)
+
+
+def _in_common(body: ObservedBody) -> tuple[float, float]:
+    """Scatter of a coordinate about what all frames share, m, and the p-value of that.
+
+    All places of the markers in the body are added to a fit whose parameters move it as a whole.
+    """
+    frames, n = body.used.shape
+    motions = np.concatenate([np.tile(np.eye(3), (n, 1, 1)), -skew(body.cloud.markers)], axis=2)
+    seen = np.repeat(body.used.ravel(), DIMENSION)
+    # A frame's own pose takes six numbers of its markers'.
+    left = (DIMENSION * n - OF_A_POSE) / (DIMENSION * n)
+    fit = LinearFit(
+        np.tile(motions.reshape(-1, OF_A_POSE), (frames, 1))[seen],
+        body.residuals[body.used].ravel(),
+        independent_rows=DIMENSION * int(body.used.sum()) * left + OF_A_POSE,
+    )
+    places = Effect("places", np.tile(np.eye(DIMENSION * n), (frames, 1))[seen])
+    for evidence in weigh_effects(fit, [places]):
+        return max(float(np.sqrt(evidence.noise)), ROUNDED), evidence.p_single
+    return ROUNDED, 1.0
 
 
 def _lever(cloud: MarkerCloud, places: FloatArray) -> float:
@@ -203,8 +201,7 @@ def _one_marker(
 ) -> tuple[tuple[int, float] | None, float, float]:
     """The marker without which the others have their shape best, and how far it is off, m.
 
-    Returns:
-        those; RMS that stays of the others, m; what the places are moved by for it, RMS, m.
+    Also the RMS that stays of the others, and what the places are moved by for it, RMS, m.
     """
     given = shape.body.cloud.markers
     shown, candidates = given + common, list[tuple[float, int, float, float]]()
@@ -295,13 +292,10 @@ class ObservedProbe:
 
 
 def on_probe(probe: ObservedProbe) -> tuple[list[str], list[str]]:
-    """Frames in which the EM probe has not the shape that it pivots with: an order, a marker.
+    """Frames in which the EM probe has not the shape that it pivots with: reasons bad, and care.
 
     A pivot, and a registration, notice a frame that does not fit the others; a tip that is only
     looked for has none. What is usual the same files tell, of the pivot and of all others.
-
-    Returns:
-        reasons not to use the answer; reasons to take care.
     """
     pivot, bad, care = next(iter(probe.bodies)), list[str](), list[str]()
     shape = _usual_shape(probe.bodies[pivot])
@@ -313,7 +307,9 @@ def on_probe(probe: ObservedProbe) -> tuple[list[str], list[str]]:
     freedom = max(DIMENSION * n - OF_A_POSE, 1)
     frames = sum(map(len, misfit.values()))
     unlike = np.sqrt(chdtri(freedom, CHANCE / frames) / (chdtri(freedom, 0.5)))
-    unlike = max(unlike, UNLIKE_BENT if probe.bent else UNLIKE)
+    # In units of what frames usually miss the shape by, that is no noise; and no distortion, where
+    # it is not corrected.
+    unlike = max(unlike, 5.0 if probe.bent else 3.0)
     for kind, rms in misfit.items():
         limit = unlike * np.hypot(usual, probe.outside.get(kind, 0.0)) + WORTH_A_WORD
         if not (rms > limit).any():
@@ -332,8 +328,7 @@ def on_probe(probe: ObservedProbe) -> tuple[list[str], list[str]]:
 
 def _usual_shape(pivot: ObservedBody) -> MarkerCloud:
     """The shape that a body has in most of its frames, in its own axes."""
-    settled = 5
-    for _ in range(settled):
+    for _ in range(5):
         # A marker that is left out in every frame stays where it is.
         observed = np.asarray(pivot.used.any(axis=0))
         residuals = np.where(observed[:, None], pivot.residuals, 0.0)
@@ -345,23 +340,15 @@ def _usual_shape(pivot: ObservedBody) -> MarkerCloud:
 def on_late_base(
     base: BodyPoses, placed: BodyPoses, body: FloatArray, measured: FloatArray
 ) -> tuple[list[str], list[str]]:
-    """Whether the EM tracker's base was read a frame later, or earlier, than the object.
+    """Whether the EM tracker's base was read a frame later, or earlier, than the object: bad, care.
 
     Then the EM readings of a frame err together, as its neighbours in place do not, and by just
     what the base moved by from frame to frame.
-
-    Args:
-        base: ``T_optical_em``.
-        placed: ``T_optical_object``, of the same frames.
-        body: (n, 3) EM markers of the object, m.
-        measured: (N_frames, n, 3) the same as the EM tracker saw them, m.
-
-    Returns:
-        reasons not to use the answer; reasons to take care.
     """
-    rows = np.arange(1, len(measured) - 1)
-    if len(rows) < ENOUGH_TO_PAIR:
-        return [], []
+    rows, nothing = np.arange(1, len(measured) - 1), (list[str](), list[str]())
+    # Fewer do not tell which frames belong together.
+    if len(rows) < 8:
+        return nothing
     em_markers = placed.to_tracker(body)[rows]
 
     def expected(lag: int) -> FloatArray:
@@ -375,7 +362,7 @@ def on_late_base(
     now = expected(0)
     moved = {lag: rms_length(expected(lag) - now) for lag in (1, -1)}
     if max(moved.values()) < WORTH_A_WORD:
-        return [], []
+        return nothing
     try:
         before = left(now)
         # Of a base that is read late the readings err by as much as it moves.
@@ -385,14 +372,14 @@ def on_late_base(
             if EXPLAINED * by < np.sqrt(before.mean())
         }
     except SamplesError:
-        return [], []
+        return nothing
     if not after:
-        return [], []
+        return nothing
     lag = min(after, key=lambda lag: float(after[lag].mean()))
     gain, best, off = before - after[lag], float(after[lag].mean()), moved[lag]
     std = float(gain.std(ddof=1)) / np.sqrt(len(gain))
     if gain.mean() < SEVERAL * std or best > EXPLAINED * before.mean():
-        return [], []
+        return nothing
     sentence = (
         f"The EM markers are where the optical tracker says to {mm(np.sqrt(best)):.2f} mm RMS, not "
         f"{mm(np.sqrt(before.mean())):.2f} mm, if each frame of calreadings has the D markers of "

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Final, TypeVar
 
 import numpy as np
@@ -35,8 +35,6 @@ from suta_calib.stereotactic.distortion import (
     HARMLESS,
     DistortionCorrection,
     far_off,
-    fit_distortion,
-    fit_distortion_by_left_out,
     fit_distortion_robustly,
     is_distorted,
     smooth_distortion,
@@ -180,10 +178,9 @@ def solve_stereotactic(
     frames = base.to_body(data.optical_pivot.probe)
     optical_pivot = bodies.pivot("optpivot", MarkerCloud.from_frame(frames[0]), frames)
     navigation = _navigate(bodies, correction, probe, em_pivot.tip)
-    inside = (
-        {} if correction is None else {u: correction.inside(p) for u, p in data.em_uses.items()}
-    )
-    outside = {use: int(np.sum(~inside)) for use, inside in inside.items()}
+    outside = dict[str, int]()
+    if correction is not None:
+        outside = {u: int(np.sum(~correction.inside(p))) for u, p in data.em_uses.items()}
     return StereotacticResult(
         *(data, expected, em_pivot, optical_pivot, correction, navigation, outside),
         *(bodies.outliers, bodies.seen),
@@ -211,21 +208,15 @@ class _Bodies:
     def pivot(self, kind: str, cloud: MarkerCloud, frames: FloatArray) -> PivotCalibration:
         """Pivot calibration of one body; an error names the file."""
         poses = self.poses(kind, cloud, frames)
-        solve = partial(calibrate_pivot, poses.rotation, poses.position)
-
-        def left_out(calibration: PivotCalibration) -> FloatArray:
-            return left_out_of_pivot(poses.rotation, poses.position, calibration.inliers)
-
+        R, p = poses.rotation, poses.position
         with error_context(path_of(self.data.prefix, kind)):
-            return self.better(lambda robust: solve(robust=robust), left_out)
+            return self.better(
+                lambda robust: calibrate_pivot(R, p, robust=robust),
+                lambda calibration: left_out_of_pivot(R, p, calibration.inliers),
+            )
 
     def better(self, solve: Callable[[bool], A], left_out: Callable[[A], FloatArray]) -> A:
-        """The answer as asked for; or the one that predicts left-out rows better.
-
-        Args:
-            solve: robustly or not.
-            left_out: errors (n,) of rows that the others predict, m.
-        """
+        """The answer as asked for; or the one that predicts left-out rows better."""
         if self.robust is not None:
             return solve(self.robust)
         try:
@@ -257,11 +248,9 @@ def _correction(bodies: _Bodies, expected: FloatArray) -> DistortionCorrection:
     measured = bodies.data.readings.em
     used = np.concatenate([points.reshape(-1, 3) for points in bodies.data.em_uses.values()])
     with error_context(path_of(bodies.data.prefix, "calreadings")):
-        if bodies.robust is False:
-            return fit_distortion(measured, expected, corrected=used)
-        fit = fit_distortion_robustly if bodies.robust else fit_distortion_by_left_out
-        correction, wrong = fit(measured, expected, used)
-    bodies.outliers["calreadings"] += int(wrong.sum())
+        correction, wrong = fit_distortion_robustly(measured, expected, used, robust=bodies.robust)
+    if bodies.robust is not False:
+        bodies.outliers["calreadings"] += int(wrong.sum())
     return correction
 
 
@@ -336,12 +325,7 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
 
 
 def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str], list[str]]:
-    """What the rigid bodies' own markers say against the answer: bad, care.
-
-    Args:
-        result: the answer.
-        misread: it is known already that the EM markers of calreadings are not where they should.
-    """
+    """What the rigid bodies' own markers say against the answer: bad, care."""
     bodies, body, correction = result.bodies, result.data.body, result.correction
     base, placed, measured = bodies[BASE], bodies[PLACED], result.data.readings.em
     robust, expected = bool(result.outliers), "the expected EM markers"

@@ -7,13 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
 from suta_calib.errors import SamplesError
+from suta_calib.geometry.numbers import homogeneous
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
@@ -145,11 +146,9 @@ def _fitted(
     """The camera of these pictures, residuals, and the corners they are of."""
     cv2 = opencv()
     used = corners.take(np.isin(corners.image, names))
-    objects, pixels = [], []
-    for name in names:
-        rows = used.image == name
-        objects.append(board.positions(used.point[rows]).astype(np.float32))
-        pixels.append(used.pixel[rows].astype(np.float32))
+    shown = [used.take(used.image == name) for name in names]
+    objects = [board.positions(one.point).astype(np.float32) for one in shown]
+    pixels = [one.pixel.astype(np.float32) for one in shown]
     flags, guess = 0, np.eye(3)
     if not _is_plane(np.concatenate(objects)):
         # Only from plane boards is there a closed form.
@@ -170,13 +169,10 @@ def _fitted(
             hint="take more, or give its file with --camera",
         )
     values = np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *np.ravel(distortion)[:5]])
-    parts = [
-        _linearised(board, used, name, values, np.ravel(turn), np.ravel(place))
-        for name, turn, place in zip(names, turns, places, strict=True)
-    ]
     residuals = np.zeros((len(used), 2))
     schur = np.zeros((len(INTRINSICS), len(INTRINSICS)))
-    for name, (r, A, B) in zip(names, parts, strict=True):
+    for name, one, turn, place in zip(names, shown, turns, places, strict=True):
+        r, A, B = _linearised(board, one, values, np.ravel(turn), np.ravel(place))
         residuals[used.image == name] = r
         # The board's pose in each picture is unknown too.
         schur += A.T @ (A - B @ np.linalg.lstsq(B, A, rcond=None)[0])
@@ -187,20 +183,14 @@ def _fitted(
 
 
 def _linearised(
-    board: Board,
-    corners: Corners,
-    name: str,
-    intrinsics: FloatArray,
-    turn: FloatArray,
-    place: FloatArray,
+    board: Board, corners: Corners, intrinsics: FloatArray, turn: FloatArray, place: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Residuals (n, 2) of a picture; derivatives by intrinsics (2 n, 9) and by pose (2 n, 6)."""
-    rows = corners.image == name
-    camera = Camera(2, 2, intrinsics)
+    matrix = Camera(2, 2, intrinsics).matrix
     projected, J = opencv().projectPoints(
-        board.positions(corners.point[rows]), turn, place, camera.matrix, intrinsics[4:]
+        board.positions(corners.point), turn, place, matrix, intrinsics[4:]
     )
-    return projected.reshape(-1, 2) - corners.pixel[rows], J[:, 6:15], J[:, :6]
+    return projected.reshape(-1, 2) - corners.pixel, J[:, 6:15], J[:, :6]
 
 
 def rms_by_view(corners: Corners, residuals: FloatArray) -> dict[str, float]:
@@ -256,39 +246,36 @@ def view_poses(
         pose has them in the picture; and
         (n, 2) residuals of all corners, px, NaN in other pictures.
     """
-    cv2 = opencv()
     poses, residuals = {}, np.full((len(corners), 2), np.nan)
     for name in corners.images:
         rows = corners.image == name
-        points, pixels = board.positions(corners.point[rows]), corners.pixel[rows]
-        if len(points) < 4:
+        shown = corners.take(rows)
+        posed = _posed(board.positions(shown.point), shown.pixel, camera)
+        if posed is None:
             continue
-        solved, turn, place = _posed(points, pixels, camera)
-        if not solved:
-            continue
-        T = np.eye(4)
-        T[:3, :3], T[:3, 3] = cv2.Rodrigues(turn)[0], np.ravel(place)
-        off = _linearised(board, corners, name, camera.intrinsics, np.ravel(turn), np.ravel(place))[
-            0
-        ]
+        off, *_ = _linearised(board, shown, camera.intrinsics, *posed)
         # A search that went astray ends anywhere: beyond the picture nothing is told by how far.
-        if np.abs(off).max() > max(camera.width, camera.height):
-            continue
-        poses[name], residuals[rows] = T, off
+        if np.abs(off).max() <= max(camera.width, camera.height):
+            poses[name] = homogeneous(opencv().Rodrigues(posed[0])[0], posed[1])
+            residuals[rows] = off
     return poses, residuals
 
 
-def _posed(points: FloatArray, pixels: FloatArray, camera: Camera) -> tuple[bool, Any, Any]:
-    """Whether a pose was found; rotation vector, position, m."""
+def _posed(
+    points: FloatArray, pixels: FloatArray, camera: Camera
+) -> tuple[FloatArray, FloatArray] | None:
+    """Rotation vector and position, m, if the points tell a pose."""
+    if len(points) < 4:
+        return None
     cv2 = opencv()
     lens = camera.matrix, camera.intrinsics[4:]
-    plane = _is_plane(points)
     # Of the two poses that a plane has in a distant picture it tells the better one.
-    method = cv2.SOLVEPNP_IPPE if plane else cv2.SOLVEPNP_SQPNP
+    method = cv2.SOLVEPNP_IPPE if _is_plane(points) else cv2.SOLVEPNP_SQPNP
     try:
         count, turns, places, _ = cv2.solvePnPGeneric(points, pixels, *lens, flags=method)
         if not count:
-            return False, None, None
-        return True, *cv2.solvePnPRefineLM(points, pixels, *lens, turns[0], places[0])
+            return None
+        turn, place = cv2.solvePnPRefineLM(points, pixels, *lens, turns[0], places[0])
     except cv2.error:
-        return False, None, None
+        return None
+    return np.ravel(turn), np.ravel(place)

@@ -22,22 +22,12 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.measurements.board import Chessboard
-from suta_calib.vision.finder import (
-    DetectedBoard,
-    Finder,
-    NotSeenError,
-    nothing_seen,
-    refined,
-    without,
-)
+from suta_calib.vision.finder import DetectedBoard, NotSeenError, nothing_seen, refined, without
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey
 
 # Larger pictures are searched in smaller copies first: it is faster, and blur and noise are less.
-# The last resort is a copy of half of the smallest size: of a blurred or noisy board OpenCV finds
-# no corner, or a part of them, in anything larger.
 _SEARCHED: Final = (1000, 1600)
-_LAST_RESORT: Final = 0.5
 # Smallest board that a search for any board begins from.
 _SEED: Final = 3
 # Share of the corners of a board that must be seen; others may lie in a glare or under a cable.
@@ -47,7 +37,6 @@ _GOES_ON: Final = 0.6
 # How much less of the picture the corners of a further row may explain than those of the board:
 # between a rim and what lies behind it there are things that are nearly corners.
 _LESS_CLEAR: Final = 0.1
-_MOST_ROWS: Final = 200
 # Other boards that lie about.
 _COMMON: Final = (
     *((4, 3), (5, 4), (6, 4), (6, 5), (7, 5), (7, 6), (8, 5), (8, 6), (9, 6), (9, 7)),
@@ -68,22 +57,31 @@ class _Grid:
     detected: BoolArray
 
     @property
+    def sides(self) -> tuple[FloatArray, FloatArray]:
+        """Ways (2,) from the first corner along the first row and the first column, px."""
+        return self.pixel[0, -1] - self.pixel[0, 0], self.pixel[-1, 0] - self.pixel[0, 0]
+
+    @property
+    def steps(self) -> tuple[FloatArray, FloatArray]:
+        """Ways from each corner to the next, down the columns and along the rows, px."""
+        down, right = (np.linalg.norm(np.diff(self.pixel, axis=k), axis=2) for k in (0, 1))
+        return down, right
+
+    @property
     def spacing(self) -> float:
         """Least way from a corner to the next, px."""
-        return min(float(np.linalg.norm(np.diff(self.pixel, axis=k), axis=2).min()) for k in (0, 1))
+        return min(float(steps.min()) for steps in self.steps)
 
     @property
     def regular(self) -> bool:
         """Whether no row or column is left out: steps change little from one to the next."""
-        for axis in (0, 1):
-            steps = np.linalg.norm(np.diff(self.pixel, axis=axis), axis=2)
-            longer = np.abs(np.diff(np.log(np.maximum(steps, 1e-3)), axis=axis))
-            # A step from corner to corner, in steps before it: perspective makes them longer by
-            # some per cent. OpenCV's search of corners by themselves leaves out rows to come to the
-            # size it is asked for.
-            if np.any(longer > np.log(1.5)):
-                return False
-        return True
+        # A step from corner to corner, in steps before it: perspective makes them longer by some
+        # per cent. OpenCV's search of corners by themselves leaves out rows to come to the size it
+        # is asked for.
+        return not any(
+            np.any(np.abs(np.diff(np.log(np.maximum(steps, 1e-3)), axis=k)) > np.log(1.5))
+            for k, steps in enumerate(self.steps)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,7 +119,7 @@ class _Copy:
 
 
 @dataclass(frozen=True, eq=False)
-class ChessboardFinder(Finder):
+class ChessboardFinder:
     """Finds one chessboard.
 
     Attributes:
@@ -131,11 +129,7 @@ class ChessboardFinder(Finder):
     board: Chessboard
 
     def find(self, grey: Grey) -> DetectedBoard:
-        """The board, its corners numbered along the rows.
-
-        Raises:
-            NotSeenError: another size, two boards, or none.
-        """
+        """The board, its corners numbered along the rows."""
         size = (self.board.columns, self.board.rows)
         copies = list(_copies(grey))
         grid: _Grid | None = None
@@ -157,7 +151,7 @@ class ChessboardFinder(Finder):
                 f"{longer_first[0]}x{longer_first[1]} inner corners instead of {size[0]}x{size[1]}"
             )
         # Squares' widths around the outer corners belong to the board as well.
-        rest = without(grey, grid.pixel.reshape(-1, 2), 1.6 * _widest(grid))
+        rest = without(grey, grid.pixel.reshape(-1, 2), 1.6 * max(s.max() for s in grid.steps))
         if _by_squares(grey, next(_copies(rest)), size):
             raise NotSeenError("two boards")
         return self._numbered(grey, grid)
@@ -191,18 +185,14 @@ class ChessboardFinder(Finder):
             saddles, detected = refined(copy.grey, start, best.spacing / copy.scale)
             detected &= best.detected.ravel()
             if detected.mean() >= _LEAST_SEEN:
-                return DetectedBoard(
-                    np.flatnonzero(detected),
-                    copy.outside(saddles.pixel[detected]),
-                    copy.scale * saddles.std[detected],
-                    copy.scale * float(np.median(saddles.blur[detected])),
-                )
+                numbers = np.arange(len(detected))
+                return DetectedBoard.of(saddles, detected, numbers, copy.scale, copy.outside)
         raise nothing_seen(grey, "chessboard")
 
     def _ways(self, grid: _Grid) -> Iterator[_Grid]:
         """All ways to number the grid that are seen from the board's face."""
         pixel, detected = grid.pixel, grid.detected
-        right, down = pixel[0, -1] - pixel[0, 0], pixel[-1, 0] - pixel[0, 0]
+        right, down = grid.sides
         if right[0] * down[1] - right[1] * down[0] < 0:
             pixel, detected = pixel[:, ::-1], detected[:, ::-1]
         for quarter in range(4):
@@ -215,10 +205,9 @@ class ChessboardFinder(Finder):
 
         Where half a turn changes the colours, they alone decide.
         """
-        pixel = way.pixel
-        right, down = pixel[0, -1] - pixel[0, 0], pixel[-1, 0] - pixel[0, 0]
+        right, down = way.sides
         upright = right[0] / np.linalg.norm(right) + down[1] / np.linalg.norm(down)
-        return _dark(grey, pixel), float(upright)
+        return _dark(grey, way.pixel), float(upright)
 
 
 def _dark(grey: Grey, pixel: FloatArray) -> bool:
@@ -227,17 +216,13 @@ def _dark(grey: Grey, pixel: FloatArray) -> bool:
     at = np.clip(np.round(middle).astype(np.intp), 0, np.array(grey.shape[::-1]) - 1)
     greys = grey[at[..., 1], at[..., 0]].astype(float)
     same_colour = np.indices(greys.shape).sum(axis=0) % 2 == 0
-    return (
-        bool(np.median(greys[same_colour]) < np.median(greys[~same_colour]))
-        if (~same_colour).any()
-        else False
-    )
+    others = greys[~same_colour]
+    return bool(len(others) and np.median(greys[same_colour]) < np.median(others))
 
 
 def _wrongly_counted(size: tuple[int, int]) -> Iterator[tuple[int, int]]:
     """Sizes that a board may have whose file says another."""
-    # Sizes that a board has in truth whose file is wrong: squares counted for corners, one too
-    # many.
+    # Squares counted for corners, one too many.
     miscounted = ((-1, -1), (1, 1), (-1, 0), (0, -1), (1, 0), (0, 1), (-2, -2), (2, 2))
     near = ((size[0] + more[0], size[1] + more[1]) for more in miscounted)
     yield from (size for size in near if min(size) >= _SEED)
@@ -270,13 +255,11 @@ def _by_squares(grey: Grey, copy: _Copy, size: tuple[int, int]) -> _Grid | None:
 
 def _patches(binary: Grey) -> int:
     """How many patches of a binary picture may be squares, by their size and how much they fill."""
-    # Area of such a patch, px, and the part of the upright rectangle around it that it fills at
-    # least: a square that stands on its corner fills half of it, and one that is seen aslant less.
-    smallest_square = 25.0
-    least_filled = 0.3
     patches = opencv().connectedComponentsWithStats(binary, connectivity=4)[2][1:]
     width, height, area = patches[:, 2:].T.astype(float)
-    return int(np.sum((area >= smallest_square) & (area >= least_filled * width * height)))
+    # At least 25 px large; a square that stands on its corner fills half of the upright rectangle
+    # around it, and one that is seen aslant less.
+    return int(np.sum((area >= 25.0) & (area >= 0.3 * width * height)))
 
 
 def _copies(grey: Grey) -> Iterator[_Copy]:
@@ -287,8 +270,11 @@ def _copies(grey: Grey) -> Iterator[_Copy]:
 
 
 def _last_resort(grey: Grey) -> _Copy:
-    """The copy to search in where all others show no board of the size that is asked for."""
-    return _smaller(grey, max(max(grey.shape) / _SEARCHED[0], 1.0) / _LAST_RESORT)
+    """A copy of half of the smallest size, where all others show no board of the size asked for.
+
+    Of a blurred or noisy board OpenCV finds no corner, or a part of them, in anything larger.
+    """
+    return _smaller(grey, 2.0 * max(max(grey.shape) / _SEARCHED[0], 1.0))
 
 
 def _smaller(grey: Grey, scale: float) -> _Copy:
@@ -336,7 +322,7 @@ def _grown(
     grey: Grey, pixel: FloatArray, detected: BoolArray, clear: float
 ) -> tuple[FloatArray, BoolArray]:
     """A grid with all rows that follow its last one in the picture."""
-    while len(pixel) < _MOST_ROWS:
+    while len(pixel) < 200:
         spacing = _Grid(pixel, detected).spacing
         further = 2 * pixel[-1] - pixel[-2]
         if len(pixel) > 2:
@@ -351,7 +337,3 @@ def _grown(
         row = np.where(there[:, None], saddles.pixel, further)
         pixel, detected = np.vstack([pixel, row[None]]), np.vstack([detected, there[None]])
     return pixel, detected
-
-
-def _widest(grid: _Grid) -> float:
-    return max(float(np.linalg.norm(np.diff(grid.pixel, axis=k), axis=2).max()) for k in (0, 1))

@@ -29,23 +29,11 @@ from suta_calib.arrays import BoolArray, FloatArray
 
 # Unknowns of a corner: u, v, the directions of both edges, their blur, grey between, contrast.
 _UNKNOWNS: Final = 7
-_ROUNDS: Final = 12
-_SETTLED: Final = 1e-3  # px
 _ROOT_HALF: Final = np.sqrt(0.5)
 # Places and weights of Gauss and Legendre's integral from -1 to 1: errs by less than a thousandth.
 _NODES: Final = np.polynomial.legendre.leggauss(6)
 # Share of the variance around a corner that the model must explain: a sharp one has over 0.95.
 _LEAST_SCORE: Final = 0.7
-# How often the shape of a picture's blur is corrected, from how many corners, by how much at most,
-# in logarithms of its length, and from when on: so unlikely by chance (one in 10⁴, chi-squared with
-# two degrees of freedom), and as much as matters to a corner.
-_SHAPED: Final = 5
-_ENOUGH: Final = 3
-# Corners that tell themselves how much they scatter; of fewer the pixels have to say it.
-_MANY: Final = 8
-_FARTHEST: Final = 0.5
-_SIGNIFICANT: Final = 18.4
-_ROUND: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +70,11 @@ class FittedCorners:
 def fit_corners(
     grey: NDArray[Any], start: FloatArray, radius: int, edges: FloatArray | None = None
 ) -> FittedCorners:
-    """Fit the model around every place.
+    """Fit the model around every place (n, 2), px, in a picture (height, width).
 
     Args:
-        grey: (height, width) picture.
-        start: (n, 2) places u, v to begin from, px.
+        grey: the picture.
+        start: places u, v to begin from.
         radius: of the disc of pixels that is fitted, px; less than half the way to the next corner.
         edges: (n, 2) directions of the two edges of a single dark square, rad, which lies on the
             side towards which u turns to v; saddles without.
@@ -105,7 +93,7 @@ def fitted(
         single, values[:, 2:4] = 1.0, edges
         values[:, 6] *= -0.5
     fit = CornerFit(np.eye(2), values, offset, patch, weight, single).settled(radius)
-    for _ in range(_SHAPED):
+    for _ in range(5):
         step = fit.blurred_along()
         if not step.any():
             break
@@ -149,7 +137,7 @@ class CornerFit:
         """By steps of Levenberg and Marquardt, for each corner its own."""
         values, (cost, J, r) = self.values, self.evaluated
         damping = np.full(len(values), 1e-3)
-        for _ in range(_ROUNDS):
+        for _ in range(12):
             H = np.einsum("npi,npj->nij", J, J)
             g = np.einsum("npi,np->ni", J, r)
             scale = np.einsum("nii->ni", H) + 1e-9
@@ -167,18 +155,14 @@ class CornerFit:
                 for new, old in zip(tried, (cost, J, r), strict=True)
             )
             damping = np.where(better, damping * 0.1, damping * 10.0)
-            if np.all(step[better] < _SETTLED) and better.any():
+            if np.all(step[better] < 1e-3) and better.any():
                 break
         settled = replace(self, values=values)
         vars(settled)["evaluated"] = cost, J, r
         return settled
 
     def warped(self, stretch: FloatArray) -> CornerFit:
-        """The same corners with the blur stretched by exp of a symmetric matrix of trace 0.
-
-        Args:
-            stretch: (2,) its upper row.
-        """
+        """The same with the blur stretched by exp of a symmetric matrix: upper row, trace 0."""
         a, b = stretch
         size = max(float(np.hypot(a, b)), 1e-300)
         upper = np.array([[a, b], [b, -a]]) / size
@@ -205,7 +189,7 @@ class CornerFit:
         _, J, r = self.evaluated
         variance = self._variance
         corner = self.explained >= _LEAST_SCORE
-        if corner.sum() < _ENOUGH:
+        if corner.sum() < 3:
             return np.zeros(2)
         columns = [(self.warped(by).evaluated[2] - r) / stretch for by in stretch * np.eye(2)]
         Z = np.stack(columns, axis=-1)
@@ -216,13 +200,16 @@ class CornerFit:
         curvature = np.einsum("n,npk,npl->kl", precision, Z, Z)
         total = scores.sum(axis=0)
         deviations = scores[corner] - scores[corner].mean(axis=0)
-        scatter = deviations.T @ deviations if corner.sum() >= _MANY else curvature
+        # Fewer corners do not tell themselves how much they scatter: the pixels have to say it.
+        scatter = deviations.T @ deviations if corner.sum() >= 8 else curvature
         squared = float(total @ np.linalg.pinv(scatter, hermitian=True) @ total)
         step = -np.linalg.pinv(curvature, hermitian=True) @ total
         size = float(np.linalg.norm(step))
-        if squared < _SIGNIFICANT or size < _ROUND:
+        # One in 10⁴ by chance (chi-squared with two degrees of freedom), and as much as matters to
+        # a corner; and not farther at once, in logarithms of its length.
+        if squared < 18.4 or size < 0.01:
             return np.zeros(2)
-        return np.asarray(step * min(1.0, _FARTHEST / size))
+        return np.asarray(step * min(1.0, 0.5 / size))
 
     @property
     def _variance(self) -> FloatArray:
@@ -293,16 +280,12 @@ def evaluated(
     values: FloatArray, offset: FloatArray, patch: FloatArray, weight: FloatArray, single: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Cost (n,), Jacobian (n, p, 7) and residual (n, p) of the model."""
-    # Cosine of the sharpest angle between two edges.
-    narrowest = 0.99
     blur, grey, contrast = (column[:, None] for column in values[:, 4:].T)
-    edges = []
-    for angle in (2, 3):
-        across, along, sine, cosine = _edge(values, angle, offset)
-        edges.append((across, along, sine, cosine, across / blur))
-    (x1, a1, sin1, cos1, t1), (x2, a2, sin2, cos2, t2) = edges
+    (x1, a1, sin1, cos1), (x2, a2, sin2, cos2) = (_edge(values, k, offset) for k in (2, 3))
+    t1, t2 = x1 / blur, x2 / blur
     between = values[:, 2:3] - values[:, 3:4]
-    rho = np.clip(np.cos(between), -narrowest, narrowest)
+    # No edges are nearer to each other than this.
+    rho = np.clip(np.cos(between), -0.99, 0.99)
     both, density, beyond1, beyond2, sides = crossed(t1, t2, rho)
     shape = both + single * sides
     model = grey + contrast * shape

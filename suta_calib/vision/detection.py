@@ -29,11 +29,12 @@ from suta_calib.vision.camera_fit import (
     view_poses,
 )
 from suta_calib.vision.chessboard import ChessboardFinder
-from suta_calib.vision.finder import DetectedBoard, Finder, NotSeenError
+from suta_calib.vision.finder import DetectedBoard, NotSeenError
 from suta_calib.vision.markers import CharucoFinder, MarkersFinder
 from suta_calib.vision.pictures import PictureFile, UnusablePictureError, read_picture
 from suta_calib.words import listed
 
+Finder = ChessboardFinder | CharucoFinder | MarkersFinder
 Progress = Callable[[int, int], None]
 _MOST_TOLD: Final = 3
 
@@ -116,11 +117,7 @@ class Detection(Displayable):
 
 
 def finder_of(board: Board) -> Finder:
-    """What finds a board.
-
-    Raises:
-        BoardError: a dictionary of markers that there is not.
-    """
+    """What finds a board."""
     if isinstance(board, Chessboard):
         return ChessboardFinder(board)
     if isinstance(board, Charuco):
@@ -166,7 +163,12 @@ def detect(
                 f"No camera is calibrated: found {problem.found}; expected {problem.expected}."
             )
         else:
-            views = [_fitting(view, fit.astray) for view in views]
+            views = [
+                view.without(f"corners {off:.1f} px off where the camera of the others has them")
+                if (off := fit.astray.get(view.picture.name))
+                else view
+                for view in views
+            ]
     corners = _corners(views)
     if fit is not None:
         fit = replace(fit, camera=replace(fit.camera, corners=corners.digest))
@@ -178,13 +180,13 @@ def detect(
         views = [_with_rms(view, rms) for view in views]
         if fit is None:
             bad, notes = _judged(list(rms.values()), how)
-    notes = [*_symmetry(board), *notes, *_left_out(views)]
+    notes = [*filter(None, [_symmetry(board)]), *notes, *filter(None, [_left_out(views)])]
     count = sum(view.board is not None for view in views)
     sentence = f"{len(corners)} corners in {count} of {len(views)} pictures."
     if fit is not None:
         sentence += f" {fit.assessment.sentence}"
         (bad if not fit.assessment.usable else notes).extend(fit.assessment.notes)
-    facts = [*filter(None, [turned]), *_on_its_side(board, views)]
+    facts = [*filter(None, [turned, _on_its_side(board, views)])]
     assessment = Assessment.of(sentence, bad=bad, care=notes, facts=facts)
     return Detection(board, views, corners, camera, fit, residuals, assessment)
 
@@ -252,14 +254,6 @@ def _with_rms(view: SearchedPicture, rms: Mapping[str, float]) -> SearchedPictur
     return replace(view, rms=value if np.isfinite(value) else None)
 
 
-def _fitting(view: SearchedPicture, astray: Mapping[str, float]) -> SearchedPicture:
-    """A picture, left out where its corners do not fit the others'."""
-    if view.picture.name not in astray:
-        return view
-    rms = astray[view.picture.name]
-    return view.without(f"corners {rms:.1f} px off where the camera of the others has them")
-
-
 def _corners(views: Sequence[SearchedPicture]) -> Corners:
     detections = [(view.picture.name, view.board) for view in views if view.board is not None]
     return corners_of(
@@ -300,36 +294,36 @@ def _judged(rms: Sequence[float], how: DetectionOptions) -> tuple[list[str], lis
     return [], [f"{misfit}; {remedy}"] if median > how.doubtful else []
 
 
-def _symmetry(board: Board) -> list[str]:
-    if not board.symmetric:
-        return []
-    return [
+def _symmetry(board: Board) -> str:
+    return (
         "The board looks the same after half a turn: its corners are numbered as if it stood "
         "upright in every picture; poses of the hand tell where it did not, and nothing else does: "
         "use one with an odd and an even number of corners."
-    ]
+        if board.symmetric
+        else ""
+    )
 
 
-def _on_its_side(board: Board, views: Sequence[SearchedPicture]) -> list[str]:
+def _on_its_side(board: Board, views: Sequence[SearchedPicture]) -> str:
     """That a chessboard's columns may have been counted as its rows, which no picture tells.
 
-    The squares are the same ones, and so are their colours; a board that lies in nearly every
-    picture as it would lie with the counts exchanged is what there is to be seen of it.
+    A board that lies in nearly every picture as it would lie with the counts exchanged is what
+    there is to be seen of it.
     """
     if not isinstance(board, Chessboard) or board.exchanged is None:
-        return []
+        return ""
     lying = [_lies(board, view.board) for view in views if view.board is not None]
     # Share of the pictures in which a board lies on its side from which on it may be miscounted.
     if sum(lying) < 0.9 * len(lying):
-        return []
+        return ""
     which = "the picture" if len(lying) == 1 else f"{sum(lying)} of {len(lying)} pictures"
-    return [
+    return (
         f"In {which} the board lies on its side: rows of {board.columns} corners run up and down, "
         f"as the file says (corners: [{board.columns}, {board.rows}]). Were columns and rows "
         "exchanged in it, the same corners would be found, numbered along the other side, and the "
         "board's frame would be a quarter turn off, but not the camera: see the numbers in the "
         "pictures (--report DIR --pictures)."
-    ]
+    )
 
 
 def _lies(board: Chessboard, detected: DetectedBoard) -> bool:
@@ -341,8 +335,7 @@ def _lies(board: Chessboard, detected: DetectedBoard) -> bool:
     return bool(abs(across[1]) > abs(across[0]) and abs(along[0]) > abs(along[1]))
 
 
-def _left_out(views: Sequence[SearchedPicture]) -> list[str]:
+def _left_out(views: Sequence[SearchedPicture]) -> str:
     lost = [f"{view.picture.name} ({view.reason})" for view in views if view.board is None]
-    if not lost:
-        return []
-    return [f"{len(lost)} of {len(views)} pictures are left out: {listed(lost, _MOST_TOLD)}."]
+    told = f"{len(lost)} of {len(views)} pictures are left out: {listed(lost, _MOST_TOLD)}."
+    return told if lost else ""

@@ -21,15 +21,13 @@ _BLACK, _WHITE = (0, 0, 0), (255, 255, 255)
 
 def drawn(view: SearchedPicture, detection: Detection) -> bytes:
     """A JPEG of a picture with the corners in it, or with why it is left out."""
-    # Largest side of a drawing, px.
-    largest = 1280
-    quality = 85
     cv2 = opencv()
     try:
         grey = read_picture(view.picture.path)
     except UnusablePictureError:
         grey = np.full((240, 640), 90, dtype=np.uint8)
-    scale = min(1.0, largest / max(grey.shape))
+    # Largest side of a drawing, px.
+    scale = min(1.0, 1280 / max(grey.shape))
     size = tuple(max(round(n * scale), 1) for n in grey.shape[::-1])
     canvas = cv2.cvtColor(cv2.resize(grey, size, interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2BGR)
     if view.board is not None:
@@ -42,7 +40,7 @@ def drawn(view: SearchedPicture, detection: Detection) -> bytes:
     plain = caption.encode("ascii", "replace").decode()
     for colour, width in ((_BLACK, 4), (_WHITE, 1)):
         cv2.putText(canvas, plain, (8, 22), cv2.FONT_HERSHEY_SIMPLEX, 0.55, colour, width)
-    return bytes(cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, quality])[1])
+    return bytes(cv2.imencode(".jpg", canvas, [cv2.IMWRITE_JPEG_QUALITY, 85])[1])
 
 
 def _corners(canvas: Any, pixel: Any, point: Any, detection: Detection) -> None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Final
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,7 @@ from suta_calib.vision.corner_model import FittedCorners, fit_corners
 from suta_calib.vision.opencv import opencv
 from suta_calib.vision.pictures import Grey
 
-# Radius of the disc in which a corner is sought, in ways to the next corner, and its limits, px:
-# more than the largest adds time and little else.
-_RADIUS: Final = 0.45
+# Radius of the disc in which a corner is sought, px: more adds time and little else.
 RADII: Final = (2, 8)
 # How far a corner may be from where it was first seen, in ways to the next one.
 REACH: Final = 0.35
@@ -44,17 +42,22 @@ class DetectedBoard:
     std: FloatArray
     blur: float
 
-
-class Finder(ABC):
-    """Finds one board."""
-
-    @abstractmethod
-    def find(self, grey: Grey) -> DetectedBoard:
-        """The board in a picture.
-
-        Raises:
-            NotSeenError: it is not there, or there twice; says what was seen instead.
-        """
+    @classmethod
+    def of(
+        cls,
+        saddles: FittedCorners,
+        found: BoolArray,
+        numbers: IntArray,
+        scale: float = 1.0,
+        outside: Callable[[FloatArray], FloatArray] = np.asarray,
+    ) -> Self:
+        """Those of saddles (n,) that were found, in a copy so many times smaller."""
+        return cls(
+            numbers[found],
+            outside(saddles.pixel[found]),
+            scale * saddles.std[found],
+            scale * float(np.median(saddles.blur[found])),
+        )
 
 
 def refined(
@@ -62,7 +65,7 @@ def refined(
     start: FloatArray,
     spacing: float,
     *,
-    most: float = _RADIUS,
+    most: float = 0.45,
     reach: float = REACH,
 ) -> tuple[FittedCorners, BoolArray]:
     """Corners between squares, and which of them are corners at all.
@@ -106,35 +109,19 @@ def transformed(H: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def nothing_seen(grey: Grey, what: str) -> NotSeenError:
-    """Why a board may not be in a picture, to be raised by the caller.
-
-    Args:
-        grey: the picture.
-        what: was looked for, such as ``chessboard``.
-    """
+    """Why a board may not be in a picture, to be raised by the caller."""
     dark, light = np.percentile(grey, (0.5, 99.5))
     # Greys of a picture in which there is nothing.
     if light - dark < 10.0:
         return NotSeenError(f"an empty picture: greys from {dark:.0f} to {light:.0f} of 255")
-    width = edge_width(grey, float(light - dark))
-    # Width of the sharpest edges, px, from which on blur may be why nothing was found.
+    # In how many pixels the sharpest edges go from dark to light.
+    smooth = opencv().GaussianBlur(grey, (0, 0), 1.0).astype(np.float32)
+    steepest = np.percentile(np.hypot(*np.gradient(smooth)), 99.9)
+    width = float(light - dark) / max(float(steepest), 1e-3)
+    # Wider, blur may be why nothing was found.
     if width > 6.0:
         return NotSeenError(f"no {what}; the picture is blurred: its edges are {width:.0f} px wide")
     return NotSeenError(f"no {what}")
-
-
-def edge_width(grey: Grey, contrast: float) -> float:
-    """In how many pixels the sharpest edges go from dark to light.
-
-    Args:
-        grey: the picture.
-        contrast: from dark to light, grey levels.
-    """
-    cv2 = opencv()
-    smooth = cv2.GaussianBlur(grey, (0, 0), 1.0).astype(np.float32)
-    down, right = np.gradient(smooth)
-    steepest = np.percentile(np.hypot(down, right), 99.9)
-    return contrast / max(float(steepest), 1e-3)
 
 
 def without(grey: Grey, pixels: NDArray[Any], margin: float) -> Grey:

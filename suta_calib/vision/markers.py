@@ -15,7 +15,6 @@ from suta_calib.vision.corner_model import FittedCorners, fit_corners
 from suta_calib.vision.finder import (
     RADII,
     DetectedBoard,
-    Finder,
     NotSeenError,
     homography,
     nothing_seen,
@@ -28,23 +27,15 @@ from suta_calib.words import listed
 
 # Share of the markers that must lie where the board has them.
 _LEAST_IN_PLACE: Final = 0.6
-# Markers around a corner from which its place is foretold, and how far off they may be, squares.
+# Markers around a corner from which its place is foretold.
 _NEAREST: Final = 4
-_NEAR: Final = 1.0
-# Radius of the disc around a corner that no marker reaches, and how far the corner may be from
-# where its neighbours have it, in what is white between them: farther off are corners of markers.
-_WHITE: Final = 1.3
-_ASIDE: Final = 1.0
-_MOST_WIDE: Final = 60
 
 
 def marker_cells(board: Charuco, *, legacy: bool = False) -> IntArray:
     """Column and row (n, 2) of the squares that hold the markers, in their order.
 
-    Args:
-        board: the board.
-        legacy: as OpenCV drew it before 4.6: where the number of rows is even, the first square is
-            white.
+    As OpenCV drew it before 4.6 (``legacy``) the first square is white where the number of rows is
+    even.
     """
     row, column = np.indices((board.rows, board.columns))
     white = (row + column) % 2 == (0 if legacy and board.rows % 2 == 0 else 1)
@@ -81,7 +72,7 @@ def _check_once(numbers: IntArray) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class MarkersFinder(Finder):
+class MarkersFinder:
     """Finds markers of known places.
 
     Attributes:
@@ -97,11 +88,7 @@ class MarkersFinder(Finder):
         _check_numbers(self.board.dictionary, max(self.board.markers), "markers")
 
     def find(self, grey: Grey) -> DetectedBoard:
-        """The corners of all its markers that are seen.
-
-        Raises:
-            NotSeenError: none of them, or one twice.
-        """
+        """The corners of all its markers that are seen."""
         corners, numbers = _seen_markers(grey, self.board.dictionary)
         if not len(numbers):
             raise _none_seen(grey, self.board.dictionary, "marker")
@@ -135,7 +122,7 @@ class MarkersFinder(Finder):
 
 
 @dataclass(frozen=True, eq=False)
-class CharucoFinder(Finder):
+class CharucoFinder:
     """Finds a chessboard with markers, also a part of one.
 
     Attributes:
@@ -164,11 +151,7 @@ class CharucoFinder(Finder):
         return np.asarray((cells + 0.5)[:, None] + around)
 
     def find(self, grey: Grey) -> DetectedBoard:
-        """Its inner corners that are seen.
-
-        Raises:
-            NotSeenError: another board, two boards, or none.
-        """
+        """Its inner corners that are seen."""
         corners, numbers = _seen_markers(grey, self.board.dictionary)
         if not len(numbers):
             raise _none_seen(grey, self.board.dictionary, "markers")
@@ -192,20 +175,15 @@ class CharucoFinder(Finder):
         return self._between(grey, layout[numbers[inside]], corners[inside])
 
     def _between(self, grey: Grey, marked: FloatArray, corners: FloatArray) -> DetectedBoard:
-        """Corners of squares, foretold from the markers around them and refined.
-
-        Args:
-            grey: the picture.
-            marked: (m, 4, 2) the markers' corners on the board, squares.
-            corners: (m, 4, 2) in the picture, px.
-        """
+        """Corners of squares, foretold from the markers around them and refined."""
         middle, points, places, start, spacing = marked.mean(axis=1), [], [], [], []
         for number, place in self.board.points.items():
             place = place[:2] / self.board.square
             away = np.linalg.norm(middle - place, axis=1)
             near = np.argsort(away)[:_NEAREST]
-            near = near[away[near] < max(_NEAR, float(away.min()) + 0.1)]
-            if away.min() > _NEAR:
+            # No farther than a square away.
+            near = near[away[near] < max(1.0, float(away.min()) + 0.1)]
+            if away.min() > 1.0:
                 continue
             H = _plane(marked[near].reshape(-1, 2), corners[near].reshape(-1, 2))
             around = transformed(H, place + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
@@ -215,27 +193,24 @@ class CharucoFinder(Finder):
             spacing.append(np.linalg.norm(around[1:] - around[0], axis=1).min())
         if not points:
             raise NotSeenError("markers of the board, but no corner beside one")
+        # What is white between the markers around a corner: its disc reaches no marker, and farther
+        # off from where its neighbours have it are corners of markers.
         white = (1.0 - self.board.marker / self.board.square) / 2.0
-        least, most = float(np.min(spacing)), min(_WHITE * white, 0.45)
+        least, most = float(np.min(spacing)), min(1.3 * white, 0.45)
         saddles, usable = refined(grey, np.array(start), least, most=most)
         again = _among(np.array(places), saddles, usable, least)
         predicted = np.isfinite(again[:, 0])
         if predicted.any():
             again[~predicted] = np.array(start)[~predicted]
-            saddles, usable = refined(grey, again, least, most=most, reach=_ASIDE * white)
+            saddles, usable = refined(grey, again, least, most=most, reach=white)
             usable &= predicted
         if not usable.any():
             raise NotSeenError("markers of the board, but no corner of its squares")
-        return DetectedBoard(
-            np.array(points)[usable],
-            saddles.pixel[usable],
-            saddles.std[usable],
-            float(np.median(saddles.blur[usable])),
-        )
+        return DetectedBoard.of(saddles, usable, np.array(points))
 
     def _misplaced(self, corners: FloatArray, numbers: IntArray, size: float) -> str:
         """What board the markers are of, if it is only wider or narrower."""
-        for columns in range(3, _MOST_WIDE):
+        for columns in range(3, 60):
             rows = 2 * (int(numbers.max()) + 1) // columns + 2
             for parity in (rows, rows + 1):
                 board = Charuco(columns, parity, 1.0, 0.75, self.board.dictionary)
@@ -254,32 +229,23 @@ def _among(
 ) -> FloatArray:
     """Where corners (n, 2) are by those around them; NaN where these do not tell it.
 
-    A marker that is blurred, or seen aslant, is found some pixels off, and what is then taken for
-    a corner beside it may be its own.
-
-    Args:
-        places: (n, 2) on the board, squares.
-        fitted: where corners were found.
-        good: (n,) which of them are corners.
-        spacing: least way from one to the next, px.
+    A marker that is blurred, or seen aslant, is found some pixels off, and what is then taken for a
+    corner beside it may be its own. Places (n, 2) are in squares, their spacing in px.
     """
-    # Corners around one that say where it is, how far they may be from where a plane has them, in
-    # ways to the next one, and how much less of the picture they may explain than the middle one.
-    around = 8
-    astray = 0.05
-    less_clear = 0.1
     predicted = np.full((len(places), 2), np.nan)
     if not good.any():
         return predicted
-    clear = np.flatnonzero(good & (fitted.score >= np.median(fitted.score[good]) - less_clear))
+    # They may explain a little less of the picture than the middle one.
+    clear = np.flatnonzero(good & (fitted.score >= np.median(fitted.score[good]) - 0.1))
     for k, place in enumerate(places):
         candidates = clear[clear != k]
-        near = candidates[np.argsort(np.linalg.norm(places[candidates] - place, axis=1))[:around]]
+        near = candidates[np.argsort(np.linalg.norm(places[candidates] - place, axis=1))[:8]]
         offsets = places[near] - place
         # On one line they tell nothing of what is beside it.
         if len(near) <= _NEAREST or np.linalg.matrix_rank(offsets - offsets.mean(axis=0), 0.1) < 2:
             continue
-        H, agreeing = homography(places[near], fitted.pixel[near], astray * spacing)
+        # From where a plane has them, in ways to the next one.
+        H, agreeing = homography(places[near], fitted.pixel[near], 0.05 * spacing)
         if H is not None and agreeing.sum() > _NEAREST:
             predicted[k] = transformed(H, place[None])[0]
     return predicted

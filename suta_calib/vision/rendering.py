@@ -106,14 +106,7 @@ def _finer(rays: FloatArray, samples: int) -> FloatArray:
 def _taken(
     board: Board, rays: FloatArray, plane: FloatArray, how: RenderOptions
 ) -> tuple[BoolArray, FloatArray]:
-    """Whether rays (h, w, 2) meet paper, and which grey.
-
-    Args:
-        board: in its plane.
-        rays: at unit depth.
-        plane: (3, 3) from a ray to homogeneous coordinates on the board, m.
-        how: the picture is taken.
-    """
+    """Whether rays (h, w, 2) meet paper, and which grey."""
     homogeneous = rays @ plane[:, :2].T + plane[:, 2]
     ahead = homogeneous[..., 2] > 0
     depth = np.where(ahead, homogeneous[..., 2], 1.0)

@@ -310,19 +310,6 @@ def test_many_rows_have_no_left_singular_vectors_made_of_them() -> None:
     np.testing.assert_allclose(singular**2, [33334, 33333, 33333])
 
 
-def test_many_rotations_are_those_made_one_by_one() -> None:
-    random = np.random.default_rng(0)
-    given_as = {rotation_from_vector: 3, rotation_from_quaternion: 4}
-    for make, size in given_as.items():
-        many = random.normal(size=(3, 3000, size))
-        found = make(many)
-        assert found.shape == (3, 3000, 3, 3)
-        for place in ((0, 0), (1, 1095), (1, 1096), (2, 2999)):
-            np.testing.assert_array_equal(found[place], make(many[place]))
-    with pytest.raises(ValueError, match="norm zero"):
-        rotation_from_quaternion(np.vstack([many[0], many[1], np.zeros((1, 4))]))
-
-
 def test_rotations_are_told_from_other_matrices() -> None:
     rotations = random_rotations(np.random.default_rng(0), 20)
     assert are_rotations(rotations).all()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -118,6 +119,25 @@ def test_a_board_that_is_none_is_refused(tmp_path: Path, text: str, said: str) -
     with pytest.raises(BoardError, match=r"board\.yaml") as error:
         read_board(path)
     assert said in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (lambda: Chessboard(0, -1, 0.03), r"board \(chessboard\): found 0 columns and -1 rows"),
+        (lambda: Chessboard(5.0, 4, 0.03), "two whole numbers from 1 up"),  # type: ignore[arg-type]
+        (lambda: Chessboard(5, 4, 0.0), "a square of 0 mm; expected a size greater than 0"),
+        (lambda: Charuco(5, 1, 0.03, 0.02, "D"), "two whole numbers from 2 up"),
+        (lambda: Charuco(5, 4, np.nan, 0.02, "D"), "a square of nan mm"),
+        (lambda: Charuco(5, 4, 0.03, -0.02, "D"), "a marker of -20 mm"),
+        (lambda: Charuco(5, 4, 0.03, 0.04, "D"), "a marker smaller than its square"),
+        (lambda: Marker(np.zeros(3), 0.0), "a marker of 0 mm"),
+        (lambda: Markers("D", {}), "no markers; expected at least one"),
+    ],
+)
+def test_a_board_of_no_size_is_none(make: Callable[[], object], said: str) -> None:
+    with pytest.raises(BoardError, match=said):
+        make()
 
 
 def test_a_point_that_a_board_does_not_have_is_refused() -> None:

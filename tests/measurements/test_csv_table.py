@@ -111,24 +111,6 @@ def test_numbers_of_a_plain_file_are_those_of_its_cells(odd: str, tmp_path: Path
         table.numbers("label")
 
 
-def test_nothing_but_numbers_are_those_of_their_cells(tmp_path: Path) -> None:
-    random = np.random.default_rng(0)
-    values = random.normal(size=(50, 2)) * 10.0 ** random.integers(-300, 300, (50, 2))
-    lines = [f"{x!r},{y!r}" for x, y in values.tolist()]
-    table = read_csv_table(write(tmp_path, "\r\n".join(["x,y", *lines, ""])))
-    assert isinstance(table.columns, PlainColumns)
-    assert len(table) == 50
-    for k, name in enumerate("xy"):
-        assert table.numbers(name).tobytes() == values[:, k].tobytes()
-        assert table.cells(name) == tuple(map(repr, values[:, k].tolist()))
-    for odd in ("1_000", "nan", "", "one", "1e400", "1e", "1-2"):
-        lines[30] = f"0.5,{odd}"
-        table = read_csv_table(write(tmp_path, "\n".join(["x,y", *lines, ""])))
-        assert table.numbers("x")[30] == 0.5
-        with pytest.raises(SamplesError, match=rf"csv:32: column 'y'.*'{odd}'|'{odd}'"):
-            table.numbers("y")
-
-
 def test_numbers_are_those_of_one_cell_after_another_to_the_last_bit() -> None:
     random = np.random.default_rng(0)
     values = random.normal(size=500) * 10.0 ** random.integers(-300, 300, 500)

@@ -17,17 +17,17 @@ from suta_calib.pose_calibration.consensus import (
 )
 
 
-def centre_of(values: np.ndarray, seed: int = 0) -> Consensus:
+def centre_of(values: np.ndarray, seed: int = 0, shapes: list | None = None) -> Consensus:
     """Consensus on a centre: the simplest model, of one row; kinds of residuals in threes."""
     kinds = values.reshape(len(values), -1, 3)
 
-    def propose(rows: np.ndarray) -> np.ndarray:
-        return kinds[rows].mean(axis=1)
-
     def residuals(centres: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        if shapes is not None:
+            shapes.append((len(centres), rows.shape[-1]))
         return np.linalg.norm(kinds[rows] - centres[:, None], axis=-1)
 
     samples = minimal_samples(np.zeros(len(values), dtype=np.intp), 1, seed)
+    propose = lambda rows: kinds[rows].mean(axis=1)  # noqa: E731
     return find_consensus(len(values), samples, propose, residuals, 1)
 
 
@@ -123,16 +123,9 @@ def test_all_models_are_tried_on_some_rows_and_the_best_of_them_on_all(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """The same rows agree, with nearly half of them wrong, and few residuals are held at once."""
-    values = cluster(1000, 450, 0)
-    shapes = []
-
-    def residuals(centres: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        shapes.append((len(centres), rows.shape[-1]))
-        return np.linalg.norm(values[rows] - centres[:, None], axis=-1)[..., None]
-
-    samples = minimal_samples(np.zeros(1000, dtype=np.intp), 1, 0)
-    found = find_consensus(1000, samples, lambda rows: values[rows].mean(axis=1), residuals, 1)
-    assert max(models * rows for models, rows in shapes) <= len(samples) * consensus.SCREENING
+    values, shapes = cluster(1000, 450, 0), list[tuple[int, int]]()
+    found = centre_of(values, shapes=shapes)
+    assert max(models * rows for models, rows in shapes) <= TRIES * consensus.SCREENING
     monkeypatch.setattr(consensus, "SCREENING", 1000)
     np.testing.assert_array_equal(found.inliers, centre_of(values).inliers)
     assert not found.inliers[550:].any()
@@ -141,19 +134,12 @@ def test_all_models_are_tried_on_some_rows_and_the_best_of_them_on_all(
 def test_many_rows_are_all_judged_by_a_model_that_a_part_of_them_chose(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    values = cluster(4000, 1700, 0)
+    values, shapes = cluster(4000, 1700, 0), list[tuple[int, int]]()
     whole = centre_of(values)
-    looked_at = []
-
-    def residuals(centres: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        looked_at.append((len(centres), len(rows)))
-        return np.linalg.norm(values[rows] - centres[:, None], axis=-1)[..., None]
-
     monkeypatch.setattr(consensus, "MOST_ROWS", 500)
-    samples = minimal_samples(np.zeros(4000, dtype=np.intp), 1, 0)
-    found = find_consensus(4000, samples, lambda rows: values[rows].mean(axis=1), residuals, 1)
+    found = centre_of(values, shapes=shapes)
     assert not found.inliers[2300:].any()
     assert (found.inliers == whole.inliers).mean() > 0.995
     assert abs(found.sigmas[0] / whole.sigmas[0] - 1.0) < 0.15
     # All rows are looked at once, under one model.
-    assert [shape for shape in looked_at if shape[1] > 500] == [(1, 4000)]
+    assert [shape for shape in shapes if shape[1] > 500] == [(1, 4000)]

@@ -39,9 +39,14 @@ def means(residual: FloatArray, place: FloatArray, sizes: list[int]) -> FloatArr
     return np.diag(found) * n
 
 
+def scene(seed: int) -> tuple[np.random.Generator, FloatArray]:
+    """What is random, and places of rows."""
+    random = np.random.default_rng(seed)
+    return random, random.uniform(-1.0, 1.0, (ROWS, 2))
+
+
 def test_white_rows_add_next_to_nothing() -> None:
-    random = np.random.default_rng(1)
-    place = random.uniform(-1.0, 1.0, (ROWS, 2))
+    random, place = scene(1)
     added = means(random.standard_normal((ROWS, 6)), place, [3, 3])
     assert (added >= 0.0).all()
     assert added.max() < 0.5
@@ -49,8 +54,7 @@ def test_white_rows_add_next_to_nothing() -> None:
 
 def test_each_group_of_components_is_asked_for_itself() -> None:
     """Turns that are alike beside places that scatter: one answer for both is wrong for either."""
-    random = np.random.default_rng(2)
-    place = random.uniform(-1.0, 1.0, (ROWS, 2))
+    random, place = scene(2)
     smooth = alike(place, 2.0) @ random.standard_normal((ROWS, 3))
     residual = np.hstack([random.standard_normal((ROWS, 3)), smooth])
     apart, together = means(residual, place, [3, 3]), means(residual, place, [6])
@@ -61,8 +65,7 @@ def test_each_group_of_components_is_asked_for_itself() -> None:
 
 def test_unknowns_that_a_group_does_not_tell_change_nothing() -> None:
     """A displacement moves no turn: its column of the turns' rows is empty."""
-    random = np.random.default_rng(3)
-    place, each = random.uniform(-1.0, 1.0, (ROWS, 2)), np.arange(ROWS, dtype=np.intp)
+    (random, place), each = scene(3), np.arange(ROWS, dtype=np.intp)
     residual = alike(place, 2.0) @ random.standard_normal((ROWS, 3))
     few = np.tile(np.eye(3), (ROWS, 1, 1))
     more = np.concatenate([few, np.zeros((ROWS, 3, 2))], axis=2)
@@ -76,8 +79,7 @@ def test_unknowns_that_a_group_does_not_tell_change_nothing() -> None:
 
 def test_what_is_alike_in_another_frame_is_found_there() -> None:
     """A base's error, seen by a tool that is turned anew in every row, scatters like noise."""
-    random = np.random.default_rng(4)
-    place, each = random.uniform(-1.0, 1.0, (ROWS, 2)), np.arange(ROWS, dtype=np.intp)
+    (random, place), each = scene(4), np.arange(ROWS, dtype=np.intp)
     error = alike(place, 2.0) @ random.standard_normal((ROWS, 3))
     error = (error - error.mean(axis=0)) / error.std(axis=0)
     to_base = rotation_from_vector(2.0 * random.standard_normal((ROWS, 3)))
@@ -93,11 +95,9 @@ def test_what_is_alike_in_another_frame_is_found_there() -> None:
 
 
 def test_no_unknowns_have_no_covariance() -> None:
-    each = np.arange(4, dtype=np.intp)
+    each, rows = np.arange(4, dtype=np.intp), np.ones((4, 3))
     nothing = np.zeros((0, 0))
-    found = common_covariance(
-        np.zeros((4, 3, 0)), np.ones((4, 3)), np.ones(3), nothing, [], each, each, [3]
-    )
+    found = common_covariance(np.zeros((4, 3, 0)), rows, rows[0], nothing, [], each, each, [3])
     assert found.shape == (0, 0)
 
 

@@ -12,7 +12,11 @@ from spread import is_as_predicted
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye import (
+    HandEyeCalibration,
+    calibrate_hand_eye,
+    with_scale,
+)
 from suta_calib.terms import HandEye
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise
 
@@ -141,3 +145,22 @@ def test_a_handful_of_pairs_is_never_called_sure(count: int) -> None:
         ratios.append(np.sum(error**2) / np.sum(found.std["X"][:3] ** 2))
     assert len(ratios) > 3
     assert np.sqrt(np.median(ratios)) < 3.0
+
+
+# ── A target of another size ─────────────────────────────────────────────────────────────────
+def found_with(factor: float) -> HandEyeCalibration:
+    made = HandEye.simulate(25, eye=PoseNoise(2e-4, 1e-3), seed=1)
+    term = made.term
+    hand, samples = term.poses.at({}), term.poses.samples
+    assert samples.rotation is not None
+    assert samples.position is not None
+    return calibrate_hand_eye(hand, (samples.rotation, factor * samples.position))
+
+
+def test_the_covariance_holds_what_one_factor_on_all_that_is_seen_does() -> None:
+    exact, longer = found_with(1.0), found_with(1.0 + 1e-4)
+    added = with_scale(exact, 100.0).covariance - exact.covariance
+    moved = longer.X[:3, 3] - exact.X[:3, 3]
+    assert np.linalg.norm(moved) > 1e-6
+    np.testing.assert_allclose(np.sqrt(np.diag(added)[:3]), np.abs(moved), atol=3e-6)
+    np.testing.assert_array_equal(with_scale(exact, 0.0).covariance, exact.covariance)

@@ -24,8 +24,8 @@ from scipy.spatial.transform import Rotation
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.pose_calibration.constant_poses import refuse_constant
 from suta_calib.pose_calibration.hand_eye import calibrate_hand_eye
+from suta_calib.pose_calibration.hand_eye_causes import refuse_constant
 from suta_calib.terms import HandEye
 from suta_calib.terms.hand_eye_start import Poses, inverse_poses
 from suta_calib.terms.synthetic import EXACT, OutlierModel, PoseNoise, Simulated
@@ -156,18 +156,6 @@ def test_an_eye_beside_the_robot_is_told_the_other_setup() -> None:
     data = noisy(20)
     with pytest.raises(SamplesError, match="if setup is eye-in-hand"):
         calibrate_hand_eye(data.poses, data.seen, setup="eye-to-hand")
-
-
-@pytest.mark.parametrize("which", MISREAD)
-def test_the_angles_between_poses_tell_none_of_it(which: str) -> None:
-    """Why the loops are asked: hand and eye turn by the same angles however they are read."""
-    data = simulate(12)
-    hand, seen, _ = misread(which, data.poses, data.seen)
-    of_hand, of_eye = (
-        Rotation.from_matrix(np.swapaxes(R[1:], 1, 2) @ R[:-1]).magnitude()
-        for R in (hand[0], seen[0])
-    )
-    np.testing.assert_allclose(of_hand, of_eye, atol=1e-7)
 
 
 def transposed(poses: Poses) -> Poses:

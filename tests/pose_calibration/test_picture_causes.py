@@ -16,9 +16,11 @@ from suta_calib.pose_calibration.picture_answer import CameraEstimate
 EXCHANGED = Chessboard(BOARD.rows, BOARD.columns, BOARD.square)
 
 
-def other(scene: Pictures, corners: Any, **view: Any) -> Pictures:
-    """The scene with other corners."""
-    return replace(scene, views=(replace(scene.views[0], corners=corners, **view),))
+def other(scene: Pictures, **changed: Any) -> Pictures:
+    """The scene with other corners, and another board or camera if given."""
+    view = scene.views[0]
+    ours = {key: changed.pop(key) for key in ("board", "camera") if key in changed}
+    return replace(scene, views=(replace(view, corners=replace(view.corners, **changed), **ours),))
 
 
 def test_boards_turned_by_half_a_turn_and_wrong_poses_are_left_out() -> None:
@@ -27,7 +29,7 @@ def test_boards_turned_by_half_a_turn_and_wrong_poses_are_left_out() -> None:
     turned = np.isin(corners.image, ["003.png", "011.png"])
     last = len(BOARD.points) - 1
     point = np.where(turned, last - corners.point, corners.point)
-    scene = other(scene, replace(corners, point=point))
+    scene = other(scene, point=point)
     scene.hand.pose[1][7] += 0.02
     found = solved(scene)
     (seen,) = found.cameras
@@ -47,7 +49,7 @@ def test_a_board_that_looks_the_same_turned_is_numbered_as_the_poses_tell(setup:
     turned = np.isin(corners.image, [f"{k:03d}.png" for k in range(1, 20, 2)])
     point = np.where(turned, len(board.points) - 1 - corners.point, corners.point)
     with pytest.warns(SutaCalibWarning, match="looks the same after half a turn; in"):
-        (seen,) = solved(other(scene, replace(corners, point=point)), setup=setup).cameras
+        (seen,) = solved(other(scene, point=point), setup=setup).cameras
     (known,) = solved(scene, setup=setup).cameras
     assert seen.inliers.all()
     assert np.allclose(seen.X, known.X, rtol=0.0, atol=1e-7)
@@ -61,9 +63,9 @@ def test_two_cameras_number_such_a_board_from_one_end(setup: str) -> None:
     scene = pictures(12, setup=setup, pixel=0.05, board=board, eyes=eyes)
     first, second = scene.views
     turned = replace(second.corners, point=23 - second.corners.point)
-    other = replace(second, corners=turned)
+    views = first, replace(second, corners=turned)
     with pytest.warns(SutaCalibWarning, match="from the other end than in the pictures of a row"):
-        found = solved(replace(scene, views=(first, other)), setup=setup)
+        found = solved(replace(scene, views=views), setup=setup)
     alike = solved(scene, setup=setup)
     assert found.assessment.level == "good"
     for seen, known in zip(found.cameras, alike.cameras, strict=True):
@@ -77,7 +79,7 @@ def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> N
     turned = np.isin(corners.image, ["004.png", "012.png"])
     upside_down = [1279.0, 959.0] - corners.pixel
     pixel = np.where(turned[:, None], upside_down, corners.pixel)
-    found = solved(other(scene, replace(corners, pixel=pixel)))
+    found = solved(other(scene, pixel=pixel))
     (seen,) = found.cameras
     assert seen.turned == {"board": (), "picture": ("004.png", "012.png")}
     assert "In 004.png, 012.png the picture is turned by half a turn" in found.assessment.notes[0]
@@ -95,8 +97,8 @@ def test_a_board_that_is_numbered_mirrored_is_named() -> None:
     scene = pictures(pixel=0.1)
     corners = scene.views[0].corners
     row, column = np.divmod(corners.point, BOARD.columns)
-    mirrored = replace(corners, point=BOARD.columns * row + BOARD.columns - 1 - column)
-    found = solved(other(scene, mirrored))
+    mirrored = BOARD.columns * row + BOARD.columns - 1 - column
+    found = solved(other(scene, point=mirrored))
     assert "seen from behind" in found.assessment.notes[0]
     assert np.linalg.norm(found.cameras[0].X[:3, 3] - X[1]) < 1e-3
 
@@ -106,28 +108,23 @@ def test_one_corner_far_off_costs_no_more_than_its_picture() -> None:
     corners = scene.views[0].corners
     pixel = corners.pixel.copy()
     pixel[40] += [25.0, 10.0]
-    (seen,) = solved(other(scene, replace(corners, pixel=pixel))).cameras
+    (seen,) = solved(other(scene, pixel=pixel)).cameras
     assert np.linalg.norm(errors(seen)[:3]) < 1e-3
 
 
 def test_pictures_that_agree_with_no_x_say_why() -> None:
     scene = pictures(pixel=0.1)
-    corners = scene.views[0].corners
-    wide = replace(corners, pixel=corners.pixel * 0.5 + [500.0, 0.0])
-    half = replace(corners, pixel=(corners.pixel + 0.5) / 2 - 0.5)
-    mirrored = replace(corners, pixel=[1279.0, 0.0] + corners.pixel * [-1.0, 1.0])
-    upwards = replace(corners, pixel=[0.0, 959.0] + corners.pixel * [1.0, -1.0])
+    pixel = scene.views[0].corners.pixel
     rotation, position = scene.hand.pose
     far = replace(scene, hand=replace(scene.hand, pose=(rotation, 1e3 * position)))
-    small = other(scene, corners, board=BOARD.scaled(0.1))
     for wrong, said in (
-        (other(scene, wide), "focal length of some (49|50)"),
-        (other(scene, half), "corners of pictures of some 640 x 480 px"),
-        (other(scene, corners, board=EXCHANGED), "if its columns and rows are exchanged"),
-        (other(scene, mirrored), "or the pictures are mirrored"),
-        (other(scene, upwards), "if v counts upwards"),
+        (other(scene, pixel=pixel * 0.5 + [500.0, 0.0]), "focal length of some (49|50)"),
+        (other(scene, pixel=(pixel + 0.5) / 2 - 0.5), "corners of pictures of some 640 x 480 px"),
+        (other(scene, board=EXCHANGED), "if its columns and rows are exchanged"),
+        (other(scene, pixel=[1279.0, 0.0] + pixel * [-1.0, 1.0]), "or the pictures are mirrored"),
+        (other(scene, pixel=[0.0, 959.0] + pixel * [1.0, -1.0]), "if v counts upwards"),
         (far, "moves 100"),
-        (small, "moves 10 times"),
+        (other(scene, board=BOARD.scaled(0.1)), "moves 10 times"),
     ):
         with pytest.raises(SamplesError, match=said):
             solved(wrong)
@@ -140,21 +137,18 @@ def test_a_board_that_was_printed_larger_or_smaller_is_named(
 ) -> None:
     """The robot's errors would explain what is left of it, and ± grow, but not as far as X."""
     scene = pictures(24, setup=setup, pixel=0.1, robot=(5e-4, 5e-4))
-    found = solved(other(scene, scene.views[0].corners, board=BOARD.scaled(size)), setup=setup)
+    found = solved(other(scene, board=BOARD.scaled(size)), setup=setup)
     (seen,) = found.cameras
     assert found.assessment.level == level
     assert seen.board_scale * size == pytest.approx(1.0, rel=0.01)
-    assert any("as the pictures show by the size" in n for n in found.assessment.notes) == (
-        size != 1.0
-    )
+    told = any("as the pictures show by the size" in n for n in found.assessment.notes)
+    assert told == (size != 1.0)
 
 
 def sized(seed: int, size: float, **more: Any) -> CameraEstimate:
     """From a rough hand, by a board that its file has so many times as large as it is."""
     scene = pictures(20, pixel=0.05, robot=(2e-3, 3e-3), seed=seed)
-    (found,) = solved(
-        other(scene, scene.views[0].corners, board=BOARD.scaled(size)), **more
-    ).cameras
+    (found,) = solved(other(scene, board=BOARD.scaled(size)), **more).cameras
     return found
 
 
@@ -192,17 +186,18 @@ def test_a_board_of_other_counts_is_named_by_its_columns() -> None:
     scene = pictures(pixel=0.1)
     wrong = Chessboard(BOARD.columns + 1, BOARD.rows + 1, BOARD.square)
     with pytest.raises(SamplesError, match=f"numbered along rows of {BOARD.columns}"):
-        solved(other(scene, scene.views[0].corners, board=wrong))
+        solved(other(scene, board=wrong))
 
 
 def test_a_board_of_other_counts_is_named_without_a_camera_too() -> None:
     """A camera that is found from the corners must not be blamed for the board's file."""
     scene = pictures(pixel=0.1)
     corners = scene.views[0].corners
-    some = corners.take(corners.point < 25)
+    some = replace(scene.views[0], corners=corners.take(corners.point < 25), camera=None)
+    few = replace(scene, views=(replace(some, board=Chessboard(5, 5, 0.03)),))
     for wrong, said in (
-        (other(scene, corners, board=EXCHANGED, camera=None), "columns and rows are exchanged"),
-        (other(scene, some, board=Chessboard(5, 5, 0.03), camera=None), "numbers of columns"),
+        (other(scene, board=EXCHANGED, camera=None), "columns and rows are exchanged"),
+        (few, "numbers of columns"),
     ):
         with pytest.raises(SamplesError, match=said):
             solved(wrong)
@@ -211,12 +206,12 @@ def test_a_board_of_other_counts_is_named_without_a_camera_too() -> None:
 def test_names_that_do_not_match_are_refused() -> None:
     scene = pictures()
     corners = scene.views[0].corners
-    renamed = replace(corners, image=np.char.add("x", corners.image))
+    renamed = other(scene, image=np.char.add("x", corners.image))
     with pytest.raises(SamplesError, match=r"000\.png.* in the samples and x000\.png"):
-        solved(other(scene, renamed))
+        solved(renamed)
     two = corners.take(np.isin(corners.image, ["000.png", "001.png"]))
     with (
         pytest.warns(UserWarning, match="no corners of 14 of 16 images"),
         pytest.raises(SamplesError, match="found 2 pictures that tell where the board is"),
     ):
-        solved(other(scene, two))
+        solved(replace(scene, views=(replace(scene.views[0], corners=two),)))

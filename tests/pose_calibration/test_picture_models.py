@@ -12,8 +12,8 @@ from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected
 from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.picture_answer import PictureCalibration
-from suta_calib.pose_calibration.picture_errors import picture_errors
 from suta_calib.pose_calibration.picture_models import AS_GOOD, FOLDS, MODELS, SEED
+from suta_calib.pose_calibration.picture_rows import picture_errors
 from suta_calib.pose_calibration.shared_errors import shared_errors
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
@@ -47,13 +47,10 @@ def test_an_arm_of_wrong_geometry_is_calibrated_nearer_to_the_truth(wrong: str) 
         ours.append(errors(found.cameras[0], *truth("eye-in-hand"))[:6])
         least_squares.append(off(plain(found)[0], true))
         assert not found.outliers
+    squares = [np.square(each) for each in (ours, least_squares)]
     shift, turn = (
-        np.sqrt(np.mean(np.square(each)[:, part].sum(axis=1)))
-        / np.sqrt(np.mean(np.square(other)[:, part].sum(axis=1)))
-        for each, other, part in (
-            (np.array(ours), np.array(least_squares), slice(0, 3)),
-            (np.array(ours), np.array(least_squares), slice(3, 6)),
-        )
+        np.sqrt(np.mean(squares[0][:, part]) / np.mean(squares[1][:, part]))
+        for part in (slice(0, 3), slice(3, 6))
     )
     assert shift < 0.9
     assert turn < 0.95

@@ -22,11 +22,13 @@ from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 @pytest.mark.parametrize(
     "vector",
     [
-        (0.0, 0.0, 0.0),
-        (1e-9, 0.0, 0.0),
-        (0.3, -1.2, 0.7),
-        (np.pi, 0.0, 0.0),
-        (0.0, -np.pi, 0.0),
+        *(
+            (0.0, 0.0, 0.0),
+            (1e-9, 0.0, 0.0),
+            (0.3, -1.2, 0.7),
+            (np.pi, 0.0, 0.0),
+            (0.0, -np.pi, 0.0),
+        ),
         tuple(np.pi * np.array([1.0, 2.0, -2.0]) / 3.0),
         tuple((np.pi - 1e-9) * np.array([2.0, -1.0, 2.0]) / 3.0),
     ],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from registration_scenes import NOISE, simulate
@@ -20,12 +22,8 @@ def level(found: Registration, name: str) -> Level:
     return "good" if finding is None else finding.level
 
 
-def strained(found: Registration) -> Level:
-    return level(found, StrainedPoints.name)
-
-
-def scaled(found: Registration) -> Level:
-    return level(found, ScaledPoints.name)
+strained = partial(level, name=StrainedPoints.name)
+scaled = partial(level, name=ScaledPoints.name)
 
 
 def strain(found: Registration) -> Strain:
