@@ -54,14 +54,6 @@ def test_logarithm_and_exponential_are_inverse(vector: np.ndarray) -> None:
     np.testing.assert_allclose(found, vector, atol=1e-9)
 
 
-@given(VECTOR)
-def test_the_logarithm_gives_back_the_rotation_at_any_angle(vector: np.ndarray) -> None:
-    R = rotation_from_vector(vector)
-    again = vector_from_rotation(R)
-    assert np.linalg.norm(again) <= math.pi + 1e-12
-    np.testing.assert_allclose(rotation_from_vector(again), R, atol=1e-12)
-
-
 @given(ANGLE, PITCH, ANGLE)
 def test_roll_pitch_yaw_give_back_the_rotation(roll: float, pitch: float, yaw: float) -> None:
     R = rotation_from_rpy([roll, pitch, yaw])

@@ -190,12 +190,6 @@ def read_or_refuse(path: Path) -> None:
     assert np.isfinite(read.position_of(read.landmarks)).all()
 
 
-@given(content=st.binary())
-def test_arbitrary_bytes(scratch: Path, content: bytes) -> None:
-    scratch.write_bytes(content)
-    read_or_refuse(scratch)
-
-
 values = st.one_of(st.floats(), st.integers(), st.text(max_size=5), st.none(), st.booleans())
 rows = st.dictionaries(
     st.sampled_from(["position_mm", "rotation_rpy_deg", "sigma_mm"]),

@@ -165,7 +165,6 @@ def test_a_camera_is_written_and_read_back_bit_for_bit(tmp_path: Path) -> None:
     read = read_camera(tmp_path / "camera.yaml")
     assert (read.width, read.height) == (1280, 720)
     np.testing.assert_array_equal(read.intrinsics, camera.intrinsics)
-    assert read.covariance is not None
     np.testing.assert_allclose(read.covariance, camera.covariance, rtol=1e-14)
     assert list(read.values) == list(INTRINSICS)
     assert read.corners == "0ab"

@@ -28,7 +28,6 @@ def test_tool_poses_are_read_with_their_lines_and_labels(tmp_path: Path) -> None
     found = read_tool_poses(path)
     assert found.path == path
     assert found.lines == (4, 5, 6, 7)
-    assert found.point is not None
     assert found.point.tolist() == ["b", "a", "b", "c"]
     np.testing.assert_array_equal(found.position, numbers[:, :3])
     expected = Rotation.from_quat(numbers[:, 3:]).as_matrix()

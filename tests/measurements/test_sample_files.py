@@ -181,15 +181,6 @@ def test_a_joint_named_like_a_column_is_ambiguous(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
-def test_no_such_file_or_a_folder(tmp_path: Path) -> None:
-    for path, found in ((tmp_path / "none.csv", "no such file"), (tmp_path, "a folder")):
-        with pytest.raises(SamplesError) as caught:
-            read_samples([path], [REVOLUTE], TOUCHED)
-        assert f"{path}: found {found}" in str(caught.value)
-    with pytest.raises(SamplesError, match="found no files"):
-        read_samples([], [REVOLUTE], TOUCHED)
-
-
 # ── any input: a valid object or an InputError ───────────────────────────────────────────────
 def read_or_refuse(path: Path) -> None:
     columns = SampleColumns(("point",), position=True, orientation="optional")

@@ -120,7 +120,6 @@ def test_few_pairs_with_exact_turns_are_as_sure_as_they_scatter() -> None:
     for seed in range(8):
         s = HandEye.simulate(25, hand=PoseNoise(0.0, 0.0), eye=PoseNoise(0.5e-3, 0.0), seed=seed)
         seen = s.seen
-        assert seen is not None
         result = calibrate_hand_eye(s.poses, seen)
         true = s.true_pose("hand_eye")
         found.append(vector_from_rotation(true[0].T @ result.X[:3, :3]))
@@ -135,7 +134,6 @@ def test_a_handful_of_pairs_is_never_called_sure(count: int) -> None:
     ratios = []
     for seed in range(10):
         s = HandEye.simulate(count, hand=EXACT, eye=PoseNoise(0.3e-3, np.radians(0.1)), seed=seed)
-        assert s.seen is not None
         try:
             found = calibrate_hand_eye(s.poses, s.seen)
         except SamplesError:
@@ -152,8 +150,6 @@ def found_with(factor: float) -> HandEyeCalibration:
     made = HandEye.simulate(25, eye=PoseNoise(2e-4, 1e-3), seed=1)
     term = made.term
     hand, samples = term.poses.at({}), term.poses.samples
-    assert samples.rotation is not None
-    assert samples.position is not None
     return calibrate_hand_eye(hand, (samples.rotation, factor * samples.position))
 
 

@@ -139,7 +139,6 @@ def test_poses_read_in_the_wrong_way_are_told_so(which: str, seed: int, share: f
     assert str(problem.value).endswith(says)
     assert "turn the hand" not in str(problem.value)
     told = re.search(r"they agree with one to ([\d.]+) mm and ([\d.]+)°", str(problem.value))
-    assert told is not None
     assert float(told[1]) < 4.0
     assert float(told[2]) < 0.5
 
@@ -214,7 +213,6 @@ def test_poses_written_in_another_way_are_told_so(says: str, count: int) -> None
         calibrate_hand_eye(of_hand(data.poses), of_eye(data.seen))
     assert str(problem.value).endswith(says)
     told = re.search(r"they agree with one to ([\d.]+) mm", str(problem.value))
-    assert told is not None
     assert float(told[1]) < 20.0 * mm(NOISE.position)
 
 

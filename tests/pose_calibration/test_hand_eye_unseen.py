@@ -24,7 +24,6 @@ def test_both_poses_inverted_exchange_x_and_z_and_it_is_said(setup: EyeSetup) ->
     """The eye in the hand is 0.1 m off, the target in the base 0.64 m."""
     data = noisy(30)
     hand, seen = data.poses, data.seen
-    assert seen is not None
     if setup == "eye-to-hand":
         # The same loops: X is then in the base, Z on the hand.
         hand = inverse_poses(hand)
@@ -40,7 +39,6 @@ def test_both_poses_inverted_exchange_x_and_z_and_it_is_said(setup: EyeSetup) ->
 
 def test_an_eye_that_no_hand_could_hold_must_not_be_used() -> None:
     data = simulate(30, hand=PoseNoise(3e-4, 1e-3), Z=(np.eye(3), np.array([1.5, 0.2, 0.1])))
-    assert data.seen is not None
     wrong = calibrate_hand_eye(inverse_poses(data.poses), inverse_poses(data.seen))
     assert wrong.inverted == wrong.assessment.level == "bad"
 
@@ -57,7 +55,6 @@ def test_another_unit_in_both_poses_is_no_answer() -> None:
 def of_a_bent_robot(count: int, seed: int) -> tuple[Simulated[HandEye], HandEyeCalibration]:
     """Some 4 mm and 0.4°, alike where the hand is alike: a geometry that errs, no wrong pair."""
     data = simulate(count, seed=seed)
-    assert data.seen is not None
     return data, calibrate_hand_eye(bent_hand(data, seed), data.seen)
 
 
@@ -158,7 +155,6 @@ def test_a_part_of_the_pairs_may_not_show_why_plus_minus_is_wide() -> None:
     assert off < 3.0 * wide
     (note,) = (n for n in whole.assessment.notes if "focal length of the camera is wrong" in n)
     narrow = re.search(r"Without it, ± would be ([\d.]+) mm", note)
-    assert narrow is not None
     assert 1e-3 * float(narrow[1]) < 0.5 * wide
 
 

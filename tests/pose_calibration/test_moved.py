@@ -79,7 +79,6 @@ def with_eye_moved(setup: EyeSetup) -> HandEyeCalibration:
 def test_an_eye_that_was_bumped_is_named(setup: EyeSetup, what: str) -> None:
     found = with_eye_moved(setup)
     moved = change(found)
-    assert moved is not None
     assert moved.what.startswith(what)
     assert abs(moved.since - 25) <= 1
     assert abs(moved.by - 7e-3) < 3 * moved.by_std
@@ -93,7 +92,6 @@ def test_a_target_that_was_turned_is_named() -> None:
     seen = displaced(data.seen, 20, turn=0.02)
     found = calibrate_hand_eye(data.poses, seen)
     moved = change(found)
-    assert moved is not None
     assert moved.what.startswith("the target")
     assert abs(moved.since - 20) <= 1
     assert abs(moved.turn - 0.02) < 3 * moved.turn_std
@@ -105,7 +103,6 @@ def test_a_change_early_or_late_leaves_a_run_of_rows_that_disagree(since: int) -
     hand = displaced(data.poses, since)
     hand = hand[0], np.where(np.arange(30)[:, None] >= since, hand[1] + 0.1, hand[1])
     moved = change(calibrate_hand_eye(hand, data.seen))
-    assert moved is not None
     assert moved.since == since
     assert np.isnan(moved.by)
     assert "all before row" in moved.sentence
@@ -161,7 +158,6 @@ def pivoted(count: int, seed: int = 0, noise: float = 2e-4, **changed: Any) -> P
 def test_a_tip_that_bent_is_told_from_a_post_that_slid(which: str, what: str, count: int) -> None:
     found = pivoted(count, **{which: np.array([0.0, 1e-3, 1e-3])})
     moved = change(found)
-    assert moved is not None
     assert moved.what.startswith(what)
     assert abs(moved.since - count // 2) <= max(1, count // TIMES)
     assert abs(moved.by - np.sqrt(2.0) * 1e-3) < 3 * moved.by_std
@@ -186,7 +182,6 @@ def test_a_rule_decides_what_is_reported() -> None:
 
 def test_exact_poses_tell_a_change_exactly() -> None:
     found = change(pivoted(40, noise=0.0, tip=np.array([0.0, 0.0, 2e-3])))
-    assert found is not None
     assert found.since == 20
     assert found.by == pytest.approx(2e-3, abs=1e-9)
     assert pivoted(40, noise=0.0).moved is None
@@ -206,7 +201,6 @@ def registered(count: int, seed: int, by: float, again: int = 1) -> Registration
 def test_a_body_that_was_moved_between_points_is_named(count: int, again: int) -> None:
     found = registered(count, 0, 3e-3, again)
     moved = change(found)
-    assert moved is not None
     assert abs(moved.since - again * count // 2) <= again * max(1, count // TIMES)
     assert abs(moved.by - 3e-3) < 3 * moved.by_std
     assert moved.turn < 3 * moved.turn_std
@@ -223,7 +217,6 @@ def test_of_many_rows_a_change_is_told_that_explains_little(count: int) -> None:
             pivoted(count, seed, tip=np.array([0.0, 0.0, 5e-4])),
         ):
             moved = change(found)
-            assert moved is not None
             assert not moved.drifts
             assert abs(moved.since - count // 2) <= count // 10
             assert abs(moved.by - 5e-4) < 4 * moved.by_std
@@ -239,7 +232,6 @@ def test_a_slow_drift_is_told(count: int, by: float) -> None:
         b[:, 1] += np.linspace(0.0, by, count)
         found = register(a, b)
         moved = change(found)
-        assert moved is not None
         assert moved.drifts
         assert abs(moved.by - by) < 4 * moved.by_std
         assert any("drifts, by" in note for note in found.assessment.notes)
@@ -255,7 +247,6 @@ def test_of_several_posts_the_one_that_moved_is_named(moved: str) -> None:
     R = rotation_from_vector(random.uniform(-0.7, 0.7, (90, 3)))
     p = at - R @ [0.01, 0.02, 0.16] + 2e-4 * random.standard_normal((90, 3))
     found = change(calibrate_pivot(R, p, names))
-    assert found is not None
     assert found.what == f"the post {moved}"
     assert abs(found.since - 45) <= 4
     # Where its rows are left out nothing tells by how much.
@@ -272,7 +263,6 @@ def test_a_run_that_disagrees_is_one_with_a_stray_row_beside_it() -> None:
     p[90] += 5e-3
     found = calibrate_pivot(R, p)
     moved = change(found)
-    assert moved is not None
     assert moved.since == 40
     notes = found.assessment.notes
     assert any("nearly all before row 40" in note for note in notes)

@@ -123,7 +123,6 @@ def test_what_held_intrinsics_would_give_is_told(tmp_path, capsys: Capture) -> N
     scene = pictures(20, pixel=0.1, robot=(2e-4, 3e-4), given=sure)
     free, fixed = (solved(scene, intrinsics=how).cameras[0] for how in ("free", "fixed"))
     held = free.if_held
-    assert held is not None
     assert held.std == pytest.approx(fixed.std["X"], rel=0.2)
     assert np.abs(held.X - fixed.X).max() < 0.3 * fixed.std["X"][:3].max()
     assert fixed.if_held is None

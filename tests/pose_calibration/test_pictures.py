@@ -36,7 +36,6 @@ def test_noise_is_told_and_a_wrong_camera_corrected() -> None:
     assert np.abs(errors(free) / std).max() < 4.0
     assert np.linalg.norm(errors(fixed)[:3]) > 5 * np.linalg.norm(errors(free)[:3])
     stds = free.camera.stds
-    assert stds is not None
     assert np.abs((free.camera.intrinsics - LENS) / stds)[:4].max() < 4.0
     note = solved(scene).assessment.notes[-1]
     assert "contradict the camera's file (fx 1020.0 → " in note
@@ -63,7 +62,6 @@ def test_corners_that_a_camera_was_calibrated_from_are_counted_once() -> None:
         return seen.camera.stds
 
     once, twice = stds(replace(told, corners=view.corners.digest)), stds(told)
-    assert alone.stds is not None
     assert once == pytest.approx(alone.stds, rel=0.02)
     assert np.all(twice[:4] < 0.85 * once[:4])
     same = replace(told, corners=view.corners.digest)
@@ -139,7 +137,6 @@ def test_wrong_intrinsics_that_are_held_do_not_pass_in_silence(
     assert np.array_equal(seen.camera.intrinsics, file.intrinsics)
     assert [("were held (fx" in note) for note in found.assessment.notes] == [True] * contradicted
     assert (found.assessment.level == "care") == contradicted
-    assert seen.by_pictures.stds is not None
     off = (seen.by_pictures.intrinsics - LENS)[:4] / seen.by_pictures.stds[:4]
     assert np.abs(off).max() < 4.0
 

@@ -91,7 +91,6 @@ def test_what_touches_of_one_point_share_does_not_average() -> None:
     for seed in range(40):
         a, b = touched(8, 4, 3e-4, 1e-4, seed)
         found = register(a, b)
-        assert found.repeats is not None
         assert found.repeats.note == ""
         assert "counted as 8" in found.assessment.sentence
         off = found.act(np.zeros(3))

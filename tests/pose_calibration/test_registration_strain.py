@@ -28,7 +28,6 @@ scaled = partial(level, name=ScaledPoints.name)
 
 def strain(found: Registration) -> Strain:
     evidence = found.evidence(StrainedPoints.name)
-    assert evidence is not None
     strain: Strain = evidence.effect.about
     return strain
 

@@ -40,12 +40,6 @@ def test_white_rows_have_the_covariance_of_the_solver(monkeypatch: pytest.Monkey
         registered(correlated=True)
 
 
-def test_outliers_are_the_rows_that_were_not_fitted() -> None:
-    answer = replace(registered(correlated=False), inliers=np.arange(60) % 2 == 0)
-    assert answer.outliers == tuple(range(1, 60, 2))
-    assert replace(answer, inliers=np.ones(60, dtype=np.bool_)).outliers == ()
-
-
 def test_what_speaks_against_an_answer() -> None:
     converged: Any = SimpleNamespace(converged=True, sentence="")
     stuck: Any = SimpleNamespace(converged=False, sentence="Iteration limit")

@@ -174,12 +174,6 @@ def test_bad_content_is_refused(
     assert says in str(error)
 
 
-def test_missing_file_and_folder_are_refused(tmp_path: Path) -> None:
-    for path, says in ((tmp_path / "no.txt", "no such file"), (tmp_path, "folder")):
-        with pytest.raises(SamplesError, match=says):
-            read_points(path)
-
-
 @pytest.mark.parametrize(
     ("read", "header"),
     [

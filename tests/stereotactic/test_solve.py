@@ -34,7 +34,6 @@ def assert_solved(made: SimulatedSet, result: StereotacticResult, tolerance: flo
     assert distance(result.expected, truth.expected) < tolerance
     assert distance(result.em_pivot.post, truth.em_post) < tolerance
     assert distance(result.optical_pivot.post, truth.optical_post) < tolerance
-    assert result.navigation is not None
     assert distance(result.navigation.ct, truth.navigation) < tolerance
 
 
@@ -51,7 +50,6 @@ def test_distortion_is_taken_out(seed: int) -> None:
     crooked, straight = solve(made.data), solve(made.data, dewarp=True)
     assert distance(crooked.em_pivot.post, made.truth.em_post) > 1.0
     assert_solved(made, straight, 0.01)
-    assert straight.correction is not None
     assert straight.correction.degree >= 4
 
 
@@ -65,8 +63,6 @@ def test_where_nothing_is_distorted_nothing_gets_worse(seed: int) -> None:
     made = simulate_stereotactic(seed=seed, em_noise=0.5e-3)
     plain, corrected = solve(made.data), solve(made.data, dewarp=True)
     assert distance(corrected.em_pivot.post, plain.em_pivot.post) < 0.05
-    assert plain.navigation is not None
-    assert corrected.navigation is not None
     assert distance(corrected.navigation.ct, plain.navigation.ct) < 0.1
 
 
@@ -75,7 +71,6 @@ def test_through_files_only_their_two_decimals_are_lost(tmp_path: Path) -> None:
     data = StereotacticData.read(made.write(tmp_path), navigation=True)
     assert_solved(made, solve(data, dewarp=True), 0.03)
     output1, _ = read_given(solve(data))
-    assert output1 is not None
     assert distance(output1.expected, made.truth.expected) < 0.01
 
 
@@ -106,7 +101,6 @@ def test_tips_in_ct_are_off_by_what_is_stated(distortion: float, limit: float) -
     for seed in range(3):
         made = simulate_stereotactic(seed=seed, distortion=distortion, em_noise=1e-4, grid=4)
         navigation = solve(inside(made, seed % 3, limit), dewarp=True).navigation
-        assert navigation is not None
         off = np.linalg.norm(navigation.ct - made.truth.navigation, axis=1)
         ratios.append(off / navigation.target_error)
     assert 0.5 < np.sqrt(np.mean(np.square(ratios))) < 1.5
@@ -142,7 +136,6 @@ def test_outliers_are_left_out_where_asked_for() -> None:
 def test_a_robust_correction_of_clean_data_is_the_plain_one(distortion: float) -> None:
     made = simulate_stereotactic(distortion=distortion, em_noise=0.1e-3, grid=4)
     plain = solve(made.data, dewarp=True).correction
-    assert plain is not None
     found, wrong = fit_distortion_robustly(made.data.readings.em, made.truth.expected)
     assert found.degree == plain.degree
     assert not wrong.any()
@@ -162,7 +155,6 @@ def test_extrapolation_is_counted_and_told() -> None:
     assert len(told) == 1
     assert re.search(r"of 72 markers of the EM pivot .* by up to \d+ mm: .* good to ± ", told[0])
     correction = result.correction
-    assert correction is not None
     grown = result.em_pivot.post_std() ** 2 - near.em_pivot.post_std() ** 2
     assert grown.sum() > 0.9 * correction.extrapolation_error(far.em_pivot) ** 2
 
@@ -212,7 +204,6 @@ def test_verdict_says_when_correction_is_needed() -> None:
 
 # ── what single frames and fiducials say against all others ──────────────────────────────────
 def with_navigation(data: StereotacticData, **changed: FloatArray) -> StereotacticData:
-    assert data.navigation is not None
     return replace(data, navigation=replace(data.navigation, **changed))
 
 
@@ -271,12 +262,10 @@ def test_fiducials_are_held_against_what_the_probe_reads() -> None:
         clean = solve(made.data)
         assert clean.assessment.level == "good", clean.assessment.notes
         given = made.data.navigation
-        assert given is not None
         spoilt_ct = one_off(given.ct_fiducials, seed % 6, 4e-3)
         assessment = solve(with_navigation(made.data, ct_fiducials=spoilt_ct)).assessment
         assert any("readings of the probe explain" in note for note in assessment.notes)
         navigation = clean.navigation
-        assert navigation is not None
         off += np.sum((navigation.ct - made.truth.navigation) ** 2, axis=1).tolist()
         stated += (navigation.target_error**2).tolist()
     # What the markers miss the probe's shape by is twice what they are read wrongly by.
@@ -330,7 +319,6 @@ def test_first_assignment(shared: Path, letter: str) -> None:
     data = StereotacticData.read(of_course(shared, f"pa1-debug-{letter}"))
     result = solve(data)
     found = compare(result, read_given(result))
-    assert found.expected is not None
     assert found.em_post is not None
     assert found.optical_post is not None
     mean, em, optical = FIRST_REPORT[letter]
@@ -355,7 +343,6 @@ def test_second_assignment(shared: Path, letter: str, robust: bool) -> None:
     found = compare(result, read_given(result))
     post, navigation = SECOND[letter]
     assert distance(result.em_pivot.post, true_post(prefix)) < post
-    assert found.navigation is not None
     assert 1e3 * found.navigation.mean() < navigation
 
 
@@ -374,7 +361,6 @@ def test_correction_brings_the_first_assignments_distorted_post_back(shared: Pat
     before, after = solve(data), solve(data, dewarp=True)
     assert distance(before.em_pivot.post, true_post(prefix)) > 3
     assert distance(after.em_pivot.post, true_post(prefix)) < 1
-    assert after.correction is not None
     assert rms_length(after.correction.residuals) < 0.25 * rms_length(after.em_error)
 
 
@@ -402,7 +388,6 @@ PROBE_READ_WRONGLY = {
 def test_a_probe_of_another_shape_navigates_nowhere(which: str, dewarp: bool) -> None:
     """No pivot and no registration would notice: each navigation frame stands for itself."""
     data = simulate_stereotactic(distortion=1e-3, em_noise=0.1e-3, grid=3).data
-    assert data.navigation is not None
     assert solve(data, dewarp=dewarp).assessment.usable
     last = data.navigation.em_nav.copy()
     last[-1:] = PROBE_READ_WRONGLY[which](last[-1:])
