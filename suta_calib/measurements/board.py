@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import BoardError
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.fields import (
@@ -129,13 +129,9 @@ class Board(Displayable, ABC):
         yield from ()
 
     def with_markers(self, factor: float) -> Board | None:
-        """A board whose markers are so many times as large, at the places where they are.
+        """A board whose markers are so many times as large, at their places.
 
-        Args:
-            factor: on their sizes.
-
-        Returns:
-            None where nothing but the size of markers is known of it, or no size of markers is.
+        None where nothing but the size of markers is known of it, or no size of markers is.
         """
         del factor
         return None
@@ -150,8 +146,8 @@ class Board(Displayable, ABC):
 class _SquaresBoard(Board):
     """Boards of squares: so many columns and rows, and the edge of a square, m."""
 
-    # Least number of columns and rows of which there is something to be seen.
-    least: ClassVar[int] = 1
+    # Columns and rows count so many squares around the numbered corners.
+    rim: ClassVar[int] = 0
 
     columns: int
     rows: int
@@ -160,10 +156,18 @@ class _SquaresBoard(Board):
     def __post_init__(self) -> None:
         where = f"board ({self.type})"
         counts = self.columns, self.rows
-        if not all(isinstance(n, Integral) and n >= self.least for n in counts):
-            expected = f"two whole numbers from {self.least} up"
+        if not all(isinstance(n, Integral) and n > self.rim for n in counts):
+            expected = f"two whole numbers from {self.rim + 1} up"
             raise BoardError(f"{counts[0]} columns and {counts[1]} rows", expected, where=where)
         _check_size(self.square, "a square", where)
+
+    @cached_property
+    def points(self) -> Mapping[int, FloatArray]:
+        """The inner corners along the rows, in the plane z = 0."""
+        columns, rows = self.columns - self.rim, self.rows - self.rim
+        row, column = np.divmod(np.arange(columns * rows), columns) + np.array(self.rim)
+        places = np.column_stack([column, row, np.zeros(len(row))])
+        return dict(enumerate(self.square * places))
 
     @property
     def exchanged(self) -> Board | None:
@@ -187,11 +191,6 @@ class Chessboard(_SquaresBoard):
     """
 
     type: ClassVar[str] = "chessboard"
-
-    @cached_property
-    def points(self) -> Mapping[int, FloatArray]:
-        """The corners, in the plane z = 0."""
-        return _grid(self.columns, self.rows, self.square, first=0.0)
 
     def scaled(self, factor: float) -> Self:
         """Larger squares."""
@@ -231,7 +230,7 @@ class Charuco(_SquaresBoard):
 
     type: ClassVar[str] = "charuco"
 
-    least: ClassVar[int] = 2
+    rim: ClassVar[int] = 1
 
     marker: float
     dictionary: str
@@ -245,11 +244,6 @@ class Charuco(_SquaresBoard):
                 "a marker smaller than its square",
                 where="marker_mm",
             )
-
-    @cached_property
-    def points(self) -> Mapping[int, FloatArray]:
-        """The inner corners, in the plane z = 0."""
-        return _grid(self.columns - 1, self.rows - 1, self.square, first=self.square)
 
     def scaled(self, factor: float) -> Self:
         """Larger squares and markers."""
@@ -351,12 +345,6 @@ class Markers(Board):
         """Four to a marker."""
         numbers = ", ".join(str(number) for number in self.markers)
         return f"4 m + k, corner k from 0 to 3 of a marker m that the board has: {numbers}"
-
-
-def _grid(columns: int, rows: int, square: float, first: float) -> dict[int, FloatArray]:
-    index: IntArray = np.arange(columns * rows)
-    x, y = first + square * (index % columns), first + square * (index // columns)
-    return dict(enumerate(np.column_stack([x, y, np.zeros(len(index))])))
 
 
 def read_board(path: str | Path) -> Board:

@@ -255,21 +255,15 @@ def is_distorted(measured: FloatArray, expected: FloatArray) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _PolynomialFit:
-    """One degree, least squares.
-
-    Attributes:
-        coefficients: ((degree + 1)³, 3) of what is added to a measured point.
-        residuals: (N_frames, n, 3) errors of fitted points.
-        left_out: the same of points whose frame is left out.
-        u, back: orthonormal (N, r) basis of the points, and (.., r) from it to coefficients.
-        at, wanted: (N, 3) the points in their box, 0 to 1, and what should be added to them, m.
-    """
+    """One degree, least squares: errors of points that are fitted, and whose frame is left out."""
 
     coefficients: FloatArray
     residuals: FloatArray
     left_out: FloatArray
+    # Orthonormal (N, r) basis of the points, and (.., r) from it to coefficients.
     u: FloatArray
     back: FloatArray
+    # (N, 3) the points in their box, 0 to 1, and what should be added to them, m.
     at: FloatArray
     target: FloatArray
 
@@ -406,13 +400,9 @@ def fit_distortion_robustly(
 
     Readings far off where they are expected are set aside first, for a wild one would be met
     exactly by the polynomial; then the fit judges all of them until nothing changes. One that is
-    set aside is put where the fit would have it: then it says nothing.
-
-    Args:
-        measured: (N_frames, n, 3) points as the EM tracker saw them, m.
-        expected: (N_frames, n, 3) where they were, m.
-        corrected: (..., 3) points that are to be corrected, as of `fit_distortion`.
-        robust: None does so only where it predicts left-out frames better; False never.
+    set aside is put where the fit would have it: then it says nothing. Arguments are those of
+    `fit_distortion`; without ``robust`` none is set aside, or (None) only where that predicts
+    left-out frames better.
 
     Returns:
         the correction, whose residuals are those of all readings; (N_frames, n) readings set aside.

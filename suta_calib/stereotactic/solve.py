@@ -443,8 +443,7 @@ def read_given(result: StereotacticResult) -> GivenOutputs:
 
 def compare(result: StereotacticResult, given: GivenOutputs) -> StereotacticErrors:
     """Distances of the result from what is given."""
-    (output1, output2), navigated = given, result.navigation
-    navigation = None
+    (output1, output2), navigated, navigation = given, result.navigation, None
     if navigated is not None and output2 is not None:
         navigation = np.asarray(np.linalg.norm(navigated.ct - output2, axis=1))
     if output1 is None:

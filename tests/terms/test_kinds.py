@@ -19,7 +19,6 @@ from suta_calib.terms import KINDS, Term, first_kind
 BY_NAME = {
     "__init__.py": {"FixedPoint", "HandEye", "PairwiseDistance", "TouchedLandmark", "TrackedPoint"},
     "pose_calibration/picture_causes.py": {"CameraView"},
-    "pose_calibration/picture_errors.py": {"CameraView"},
     "pose_calibration/picture_models.py": {"CameraView"},
     "pose_calibration/picture_noise.py": {"CameraView"},
     "pose_calibration/picture_rows.py": {"CameraView"},
@@ -27,7 +26,7 @@ BY_NAME = {
     "pose_calibration/pivot.py": {"FixedPoint"},
     "pose_calibration/rigid_fit.py": {"TrackedPoint"},
     "pose_calibration/robot_noise.py": {"HandEye"},
-    "pose_calibration/weighed_point.py": {"TrackedPoint"},
+    "pose_calibration/stated_noise.py": {"TrackedPoint"},
     "trust/hypotheses/bent_tip.py": {"FixedPoint"},
     "trust/hypotheses/depth_scale.py": {"HandEye"},
     "trust/hypotheses/moved.py": {"FixedPoint", "HandEye", "TrackedPoint"},
