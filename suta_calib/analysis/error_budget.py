@@ -329,10 +329,7 @@ def _blocks(
 
 
 def _shares(
-    term: Term,
-    block: Block,
-    residual: FloatArray,
-    stated: dict[Source, float | None],
+    term: Term, block: Block, residual: FloatArray, stated: dict[Source, float | None]
 ) -> tuple[Share, ...]:
     touch = term.witnesses
     squares = np.sum(residual**2, axis=1)

@@ -36,10 +36,7 @@ class Quantity:
 
 
 def faults(
-    names: Sequence[str],
-    quantities: Sequence[Quantity],
-    freedom: float,
-    tolerance: float | None,
+    names: Sequence[str], quantities: Sequence[Quantity], freedom: float, tolerance: float | None
 ) -> tuple[Fault, ...]:
     """What is wrong, landmark by landmark in the order of ``names``.
 

@@ -10,11 +10,7 @@ import numpy as np
 
 from suta_calib.atomic import refuse_inputs
 from suta_calib.errors import OutputError
-from suta_calib.geometry.numbers import (
-    homogeneous,
-    quaternion_from_rotation,
-    rpy_from_rotation,
-)
+from suta_calib.geometry.numbers import homogeneous, quaternion_from_rotation, rpy_from_rotation
 from suta_calib.measurements import write_corners, write_samples, write_text
 from suta_calib.measurements.files import lines_of
 from suta_calib.measurements.yaml_text import yaml_text

@@ -15,14 +15,7 @@ from numpy.typing import NDArray
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
-from suta_calib.measurements import (
-    Artefact,
-    Board,
-    Corners,
-    Samples,
-    corners_of,
-    read_artefact,
-)
+from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_of, read_artefact
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
@@ -259,11 +252,7 @@ def _read_numbers(
 
 
 def _sighted_samples(
-    plan: SetSpec,
-    label: str,
-    kinematics: InverseKinematics,
-    values: Mapping[str, float],
-    seed: int,
+    plan: SetSpec, label: str, kinematics: InverseKinematics, values: Mapping[str, float], seed: int
 ) -> SimulatedFile:
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
     arm, noise = kinematics.arm, plan.noise
@@ -340,11 +329,7 @@ def _pictures(
     picture, point = np.nonzero(ideal.camera.inside(pixels))
     numbers = np.array(list(board.points))
     samples = Samples.from_arrays(
-        arm.joints,
-        readings,
-        labels={"image": names},
-        origin=_origins(path, n),
-        **conditions,
+        arm.joints, readings, labels={"image": names}, origin=_origins(path, n), **conditions
     )
     corners = corners_of(names[picture], numbers[point], pixels[picture, point])
     return SimulatedFile(path, samples, displacement, (f"corners/{plan.name}.csv", corners))

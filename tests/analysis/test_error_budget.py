@@ -7,14 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from simulated import (
-    Scene,
-    arm_named,
-    artefact,
-    artefact_scene,
-    placements,
-    tracked_scene,
-)
+from simulated import Scene, arm_named, artefact, artefact_scene, placements, tracked_scene
 from suta_simulated import everything, scene, thirteen
 
 from suta_calib.analysis.error_budget import (

@@ -31,12 +31,7 @@ from suta_calib.analysis.outliers.metrics import JudgedFit as Metrics
 from suta_calib.analysis.outliers.metrics import measures, shares
 from suta_calib.analysis.outliers.reference import ReferenceFit
 from suta_calib.analysis.outliers.search import not_searched
-from suta_calib.analysis.outliers.touches import (
-    RobustLinearFit,
-    Touches,
-    find_moves,
-    linearised,
-)
+from suta_calib.analysis.outliers.touches import RobustLinearFit, Touches, find_moves, linearised
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.measurements import Artefact, Samples

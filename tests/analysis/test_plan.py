@@ -159,10 +159,7 @@ def benchmark(repository: Path) -> ModuleType:
 
 @pytest.mark.parametrize(
     ("pool", "trials", "sets"),
-    [
-        (Pool(placements=60, points=8), 4, 20),
-        pytest.param(Pool(), 5, 200, marks=pytest.mark.slow),
-    ],
+    [(Pool(placements=60, points=8), 4, 20), pytest.param(Pool(), 5, 200, marks=pytest.mark.slow)],
 )
 def test_the_planned_set_is_better_than_the_grid_and_random_sets(
     repository: Path, pool: Pool, trials: int, sets: int

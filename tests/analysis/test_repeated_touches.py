@@ -23,10 +23,7 @@ def touched(repeats: int = 3, points: int = 40, seed: int = 0, readings: int = 1
     # Some points lie where angles begin anew.
     q[:, 0] = np.where(point % 2, np.pi, q[:, 0])
     q = wrap(q + SIGMA * rng.standard_normal(q.shape))
-    labels = {
-        "placement": [f"P{k % 4}" for k in point],
-        "landmark": [f"L{k // 4}" for k in point],
-    }
+    labels = {"placement": [f"P{k % 4}" for k in point], "landmark": [f"L{k // 4}" for k in point]}
     rows = np.repeat(np.arange(len(q)), readings)
     return Samples.from_arrays(ARM.joints, q, labels=labels).take(rows)
 

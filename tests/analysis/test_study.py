@@ -181,10 +181,7 @@ def test_more_sets_are_better_and_the_first_few_bring_most() -> None:
     ],
 )
 def test_sizes_that_the_data_allow(
-    asked: tuple[int, ...] | None,
-    held_out: bool,
-    sizes: tuple[int, ...],
-    left_out: tuple[int, ...],
+    asked: tuple[int, ...] | None, held_out: bool, sizes: tuple[int, ...], left_out: tuple[int, ...]
 ) -> None:
     plan = planned(sizes=asked, held_out=held_out)
     assert (plan.sizes, plan.left_out) == (sizes, left_out)

@@ -277,9 +277,7 @@ def test_full_turns_are_taken_off_exactly(suta_urdf: Path) -> None:
 
 # ── Play ─────────────────────────────────────────────────────────────────────────────────────
 PLAY = EXACT.replace(
-    "sets:\n",
-    "  - {select: [joint_2.backlash, joint_5.backlash], value_deg: 0.4}\nsets:\n",
-    1,
+    "sets:\n", "  - {select: [joint_2.backlash, joint_5.backlash], value_deg: 0.4}\nsets:\n", 1
 )
 
 

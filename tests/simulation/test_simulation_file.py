@@ -20,11 +20,7 @@ from suta_calib.errors import InputError, JobError, OutputError
 from suta_calib.job import CalibrationJob
 from suta_calib.job.new_job import new_job, write_job
 from suta_calib.registry import shipped
-from suta_calib.simulation import (
-    read_simulation,
-    simulate,
-    write_simulation,
-)
+from suta_calib.simulation import read_simulation, simulate, write_simulation
 from suta_calib.terms import KINDS
 
 

@@ -25,14 +25,7 @@ from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.job.acceptance import AcceptanceJob
-from suta_calib.job.limits import (
-    EXPANDED,
-    Decision,
-    DecisionRule,
-    Limits,
-    StatedUncertainty,
-    worst,
-)
+from suta_calib.job.limits import EXPANDED, Decision, DecisionRule, Limits, StatedUncertainty, worst
 from suta_calib.showing import Displayable
 from suta_calib.units import mm
 

@@ -37,12 +37,7 @@ from suta_calib.terms import Term
 from suta_calib.threads import single_threaded
 from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.cross_validation import (
-    Fold,
-    ModelCandidate,
-    folds_of,
-    limited_rms,
-)
+from suta_calib.trust.cross_validation import Fold, ModelCandidate, folds_of, limited_rms
 from suta_calib.trust.extended_problem import offered_names
 from suta_calib.trust.linearised import LinearModels, ModelFit
 from suta_calib.trust.score_tests import Residuals, ScoreTest

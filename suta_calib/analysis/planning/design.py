@@ -96,9 +96,7 @@ class SharedUnknowns(Displayable):
         )
         # As a calibration does, which holds nothing for what its model lacks.
         data_information = Information(
-            information.curvature,
-            information.variance / self.lacking**2,
-            information.noise_induced,
+            information.curvature, information.variance / self.lacking**2, information.noise_induced
         )
         return identify(parameters, self.arm_count, data_information, self.precision)
 

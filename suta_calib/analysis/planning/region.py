@@ -229,12 +229,7 @@ def _placements(
 
 
 def _points(
-    situation: Situation,
-    region: Region,
-    pool: Pool,
-    repeats: int,
-    names: Iterator[int],
-    seed: int,
+    situation: Situation, region: Region, pool: Pool, repeats: int, names: Iterator[int], seed: int
 ) -> list[Place]:
     u = qmc.Halton(3, seed=np.random.default_rng(seed + 1)).random(pool.points)
     marks = 1 if situation.artefact is None else len(situation.artefact.landmarks)

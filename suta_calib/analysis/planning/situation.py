@@ -188,8 +188,7 @@ class Situation(Displayable):
             tips = self.arm.forward(q, self.values)[1]
             numbers = kind.measured(place.position, tips, settings)
             poses = ArmPoses(
-                self.arm,
-                Samples.from_arrays(self.arm.joints, q, labels=labels, numbers=numbers),
+                self.arm, Samples.from_arrays(self.arm.joints, q, labels=labels, numbers=numbers)
             )
             return kind.over_poses(poses) if isinstance(kind, Term) else kind.over(poses, Setup())
         labels = {

@@ -207,9 +207,7 @@ class Stationary(Displayable):
 
 @checked
 def stationary(
-    stream: Stream,
-    units: Sequence[Unit] | None = None,
-    levers: FloatArray | None = None,
+    stream: Stream, units: Sequence[Unit] | None = None, levers: FloatArray | None = None
 ) -> Stationary:
     """Look at every joint of a stationary stream.
 

@@ -27,12 +27,7 @@ from suta_calib.analysis.repeatability.scatter import (
     median_angle,
     tip_levers,
 )
-from suta_calib.analysis.repeatability.suspicions import (
-    Stuck,
-    first_written,
-    misread,
-    stuck,
-)
+from suta_calib.analysis.repeatability.suspicions import Stuck, first_written, misread, stuck
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
