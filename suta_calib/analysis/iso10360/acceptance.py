@@ -91,8 +91,8 @@ class AcceptanceMeasurements(Displayable):
             with job.error_context("repeatability"):
                 visited = repeats(place, visits.labels["point"])
         std = 0.0 if probing is None else probing.std
-        of_points = tuple(points), spheres, std, visited
-        return cls(lengths, job.bidirectional, *of_points, job.notes)
+        measured = lengths, job.bidirectional, tuple(points), spheres, std, visited
+        return cls(*measured, job.notes)
 
 
 @dataclass(frozen=True)

@@ -13,15 +13,15 @@ because many small errors that are each lost in the noise add up. Among what gai
 smallest is taken, and at the end goes what predicts no worse without it. A bent link can look like
 an eccentric encoder, so what is added to the job's unknowns must also outdo the geometry.
 
-Each of the two starts is fitted and linearised once (`linearised`); what the search tries costs
-milliseconds. What it chooses is fitted anew, and cross-validated about its own fit.
+Each start is fitted and linearised once; what the search tries costs milliseconds. What it chooses
+is fitted anew, and cross-validated about its own fit.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Any, Final
 
 from suta_calib.arguments import checked
 from suta_calib.assessment import Assessment, judged
@@ -58,14 +58,13 @@ EVERY_JOINT: Final[dict[tuple[Family, ...], str]] = {
     ("backlash",): "backlash, all joints",
     ("ecc_1", "ecc_2", "compliance"): "harmonics and compliance, all joints",
 }
-SHORT: Final[dict[Family, str]] = {
-    "ecc_1": "first harmonic",
-    "ecc_2": "second harmonic",
-    "compliance": "compliance",
-    "gain": "gain",
-    "backlash": "backlash",
-    "expansion": "expansion",
-    "coupling": "coupling",
+SHORT: Final[dict[Family, str]] = {"ecc_1": "first harmonic", "ecc_2": "second harmonic"}
+# How a row of parameters says what is plausible, by its unit.
+BOUNDS: Final[dict[Unit, str]] = {
+    "rad": "bound_rad",
+    "rad/Nm": "bound_rad_per_nm",
+    "1/K": "bound_per_k",
+    "1": "bound_ratio",
 }
 
 
@@ -119,12 +118,10 @@ class ModelSelection(Displayable):
     @property
     def rows(self) -> tuple[Selection, ...]:
         """What to add to the job's ``parameters``; nothing that validation rows do not confirm."""
-        rows: list[Selection] = []
         if not self.confirmed:
             return ()
-        if self.chosen.geometry and not self.job.geometry:
-            rows += geometry_rows()
-        return (*rows, *_rows(self.solution.problem.arm, self.added))
+        wider = self.chosen.geometry and not self.job.geometry
+        return (*(geometry_rows() if wider else ()), *_rows(self.solution.problem.arm, self.added))
 
     @property
     @judged
@@ -223,8 +220,7 @@ def choose_model(
     wide = search.start("all of the geometry", geometry=True)
     refitted = None
     while refitted is None:
-        ends = [search.grown(job, wide)]
-        ends += [search.grown(wide)] if wide is not None else []
+        ends = [search.grown(job, wide), *([] if wide is None else [search.grown(wide)])]
         best, undecided = _better_end(job, wide, ends)
         refitted = search.refitted(best, wide if best.geometry and wide else job)
     chosen, solution = refitted
@@ -234,8 +230,7 @@ def choose_model(
     started = CalibrationExamination.of(search.solutions[job.name], validation)
     validated = None
     if validation:
-        errors = (value.accuracy.validation for value in (started, examined))
-        before, after = map(limited_rms, errors)
+        before, after = (limited_rms(e.accuracy.validation) for e in (started, examined))
         validated = before, after
     tests = started.score_tests
     tried = tuple(search.tried.values())
@@ -300,10 +295,9 @@ class _Search:
             return None
         self._noise = self._noise or solution.noise
         self.solutions[name] = solution
-        self._linearised[geometry] = LinearModels(
-            CalibrationExamination.of(solution), self.folds, self._noise
-        )
-        return self._candidate_of(name, geometry, self._linearised[geometry].fit())
+        examined = CalibrationExamination.of(solution)
+        linear = self._linearised[geometry] = LinearModels(examined, self.folds, self._noise)
+        return self._noted(self._candidate(name, geometry, linear, linear.fit()))
 
     def grown(self, start: ModelCandidate, rival: ModelCandidate | None = None) -> ModelCandidate:
         """Forward from a start for as long as something outdoes what there is.
@@ -315,12 +309,10 @@ class _Search:
             more = [n for n in current.added if n not in start.added]
             better = []
             for step in self._steps(linear.residuals(linear.fit(more))):
-                name = f"{current.name} + {step.name}" if more else step.name
-                if not more:
-                    name = _with_geometry(name, start.geometry)
-                candidate = self._candidate_of(
-                    name, start.geometry, linear.fit((*more, *step.names))
-                )
+                base = current.name if more else "all of the geometry" if start.geometry else ""
+                name = " + ".join(filter(None, [base, step.name]))
+                fit = linear.fit((*more, *step.names))
+                candidate = self._noted(self._candidate(name, start.geometry, linear, fit))
                 if candidate.outdoes(current, step.errors):
                     better.append(candidate)
             if not better:
@@ -395,7 +387,7 @@ class _Search:
             # that the residuals do not prove.
             if test.family == COUPLING and not proven:
                 continue
-            name = f"{test.joint} {SHORT[test.family]}"
+            name = f"{test.joint} {SHORT.get(test.family, test.family)}"
             yield _Extension(name, test.names, 1.0 if proven else UNPROVEN)
         if not self.families:
             return
@@ -413,9 +405,6 @@ class _Search:
                 p = (len(tests) + len(EVERY_JOINT)) * left.chance(names)
                 yield _Extension(name, names, 1.0 if p < PROVEN else UNPROVEN)
 
-    def _candidate_of(self, name: str, geometry: bool, fit: ModelFit) -> ModelCandidate:
-        return self._noted(self._candidate(name, geometry, self._linearised[geometry], fit))
-
     def _noted(self, candidate: ModelCandidate) -> ModelCandidate:
         self.tried[candidate.name] = candidate
         if self.progress is not None:
@@ -426,20 +415,16 @@ class _Search:
     def _candidate(
         self, name: str, geometry: bool, linear: LinearModels, fit: ModelFit
     ) -> ModelCandidate:
-        arm_parameters = linear.solution.problem.arm_parameters
-        parameters = self._unknown(geometry, (*_added(arm_parameters), *fit.added))
-        errors = linear.cross_validation(fit)
-        return ModelCandidate(
-            name, geometry, _added(parameters), parameters, linear.rms(fit), errors
-        )
+        added = _added(linear.solution.problem.arm_parameters)
+        parameters = self._unknown(geometry, (*added, *fit.added))
+        errors = linear.rms(fit), linear.cross_validation(fit)
+        return ModelCandidate(name, geometry, _added(parameters), parameters, *errors)
 
     def _unknown(self, geometry: bool, added: Iterable[str]) -> ParameterSet:
         """The arm's unknowns: the job's, and what is added within what is plausible."""
-        arm, added = self.arm, tuple(added)
-        chosen = dict(arm.select(*geometry_rows())) if geometry else {}
-        rows = _rows(arm, added)
-        chosen |= dict(arm.select(*rows)) if rows else {}
-        chosen |= dict(self.parameters)
+        arm, rows = self.arm, _rows(self.arm, tuple(added))
+        rows = (*(geometry_rows() if geometry else ()), *rows)
+        chosen = {**(arm.select(*rows) if rows else {}), **self.parameters}
         return ParameterSet(chosen[n] for n in arm.offered if n in chosen)
 
     def _fitted(self, unknown: ParameterSet) -> Solution | None:
@@ -454,23 +439,12 @@ def _added(parameters: ParameterSet) -> tuple[str, ...]:
     return tuple(name for name, p in parameters.items() if not p.geometric)
 
 
-def _with_geometry(name: str, geometry: bool) -> str:
-    return f"all of the geometry + {name}" if geometry else name
-
-
 def _rows(arm: ArmModel | None, names: Sequence[str]) -> tuple[Selection, ...]:
     """Rows that select these, within what is plausible: one for each unit."""
     assert arm is not None
     rows = []
-    for unit in ("rad", "rad/Nm", "1/K", "1"):
+    for unit, bound in BOUNDS.items():
         if of_unit := tuple(n for n in names if arm.offered[n].unit == unit):
-            plausible = arm.offered[of_unit[0]].plausible
-            row = Selection(
-                of_unit,
-                bound_rad=plausible if unit == "rad" else None,
-                bound_rad_per_nm=plausible if unit == "rad/Nm" else None,
-                bound_per_k=plausible if unit == "1/K" else None,
-                bound_ratio=plausible if unit == "1" else None,
-            )
-            rows.append(row)
+            plausible: dict[str, Any] = {bound: arm.offered[of_unit[0]].plausible}
+            rows.append(Selection(of_unit, **plausible))
     return tuple(rows)

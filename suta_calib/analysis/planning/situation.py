@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -157,48 +159,45 @@ class Situation(Displayable):
         """The candidate as observations that meet the present arm exactly, gone through once."""
         q, n, place = candidate.q, len(candidate.q), candidate.place
         if isinstance(place, Posture):
-            # What the instrument or the camera would report in these postures.
-            assert self.sighted is not None
-            labels_present = self.sighted.poses.samples.labels
-            # Every mark that was seen is seen again.
-            marks = list(
-                dict.fromkeys(labels_present.get(self.sighted.mark, np.array([""])).tolist())
-            )
-            labels = {self.sighted.mark: marks} if self.sighted.marked else {}
-            readings = np.repeat(q, len(marks), axis=0)
-            poses = ArmPoses(
-                self.arm, Samples.from_arrays(self.arm.joints, readings, labels=labels)
-            )
-            ideal = self.sighted.observed(self.values, poses)
-            oriented = self.sighted.poses.samples.rotation is not None
-            rotation = ideal.rotation if oriented else None
-            position = None if self.sighted.poses.samples.position is None else ideal.position
-            samples = replace(
-                poses.samples,
-                position=position,
-                rotation=rotation,
-                pixels=ideal.pixels,
-                numbers=ideal.numbers,
-            )
-            return self.sighted.over_poses(ArmPoses(self.arm, samples))
+            return self._sighted_in(q)
         if isinstance(place, TouchPoint):
-            labels = {self.places.place: [candidate.name] * n}
             kind = self.places
             settings = kind.settings if isinstance(kind, Term) else {}
             tips = self.arm.forward(q, self.values)[1]
             numbers = kind.measured(place.position, tips, settings)
-            poses = ArmPoses(
-                self.arm, Samples.from_arrays(self.arm.joints, q, labels=labels, numbers=numbers)
-            )
+            poses = self._poses(q, {kind.place: [candidate.name] * n}, numbers)
             return kind.over_poses(poses) if isinstance(kind, Term) else kind.over(poses, Setup())
-        labels = {
-            "placement": [candidate.name] * n,
-            "repeat": ["1"] * n,
-            "landmark": list(candidate.marks),
-        }
         assert self.touching is not None
-        samples = Samples.from_arrays(self.arm.joints, q, labels=labels)
-        return self.touching.over_poses(ArmPoses(self.arm, samples))
+        labels = {"placement": [candidate.name] * n, "repeat": ["1"] * n}
+        return self.touching.over_poses(
+            self._poses(q, {**labels, "landmark": list(candidate.marks)})
+        )
+
+    def _poses(
+        self,
+        q: FloatArray,
+        labels: Mapping[str, list[str]],
+        numbers: Mapping[str, FloatArray] = MappingProxyType({}),
+    ) -> ArmPoses:
+        samples = Samples.from_arrays(self.arm.joints, q, labels=labels, numbers=numbers)
+        return ArmPoses(self.arm, samples)
+
+    def _sighted_in(self, q: FloatArray) -> Term:
+        """What the instrument or the camera would report in these postures, of every mark."""
+        assert self.sighted is not None
+        present, mark = self.sighted.poses.samples, self.sighted.mark
+        marks = list(dict.fromkeys(present.labels.get(mark, np.array([""])).tolist()))
+        labels = {mark: marks} if self.sighted.marked else {}
+        poses = self._poses(np.repeat(q, len(marks), axis=0), labels)
+        ideal = self.sighted.observed(self.values, poses)
+        samples = replace(
+            poses.samples,
+            position=None if present.position is None else ideal.position,
+            rotation=None if present.rotation is None else ideal.rotation,
+            pixels=ideal.pixels,
+            numbers=ideal.numbers,
+        )
+        return self.sighted.over_poses(ArmPoses(self.arm, samples))
 
     def noise(self, term: Term) -> list[float]:
         """Noise level of each block of a new term: that of its kind, or of the same hand."""

@@ -108,6 +108,7 @@ class StudyLog:
                     self.path.parent.mkdir(parents=True, exist_ok=True)
                     write_bytes_atomically(self.path, "".join(self._head()).encode())
                 self._descriptor = os.open(self.path, os.O_WRONLY | os.O_APPEND)
+                self._stack.callback(os.close, self._descriptor)
             os.write(self._descriptor, _line(cells).encode())
         except OSError as error:
             raise OutputError(f"{self.path}: not written: {error.strerror}") from error
@@ -117,8 +118,6 @@ class StudyLog:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self._descriptor >= 0:
-            os.close(self._descriptor)
         self._stack.close()
 
     def _head(self) -> tuple[str, str]:

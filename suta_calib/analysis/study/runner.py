@@ -59,16 +59,12 @@ def run_trials(
         batches = [tasks[k : k + BATCH] for k in range(0, len(tasks), BATCH)]
         yield from _on_dask(data, batches, dask)
     elif min(workers, len(tasks)) > 1:
-        yield from _on_cores(data, tasks, min(workers, len(tasks)))
+        content, key = _packed(data)
+        with _set_down(content) as place:
+            yield from _beside_others(data, tasks, min(workers, len(tasks)), key, place)
     else:
         for size, number in tasks:
             yield run_trial(data, size, number)
-
-
-def _on_cores(data: StudyData, tasks: Sequence[Task], workers: int) -> Iterator[Trial]:
-    content, key = _packed(data)
-    with _set_down(content) as place:
-        yield from _beside_others(data, tasks, workers, key, place)
 
 
 @contextmanager
