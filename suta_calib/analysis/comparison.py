@@ -86,9 +86,6 @@ def compare_arms(
     observations is fitted there, with the arm in question; one that is new is fitted on the
     validation rows. ``beside_geometry`` are the other arm's gains, eccentricities and compliances,
     ``uncertainty`` is what of it was estimated, with the covariance, where that is known.
-
-    Raises:
-        UrdfError: the arms differ in their moving joints.
     """
     nothing = ParameterSet()
     before = block_residuals(validation, nothing, _fitted(observations, validation, nothing))
@@ -110,11 +107,7 @@ def compare_arms(
 
 
 def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, float]) -> None:
-    """Refuse the calibrated arm (``other``) of values that were not folded into its URDF.
-
-    Raises:
-        UrdfError: a joint's origin is not what the calibration made of it.
-    """
+    """Refuse the calibrated arm (``other``) of values that were not folded into its URDF."""
     if differing := _differing(nominal, other, values):
         raise UrdfError(
             f"another origin of {differing} than the result's values make",
@@ -125,11 +118,7 @@ def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, fl
 
 
 def check_nominal(nominal: ArmModel, result: Path, values: Mapping[str, float]) -> None:
-    """Refuse an arm from which a ``result.json`` was not made, as the URDF beside it tells.
-
-    Raises:
-        UrdfError: other joints, or a joint's origin that the calibration would not have left so.
-    """
+    """Refuse an arm from which a ``result.json`` was not made, as the URDF beside it tells."""
     names = ("calibrated.urdf", "not_usable.urdf")
     for made in filter(Path.exists, (result.with_name(name) for name in names)):
         other = ArmModel.from_urdf(made, nominal.chain.tip, nominal.chain.base)

@@ -235,18 +235,10 @@ class ErrorBudget(Displayable):
 def error_budget_of_job(
     job: CalibrationJob, progress: Progress | None = None, *, anyway: bool = False
 ) -> ErrorBudget:
-    """Calibrate a job, whose section ``encoders`` states what is known, and split its errors.
-
-    Raises:
-        SamplesError: the calibration does not converge.
-        UnusableResultError: it must not be used, and not ``anyway``.
-    """
-    stated = job.spec.encoders
-    encoders = None
-    if stated is not None:
-        encoders = EncoderNoise(stated.bits, stated.noise_rad, stated.noise_m)
-    solution = job.usable_solution(progress, anyway=anyway)
-    return error_budget(solution, job.validation, encoders)
+    """Calibrate a job, whose section ``encoders`` states what is known, and split its errors."""
+    said = job.spec.encoders
+    encoders = None if said is None else EncoderNoise(said.bits, said.noise_rad, said.noise_m)
+    return error_budget(job.usable_solution(progress, anyway=anyway), job.validation, encoders)
 
 
 @single_threaded
@@ -315,16 +307,18 @@ def _blocks(
                 stated["artefact"] = artefact or None
             if covariance is not None:
                 stated["parameters"] = _mean_variance(by_parameters, covariance)
-            looked_at = replace(block, samples=block.samples[once])
-            shares = _shares(term, looked_at, residual, stated)
-            total = float(np.mean(np.sum(residual**2, axis=1)))
-            head = (data, term.kind, block.name, block.unit)
+            shares = _shares(term, replace(block, samples=block.samples[once]), residual, stated)
             budget = next((s.variance for s in shares if s.sources == ("encoders",)), 0.0)
-            overstated = 0.0 < too_large * budget < (stated["encoders"] or 0.0)
-            # A position has three coordinates; a distance sees one of each of its two ends.
-            per_position = 3.0 / (block.size * term.noise_factor**2)
-            sums = (shares, total, len(once), overstated)
-            budgets.append(BlockBudget(*head, *sums, per_position))
+            budgets.append(
+                BlockBudget(
+                    *(data, term.kind, block.name, block.unit, shares),
+                    variance=float(np.mean(np.sum(residual**2, axis=1))),
+                    count=len(once),
+                    overstated=0.0 < too_large * budget < (stated["encoders"] or 0.0),
+                    # A position has three coordinates; a distance sees one of each of its ends.
+                    per_position=3.0 / (block.size * term.noise_factor**2),
+                )
+            )
     return budgets
 
 

@@ -55,9 +55,6 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
 
     Where the touches differ in height, the side may lean: its line at the height of the ground
     counts, not the touches' projection. ``noise`` is a touch's standard deviation, m.
-
-    Raises:
-        SamplesError: the side's touches lie together.
     """
     if raw.side is None:
         return None
@@ -251,11 +248,7 @@ def shape_covariance(position: FloatArray, covariance: FloatArray) -> FloatArray
 
 
 def origin_of(names: Sequence[str], options: CertificationOptions) -> int:
-    """Which landmark has x = y = 0: the one asked for, ``O``, or the first.
-
-    Raises:
-        ArtefactError: the one asked for was not touched.
-    """
+    """Which landmark has x = y = 0: the one asked for, ``O``, or the first."""
     origin = options.origin or (ORIGIN if ORIGIN in names else names[0])
     if origin not in names:
         raise ArtefactError(

@@ -59,8 +59,7 @@ def fit_plane(points: FloatArray, noise: float | None = None) -> Plane:
 
 def on_a_line(points: FloatArray, noise: float) -> bool:
     """Whether the points do not say how a plane through them turns about their line."""
-    centred = points - points.mean(axis=0)
-    singular = np.linalg.svd(centred, compute_uv=False)
+    singular = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     return bool(singular[1] < max(1e-3 * singular[0], 5.0 * noise))
 
 

@@ -26,7 +26,7 @@ from suta_calib.certification.frame import (
     shape_covariance,
     sources_of,
 )
-from suta_calib.certification.ground_heights import over_ground
+from suta_calib.certification.ground_heights import OverGround, over_ground
 from suta_calib.certification.measuring import (
     DIAGONALS,
     SLOPES,
@@ -80,22 +80,12 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
     if raw.side is not None and heading is not None:
         side = _quality(raw.side, heading, by.std(by.heading_jacobian(heading)))
     ground_tilt = max(by.std(row) for row in by.ground[:2])
-    standing, failed = None, list[str]()
-    if comparison is not None:
-        standing = attempt(
-            "judged: heights over the ground",
-            lambda: over_ground(
-                names,
-                where.position,
-                where.by[:, 2] * by.sigma,
-                by.touched_ground,
-                comparison,
-                noise.freedom,
-                options.tolerance,
-            ),
-            None,
-            failed,
-        )
+    failed = list[str]()
+
+    def heights() -> OverGround | None:
+        touched = where.position, where.by[:, 2] * by.sigma, by.touched_ground
+        known = noise.freedom, options.tolerance
+        return None if comparison is None else over_ground(names, *touched, comparison, *known)
 
     def damages() -> Iterator[Fault]:
         quantities = judged(measured, jacobians, by, landmarks, comparison)
@@ -119,7 +109,7 @@ def certify(raw: RawPoints, options: CertificationOptions = PLAIN) -> Certificat
         spacers=_spacers(raw, options, noise.touch),
         faults=(*tops, *judge("damage", damages, failed)),
         comparison=comparison,
-        over_ground=standing,
+        over_ground=attempt("judged: heights over the ground", heights, None, failed),
         tolerance=options.tolerance,
         unjudged=tuple(failed),
     )

@@ -48,11 +48,7 @@ class Visitor:
     seed: int  # of the starts and directions
 
     def artefact(self, plan: SetSpec, label: str, pose: PoseSpec, truth: Artefact) -> Visits:
-        """All landmarks of one placement, ``plan.repeats`` times.
-
-        Raises:
-            JobError: a landmark is out of reach; names it and the placement.
-        """
+        """All landmarks of one placement, ``plan.repeats`` times."""
         landmarks = list(truth.landmarks.values())
         names = [mark.name for mark in landmarks]
         sits = seated(truth, names, pose.rotation, pose.position, plan.seating[:2], plan.seating[2])
@@ -75,11 +71,7 @@ class Visitor:
         return Visits(label, labels, targets.take(rows), oriented[rows], start[rows], pose.line)
 
     def place(self, plan: SetSpec, label: str, pose: PoseSpec) -> Visits:
-        """A point, or whatever the kind touches, from ``plan.directions`` directions of the cone.
-
-        Raises:
-            JobError: too few directions of the cone can be reached.
-        """
+        """A point, or whatever the kind touches, from ``plan.directions`` directions of the cone."""
         # A direction that few starts reach is not worth more: another one is drawn.
         starts_per_direction = 6
         most_batches = 20
@@ -135,11 +127,7 @@ class Visitor:
         start: FloatArray,
         rng: np.random.Generator,
     ) -> FloatArray:
-        """Readings (n, joints) that reach every target; ``visits`` says what each of them is.
-
-        Raises:
-            JobError: one cannot be reached; says which, and how close the tip came.
-        """
+        """Readings (n, joints) that reach every target; ``visits`` says what each of them is."""
         q = np.empty_like(start)
         kinds: tuple[tuple[Matching, BoolArray], ...] = (
             ("pose", visits.oriented),

@@ -341,11 +341,7 @@ def _in_sight(
     values: Mapping[str, float],
     rng: np.random.Generator,
 ) -> FloatArray:
-    """Random configurations in which what is looked at is in sight.
-
-    Raises:
-        JobError: it hardly ever is.
-    """
+    """Random configurations in which what is looked at is in sight."""
     # Times that configurations are drawn until what is looked at is in sight in enough of them.
     rounds = 20
     arm, n, chance = kinematics.arm, plan.samples, plan.term.chance

@@ -62,9 +62,8 @@ def row_names(term: Term) -> NDArray[np.str_]:
     short = [PurePath(place).name for place in origin]
     if len(set(short)) == len(short):
         return np.array(short)
-    full = list(origin)
-    counts = Counter(full)
-    return np.array([f"{o} ({k})" if counts[o] > 1 else o for k, o in enumerate(full)])
+    counts = Counter(origin)
+    return np.array([f"{o} ({k})" if counts[o] > 1 else o for k, o in enumerate(origin)])
 
 
 def touch_name(term: Term, row: int) -> str:

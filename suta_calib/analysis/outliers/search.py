@@ -161,7 +161,9 @@ class TermSearch:
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
         single, unknowns, linear = linearised(self.reference, self.arm)
         touches = explained_touches(linear, self.reference.term.witnesses, landmarks)
-        displaced = _displaced(touches, landmarks)
+        displaced = np.zeros(len(touches.rest), dtype=bool)
+        if landmarks is not None:
+            displaced = np.isin(landmarks.member, list(touches.displaced))
         judged = self.reference.freed(self.arm, ~(touches.gross | displaced))
         levels_judged = self._levels(judged, levels, touches, displaced)
         gross = []
@@ -277,9 +279,3 @@ def chosen_groups(grouping: Grouping, touches: Touches | None) -> list[int]:
         return list(range(min(len(grouping), MOST_ROWS)))
     size = np.linalg.norm(touches.rest, axis=1)
     return sorted(np.argsort(-size, kind="stable")[:MOST_ROWS].tolist())
-
-
-def _displaced(touches: Touches, landmarks: Grouping | None) -> BoolArray:
-    if landmarks is None:
-        return np.zeros(len(touches.rest), dtype=bool)
-    return np.isin(landmarks.member, list(touches.displaced))

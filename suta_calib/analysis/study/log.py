@@ -59,13 +59,7 @@ class StudyLog:
         self._stack = ExitStack()
 
     def finished(self) -> Done:
-        """Trials that a file has already, by (size, number); those to come are added to it.
-
-        Raises:
-            JobError: the file is of another study; says what differs.
-            SamplesError: a line of it cannot be read.
-            OutputError: a line that a crash cut off cannot be removed.
-        """
+        """Trials that a file has already, by (size, number); those to come are added to it."""
         if not self.path.exists():
             return {}
         text = read_text(self.path, JobError)
@@ -93,11 +87,7 @@ class StudyLog:
         return done
 
     def append(self, trial: Trial) -> None:
-        """Write one trial; it is in the file when this returns.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write one trial; it is in the file when this returns."""
         estimates = [trial.estimates.get(name, (math.nan, math.nan)) for name in self._names]
         numbers = [trial.rms, *(number for pair in estimates for number in pair)]
         numbers_text = (repr(number) if math.isfinite(number) else "" for number in numbers)

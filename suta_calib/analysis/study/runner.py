@@ -47,12 +47,7 @@ _one_at_a_time = threading.Lock()
 def run_trials(
     data: StudyData, tasks: Sequence[Task], *, workers: int = 1, dask: str | None = None
 ) -> Iterator[Trial]:
-    """Run trials, (size, number), in whatever order they are done, on so many processes or on Dask.
-
-    Raises:
-        MissingExtraError: a Dask cluster is asked for and `distributed` is not installed.
-        InputError: no scheduler answers at the address, or its workers lack this package.
-    """
+    """Run trials, (size, number), in whatever order they are done, on so many processes or on Dask."""
     if not tasks:
         return
     if dask is not None:
@@ -220,11 +215,7 @@ def _client(distributed: Any, address: str) -> Iterator[Any]:
 
 
 def _packed(data: StudyData) -> tuple[bytes, str]:
-    """The study's data as bytes, and a name for them.
-
-    Raises:
-        SamplesError: a kind of another package holds something that cannot be written as bytes.
-    """
+    """The study's data as bytes, and a name for them."""
     try:
         content = pickle.dumps(data, protocol=pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError) as problem:

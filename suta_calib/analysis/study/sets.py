@@ -53,9 +53,6 @@ class Sets:
         """The terms over the chosen sets; a term that has no sample in them is left out.
 
         A set that comes twice is measured twice: its copies do not pair with each other.
-
-        Raises:
-            SamplesError: a kind cannot be built over these samples alone.
         """
         parts = []
         for term, members in zip(terms, self.members, strict=True):
@@ -66,11 +63,7 @@ class Sets:
         return tuple(parts)
 
     def rest(self, terms: Sequence[Term], chosen: Sequence[int]) -> tuple[Term, ...]:
-        """The terms over the sets that were not chosen, without those that are kept whole.
-
-        Raises:
-            SamplesError: a kind cannot be built over these samples alone.
-        """
+        """The terms over the sets that were not chosen, without those that are kept whole."""
         left = np.setdiff1d(np.arange(len(self)), chosen)
         parts = []
         for term, members in zip(terms, self.members, strict=True):
@@ -101,9 +94,6 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
 
     A set is by default one placement and repeat where any term has them; else ``point``, or what
     else is touched, where there are four or more; else ``sample``.
-
-    Raises:
-        SamplesError: an unknown unit, no term with such labels, or fewer than two sets.
     """
     # Fewer sets cannot be chosen from.
     fewest_sets = 2

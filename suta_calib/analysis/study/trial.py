@@ -216,10 +216,6 @@ def resimulated(
 
     ``values``, m or rad, are taken for the truth; ``noise`` is that of a component of the residual
     of each block of each term, in order.
-
-    Raises:
-        SamplesError: a kind that has no such simulation, or readings that would touch a target
-            cannot be found.
     """
     levels, noisy = iter(noise), _Noisy(values, random)
     return tuple(
