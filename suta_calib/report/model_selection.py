@@ -37,7 +37,7 @@ def _estimate_text(e: Estimate) -> str:
 
 def _looks_like(test: ScoreTest) -> str:
     """``an eccentric encoder (first harmonic)``."""
-    return f"{LOOKS_LIKE[test.family]} ({SHORT[test.family]})"
+    return f"{LOOKS_LIKE[test.family]} ({SHORT.get(test.family, test.family)})"
 
 
 # SI in JSON, as in result.json.

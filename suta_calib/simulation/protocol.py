@@ -71,7 +71,7 @@ class Visitor:
         return Visits(label, labels, targets.take(rows), oriented[rows], start[rows], pose.line)
 
     def place(self, plan: SetSpec, label: str, pose: PoseSpec) -> Visits:
-        """A point, or whatever the kind touches, from ``plan.directions`` directions of the cone."""
+        """A point, or whatever the kind touches, from so many directions of the cone."""
         # A direction that few starts reach is not worth more: another one is drawn.
         starts_per_direction = 6
         most_batches = 20

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -213,28 +213,23 @@ def _true_artefact(plan: SetSpec, certified: Artefact, seed: int) -> Artefact:
 
 def _touched(plan: SetSpec, visits: Visits, visitor: Visitor) -> SimulatedFile:
     """Readings at every touch: seated imperfectly, reached exactly, read with noise."""
-    n, arm = len(visits.targets), visitor.kinematics.arm
-    rng = stream(visitor.seed, plan.name, visits.name, "seating")
-    gross = stream(visitor.seed, plan.name, visits.name, "outliers")
-    displacement = outlier_displacements(gross, plan.outliers, n)
+    n, kinematics = len(visits.targets), visitor.kinematics
+    random = partial(stream, visitor.seed, plan.name, visits.name)
+    rng, instrument = random("seating"), random("instrument")
+    displacement = outlier_displacements(random("outliers"), plan.outliers, n)
     position = visits.targets.position + plan.noise.seating * rng.standard_normal((n, 3))
-    instrument = stream(visitor.seed, plan.name, visits.name, "instrument")
     if plan.term.columns.numbers and not visits.numbers:
         # Nobody reads the number that the instrument keeps: it scatters as a reading would.
         position += plan.noise.instrument * instrument.standard_normal((n, 3))
     tilt = scattered_rotations(rng, plan.noise.seating_angle, n)
     targets = Targets(position + displacement, visits.targets.rotation @ tilt)
-    again = stream(visitor.seed, plan.name, visits.name, "touches")
-    q = visitor.reach(plan, visits, targets, visits.start, again)
-    sides_from = stream(visitor.seed, plan.name, visits.name, "direction")
-    sides = last_motions(arm, visitor.kinematics.values, q, sides_from)
-    q = readings_beside(arm, visitor.kinematics.values, q, sides)
-    noise = stream(visitor.seed, plan.name, visits.name, "encoders")
-    readings = encoder_readings(noise, plan.noise, visitor.kinematics.true, q)
+    q = visitor.reach(plan, visits, targets, visits.start, random("touches"))
+    sides = last_motions(kinematics.arm, kinematics.values, q, random("direction"))
+    q = readings_beside(kinematics.arm, kinematics.values, q, sides)
     path = f"{plan.name}/{visits.name}.csv"
     samples = Samples.from_arrays(
-        arm.joints,
-        readings,
+        kinematics.arm.joints,
+        encoder_readings(random("encoders"), plan.noise, kinematics.true, q),
         labels=visits.labels,
         origin=_origins(path, n),
         numbers=_read_numbers(plan, visits.numbers, instrument),
@@ -255,69 +250,59 @@ def _sighted_samples(
     plan: SetSpec, label: str, kinematics: InverseKinematics, values: Mapping[str, float], seed: int
 ) -> SimulatedFile:
     """What an external instrument sees of the tip, or a camera on it, in random configurations."""
-    arm, noise = kinematics.arm, plan.noise
-    rng = stream(seed, plan.name, "configurations")
-    rests = _in_sight(plan, kinematics, values, rng)
+    arm, noise, random = kinematics.arm, plan.noise, partial(stream, seed, plan.name)
+    rests = _in_sight(plan, kinematics, values, random("configurations"))
     # At every rest each of the marks is seen.
     marks = list(plan.marks)
-    labels = {plan.term.mark: marks * plan.samples} if marks else {}
+    labels: dict[str, Any] = {plan.term.mark: marks * plan.samples} if marks else {}
     seen_at = np.repeat(np.arange(plan.samples), max(len(marks), 1))
     q, n = rests[seen_at], len(seen_at)
-    temperature = None
+    conditions: dict[str, Any] = {"temperature": None, "direction": None}
     if plan.temperature is not None:
-        rng = stream(seed, plan.name, "temperature")
-        temperature = rng.uniform(*plan.temperature, plan.samples)[seen_at]
-    conditions: dict[str, Any] = {"temperature": temperature, "direction": None}
-    sides = last_motions(arm, values, rests, stream(seed, plan.name, "direction"))
+        warmth = random("temperature").uniform(*plan.temperature, plan.samples)
+        conditions["temperature"] = warmth[seen_at]
+    sides = last_motions(arm, values, rests, random("direction"))
     if sides is not None:
         conditions["direction"] = sides[seen_at]
     ideal = _ideal(plan, arm, q, labels, values, conditions)
-    rng = stream(seed, plan.name, "instrument")
-    gross = stream(seed, plan.name, label, "outliers")
-    displacement = outlier_displacements(gross, plan.outliers, n)
-    position = None
+    rng = random("instrument")
+    displacement = outlier_displacements(random(label, "outliers"), plan.outliers, n)
+    position, corners = None, None
     if ideal.position is not None:
         position = ideal.position + displacement + noise.instrument * rng.standard_normal((n, 3))
     turned = scattered_rotations(rng, noise.instrument_angle, n)
-    if ideal.rotation is not None:
-        turned = ideal.rotation @ turned
-    oriented = ideal.rotation is not None and (
-        plan.orientation or plan.term.columns.orientation == "required"
-    )
+    oriented = plan.orientation or plan.term.columns.orientation == "required"
+    rotation = ideal.rotation @ turned if oriented and ideal.rotation is not None else None
     numbers = _read_numbers(plan, ideal.numbers, rng)
-    encoders = stream(seed, plan.name, "encoders")
-    readings = encoder_readings(encoders, noise, kinematics.true, rests)
-    path = f"{plan.name}/{label}.csv"
+    readings = encoder_readings(random("encoders"), noise, kinematics.true, rests)
     if ideal.pixels is not None:
-        return _pictures(plan, path, arm, readings, ideal, displacement, rng, conditions)
+        labels["image"] = np.array([f"{plan.name}-{k:04d}.png" for k in range(n)])
+        found = _corners(plan, ideal, displacement, labels["image"], rng)
+        corners = f"corners/{plan.name}.csv", found
+    path = f"{plan.name}/{label}.csv"
     samples = Samples.from_arrays(
         arm.joints,
         readings[seen_at],
         labels=labels,
         position=position,
-        rotation=turned if oriented else None,
+        rotation=rotation,
         origin=_origins(path, n),
         numbers=numbers,
         **conditions,
     )
-    return SimulatedFile(path, samples, displacement)
+    return SimulatedFile(path, samples, displacement, corners)
 
 
-def _pictures(
+def _corners(
     plan: SetSpec,
-    path: str,
-    arm: ArmModel,
-    readings: FloatArray,
     ideal: Observed,
     displacement: FloatArray,
+    names: NDArray[np.str_],
     rng: np.random.Generator,
-    conditions: Mapping[str, Any],
-) -> SimulatedFile:
+) -> Corners:
     """Corners in pictures, each scattered by itself; an outlier moves all of a picture."""
     assert ideal.pixels is not None
     assert ideal.camera is not None
-    n = len(readings)
-    names = np.array([f"{plan.name}-{k:04d}.png" for k in range(n)])
     # As the board would seem displaced: by the pixels that a length covers where it is.
     across = np.nanmedian(np.linalg.norm(np.diff(ideal.pixels, axis=1), axis=2), axis=1)
     board: Board = plan.settings["board"]
@@ -327,12 +312,7 @@ def _pictures(
     pixels = pixels + plan.noise.corner * rng.standard_normal(pixels.shape)
     # Nobody finds a corner where there is no picture.
     picture, point = np.nonzero(ideal.camera.inside(pixels))
-    numbers = np.array(list(board.points))
-    samples = Samples.from_arrays(
-        arm.joints, readings, labels={"image": names}, origin=_origins(path, n), **conditions
-    )
-    corners = corners_of(names[picture], numbers[point], pixels[picture, point])
-    return SimulatedFile(path, samples, displacement, (f"corners/{plan.name}.csv", corners))
+    return corners_of(names[picture], np.array(list(board.points))[point], pixels[picture, point])
 
 
 def _in_sight(

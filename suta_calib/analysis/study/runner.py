@@ -47,7 +47,7 @@ _one_at_a_time = threading.Lock()
 def run_trials(
     data: StudyData, tasks: Sequence[Task], *, workers: int = 1, dask: str | None = None
 ) -> Iterator[Trial]:
-    """Run trials, (size, number), in whatever order they are done, on so many processes or on Dask."""
+    """Run trials, (size, number), in whatever order, on so many processes or on Dask."""
     if not tasks:
         return
     if dask is not None:
