@@ -49,7 +49,7 @@ def shipped(*, bent: bool, unknown: str) -> ErrorBudget:
 
 
 def root(block: BlockBudget, *sources: str) -> float:
-    variance = block.variance_of(*sources)  # type: ignore[arg-type]
+    variance = block.variance_of(*sources)
     return math.sqrt(variance)
 
 

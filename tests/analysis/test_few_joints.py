@@ -34,7 +34,7 @@ def arm_of(joints: int, folder: Path) -> ArmModel:
 def test_what_an_arm_can_reach(tmp_path: Path, joints: int, most: str) -> None:
     kinematics = InverseKinematics(arm_of(joints, tmp_path), {})
     order = ["pose", "axis", "position"]
-    reached = [each for each in order if kinematics.attainable[each]]  # type: ignore[index]
+    reached = [each for each in order if kinematics.attainable[each]]
     assert reached == (order[order.index(most) :] if most else [])
     assert kinematics.most("pose") == (most or "position")
     assert kinematics.most("position") == "position"

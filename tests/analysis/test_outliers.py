@@ -53,9 +53,7 @@ def study() -> Study:
 
 @pytest.fixture(scope="module")
 def registered(study: Study) -> Registered:
-    found = Registered.of(study.calibration, np.ones(len(study.calibration.poses), dtype=bool))
-    assert found is not None
-    return found
+    return Registered.of(study.calibration, np.ones(len(study.calibration.poses), dtype=bool))
 
 
 @pytest.fixture(scope="module")
@@ -76,9 +74,7 @@ def own_fit(term: Term, parameters: ParameterSet = PARAMETERS) -> Metrics:
 
 
 def level(found: Outliers, name: str) -> Level:
-    wanted = found.terms[0].level(name)
-    assert wanted is not None
-    return wanted
+    return found.terms[0].level(name)
 
 
 def test_samples_are_partitioned_by_landmark_placement_and_set(study: Study) -> None:
@@ -286,7 +282,6 @@ def test_turning_the_artefact_s_frame_changes_nothing(study: Study, found: Outli
 # ── Moved half-way ───────────────────────────────────────────────────────────────────────────
 def moved_after(samples: Samples, row: int, by: float) -> Samples:
     """An instrument that was pushed aside before some row."""
-    assert samples.position is not None
     later = np.arange(len(samples))[:, None] >= row
     return replace(samples, position=samples.position + later * [by, 0.0, 0.0])
 

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
-import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from simulated import arm_named, dh_parameters, hand_eye_scene, perturbed, tracked_scene
 
+from benchmarks import bench_plan as bench
 from suta_calib.analysis.planning import (
     Placement,
     Plan,
@@ -20,7 +18,6 @@ from suta_calib.analysis.planning import (
     Posture,
     Region,
     Situation,
-    TouchPoint,
     plan,
 )
 from suta_calib.errors import JobError
@@ -80,10 +77,8 @@ def test_figures_fall_and_the_first_below_the_target_is_named(found: Plan) -> No
     assert np.all(np.diff(tips) < 0)
     assert tips[0] == pytest.approx(found.before.tip, rel=1e-6)
     needed = found.stop.needed
-    assert needed is not None
     assert tips[needed] <= TARGET < tips[needed - 1]
     worth = found.stop.worthwhile
-    assert worth is not None
     assert tips[worth + 1] > 0.95 * tips[worth]
 
 
@@ -104,7 +99,6 @@ def test_candidates_are_reached_as_the_place_says(found: Plan, thesis: Situation
             marks = thesis.artefact.position_of(candidate.marks)
             wanted = marks @ place.rotation.T + place.position
         else:
-            assert isinstance(place, TouchPoint)
             wanted = np.tile(place.position, (len(position), 1))
             assert np.all(rotation[:, :, 2] @ place.axis > np.cos(place.cone) - 1e-6)
         np.testing.assert_allclose(position, wanted, atol=1e-8)
@@ -147,24 +141,13 @@ def test_what_the_job_cannot_measure_is_no_candidate(thesis: Situation) -> None:
         plan(thesis, PlanOptions(), [far])
 
 
-def benchmark(repository: Path) -> ModuleType:
-    """``benchmarks/bench_plan.py`` as a module."""
-    path = repository / "benchmarks" / "bench_plan.py"
-    spec = importlib.util.spec_from_file_location("bench_plan", path)
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["bench_plan"] = module
-    spec.loader.exec_module(module)
-    return module
-
-
 @pytest.mark.parametrize(
     ("pool", "trials", "sets"),
     [(Pool(placements=60, points=8), 4, 20), pytest.param(Pool(), 5, 200, marks=pytest.mark.slow)],
 )
 def test_the_planned_set_is_better_than_the_grid_and_random_sets(
-    repository: Path, pool: Pool, trials: int, sets: int
+    pool: Pool, trials: int, sets: int
 ) -> None:
-    bench = benchmark(repository)
     made = bench.scene(trials, pool)
     grid, planned = list(range(made.grid)), made.planned(made.pool)
     random = bench.random_sets(made.design(made.pool), len(grid), sets, 1)

@@ -47,7 +47,7 @@ def simulated_plan(**asked: object) -> StudyPlan:
     truth = perturbed(parameters, 1)
     scene = artefact_scene("pairwise_distance", arm, truth, artefact(6), placements(6), 2)
     term, held_out = (scene.term(s) for s in scene.samples(Spread(position=1e-4), 3, 2))
-    request = Request(**asked)  # type: ignore[arg-type]
+    request = Request(**asked)
     return plan_study(parameters, [term], [held_out], SolverOptions(), request)
 
 

@@ -139,7 +139,7 @@ def test_copies_of_a_set_do_not_pair_with_each_other() -> None:
 @pytest.mark.parametrize("unit", ["set", "placement"])
 def test_a_copy_counts_as_a_weight_of_two(unit: str) -> None:
     terms = [term("landmark")]
-    found = sets_of(terms, unit)  # type: ignore[arg-type]
+    found = sets_of(terms, unit)
     everything = list(range(len(found)))
     once, twice = (
         Problem(found.take(terms, k), ParameterSet()) for k in (everything, everything * 2)
@@ -195,7 +195,7 @@ def test_a_simulation_stays_near_the_measured_postures() -> None:
 
 
 def test_a_kind_that_cannot_be_simulated_is_named() -> None:
-    class Other(type(term("tracked_point"))):  # type: ignore[misc]
+    class Other(type(term("tracked_point"))):
         kind = "other"
         observed = Term.observed
 

@@ -207,7 +207,7 @@ def test_matching_says_what_of_the_orientation_counts(suta_urdf: Path) -> None:
     kinematics = InverseKinematics(arm, {})
     rotation, position = arm.forward(kinematics.random_readings(rng, 6))
     for matching, columns in (("axis", [2]), ("position", [])):
-        targets = Targets(position, rotation, matching)  # type: ignore[arg-type]
+        targets = Targets(position, rotation, matching)
         found = kinematics.solve(targets, kinematics.middle, rng)
         assert found.reached.all()
         R, p = arm.forward(found.q)
@@ -297,7 +297,6 @@ def test_an_arm_with_backlash_says_which_way_its_joints_came(folder: Folder) -> 
         assert np.abs(away).max() > 0.5e-3
     for file in made.files:
         sides = file.samples.direction
-        assert sides is not None
         assert set(np.unique(sides)) <= {-1.0, 1.0}
         steps = np.diff(file.samples.q, axis=0)
         moved = np.abs(steps) > 0.02  # farther than any play
