@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import attempt, judge
-from suta_calib.certification.comparison import compare
+from suta_calib.certification.comparison import OverGround, compare, over_ground
 from suta_calib.certification.damage import faults, judged, uneven_tops
 from suta_calib.certification.frame import (
     Heading,
@@ -26,7 +26,6 @@ from suta_calib.certification.frame import (
     shape_covariance,
     sources_of,
 )
-from suta_calib.certification.ground_heights import OverGround, over_ground
 from suta_calib.certification.measuring import (
     DIAGONALS,
     SLOPES,

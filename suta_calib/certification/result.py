@@ -13,9 +13,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.certification.comparison import DrawingComparison
+from suta_calib.certification.comparison import DrawingComparison, OverGround
 from suta_calib.certification.frame import Source
-from suta_calib.certification.ground_heights import OverGround
 from suta_calib.certification.noise import ProbingNoise
 from suta_calib.certification.scatter import deviates
 from suta_calib.geometry.numbers import rotation_from_rpy

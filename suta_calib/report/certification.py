@@ -13,8 +13,7 @@ from matplotlib.patches import Ellipse
 from matplotlib.patheffects import withStroke
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.certification.comparison import DrawingComparison
-from suta_calib.certification.ground_heights import OverGround
+from suta_calib.certification.comparison import DrawingComparison, OverGround
 from suta_calib.certification.result import (
     Certification,
     CertifiedLandmark,

@@ -18,8 +18,7 @@ from suta_calib.analysis.study import (
     Study,
     StudyPlan,
 )
-from suta_calib.analysis.study.sets import described
-from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind
+from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind, described
 from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain

@@ -15,8 +15,8 @@ from suta_calib.measurements import write_corners, write_samples, write_text
 from suta_calib.measurements.files import lines_of
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.parameters import POSITION
+from suta_calib.simulation.protocol import TruePose
 from suta_calib.simulation.simulated import SimulatedFile, Simulation
-from suta_calib.simulation.true_poses import TruePose
 from suta_calib.units import deg, key, mm, shown
 
 _TITLE: Final = "# Simulated measurements"

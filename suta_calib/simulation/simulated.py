@@ -30,9 +30,8 @@ from suta_calib.simulation.noise import (
     stream,
     wrapped,
 )
-from suta_calib.simulation.protocol import Visitor, Visits
+from suta_calib.simulation.protocol import TruePose, Visitor, Visits, own_values, true_poses
 from suta_calib.simulation.schema import ErrorRow, SetSpec, SimulationSpec
-from suta_calib.simulation.true_poses import TruePose, own_values, true_poses
 from suta_calib.terms import ArmPoses, Observed, Setup
 from suta_calib.units import key
 

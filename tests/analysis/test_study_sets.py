@@ -20,8 +20,7 @@ from simulated import (
     tracked_scene,
 )
 
-from suta_calib.analysis.study.sets import sets_of
-from suta_calib.analysis.study.trial import resimulated
+from suta_calib.analysis.study.trial import resimulated, sets_of
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet

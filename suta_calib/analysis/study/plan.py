@@ -14,8 +14,16 @@ from dataclasses import dataclass, replace
 
 from suta_calib.analysis.study.log import StudyLog
 from suta_calib.analysis.study.runner import Task, run_trials
-from suta_calib.analysis.study.sets import SAMPLE, Sets, sets_of
-from suta_calib.analysis.study.trial import NAMES, FullDataFit, Kind, StudyData, Trial
+from suta_calib.analysis.study.trial import (
+    NAMES,
+    SAMPLE,
+    FullDataFit,
+    Kind,
+    Sets,
+    StudyData,
+    Trial,
+    sets_of,
+)
 from suta_calib.arguments import checked
 from suta_calib.errors import JobError, SamplesError
 from suta_calib.model.parameters import ParameterSet
