@@ -17,6 +17,7 @@ from suta_calib.trust.hypothesis import (
     Reinterpretation,
     known_hypotheses,
 )
+from suta_calib.trust.misreadings import Misreading
 from suta_calib.trust.rule import Rule
 
 MEASURED = Path(__file__).resolve().parents[2] / "benchmarks" / "results" / "hypotheses.json"
@@ -108,6 +109,8 @@ def where(hypothesis: Hypothesis) -> str:
     commands = (
         "`calibrate`, `extend`" if hypothesis.needs_arm else "`pivot`, `hand-eye`, `register`"
     )
+    if isinstance(hypothesis, Misreading) and hypothesis.needs_arm and hypothesis.reads_pairs:
+        commands += ", `hand-eye`"
     kinds = [
         f"`{name}`"
         for name, kind in shipped(KINDS).items()

@@ -16,7 +16,7 @@ from suta_calib.pose_calibration.robust_fit import RobustFit
 from suta_calib.pose_calibration.undetermined import axes_that_stand, undetermined_directions
 from suta_calib.terms.hand_eye_start import Poses, chordal_mean
 from suta_calib.terms.poses import WANDER, together
-from suta_calib.trust.pair_readings import Pairs, agreeing_reading
+from suta_calib.trust.misreadings import Pairs, agreeing_reading
 from suta_calib.trust.rule import Rule
 from suta_calib.units import deg, from_deg, mm
 
@@ -104,9 +104,9 @@ def refuse_misread(
         Pairs(A, B), scatter, lambda pairs: start(pairs.hand, pairs.seen).sigmas, rule
     )
     if reading is not None:
-        slid, turned = reading.scatter
+        description, slid, turned = reading
         close = f"{mm(length * slid):.1f} mm and {deg(turned):.2f}°"
-        cause = reading.description.format(other=other_setup)
+        cause = description.format(other=other_setup)
         raise _disagreement(consensus, length, f"they agree with one to {close} {cause}")
 
 

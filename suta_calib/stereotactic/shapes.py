@@ -20,7 +20,8 @@ from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
 from suta_calib.pose_calibration.rigid_fit import ENOUGH_TO_JUDGE
 from suta_calib.stereotactic.distortion import smooth_distortion
 from suta_calib.stereotactic.marker_cloud import OF_A_POSE, BodyPoses, MarkerCloud, ObservedBody
-from suta_calib.trust.evidence import Effect, LinearFit, weigh_effects
+from suta_calib.trust.evidence import Effect, weigh_effects
+from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.units import mm
 from suta_calib.words import listed
 

@@ -6,7 +6,6 @@ from .accuracy import assess as assess
 from .calibration_examination import CalibrationExamination as CalibrationExamination
 from .evidence import Effect as Effect
 from .evidence import Evidence as Evidence
-from .evidence import LinearFit as LinearFit
 from .evidence import Stretches as Stretches
 from .evidence import supported_effects as supported_effects
 from .evidence import weigh_effects as weigh_effects
@@ -19,8 +18,10 @@ from .hypothesis import Hypothesis as Hypothesis
 from .hypothesis import Pattern as Pattern
 from .hypothesis import Reinterpretation as Reinterpretation
 from .hypothesis import SpoiltData as SpoiltData
+from .hypothesis import Truth as Truth
 from .hypothesis import examine as examine
 from .hypothesis import known_hypotheses as known_hypotheses
+from .linear_fit import LinearFit as LinearFit
 from .observability import Indices as Indices
 from .observability import Observability as Observability
 from .observability import Prospect as Prospect

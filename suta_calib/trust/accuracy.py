@@ -16,7 +16,6 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import attempt
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.showing import Displayable
-from suta_calib.solver.covariance import summed_by_member, summed_by_pair
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.nlp import RobustNlp
@@ -25,6 +24,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms.poses import together
 from suta_calib.terms.term import Term
 from suta_calib.threads import single_threaded
+from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.units import Unit
 
 # Chance that an arm which is as good as the other is called better, and the same for worse.
@@ -300,12 +300,9 @@ def gain_of(
 
 def _variance_of_sum(values: FloatArray, members: IntArray) -> float:
     """Of centred values (n,), of which those that share a member (n, k) go together."""
-    score = values[:, None]
-    of_members = float(np.sum(summed_by_member(score, members, int(members.max()) + 1) ** 2))
-    if members.shape[1] == 1:
-        return of_members
-    twice = float(np.sum(summed_by_pair(score, members) ** 2))
-    return max(of_members - twice, float(np.sum(values**2)))
+    fit = LinearFit(np.zeros((len(values), 0)), values, clusters=members)
+    variance = float(fit.score_variance(np.ones((len(values), 1)), values)[0, 0])
+    return max(variance, float(np.sum(values**2))) if members.shape[1] > 1 else variance
 
 
 def added_by_estimates(

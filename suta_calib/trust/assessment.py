@@ -24,9 +24,6 @@ from suta_calib.words import listed
 def assess_calibration(examined: CalibrationExamination) -> Assessment:
     """Weigh convergence, held-out errors, bounds, fit, noise and what could not be told.
 
-    Args:
-        examined: what came out.
-
     Returns:
         ``bad`` where the solution is not to be used, or the calibrated arm is worse than the
         nominal one on held-out data; ``care`` where something must be known.
@@ -71,9 +68,7 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
             *judge(
                 "residuals",
                 lambda: _beside_geometry(
-                    *(examined, fewer),
-                    named=bool(named),
-                    suspect=not (cause or priors.bad),
+                    *(examined, fewer), named=bool(named), suspect=not (cause or priors.bad)
                 ),
                 failed,
             ),

@@ -15,7 +15,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
 from suta_calib.trust.accuracy import Accuracy, assess
-from suta_calib.trust.changes import ChangeOptions, changes
+from suta_calib.trust.changes import changes
 from suta_calib.trust.contradicted_priors import ContradictedBelief, contradicted_beliefs
 from suta_calib.trust.contradictions import Contradiction, contradictions
 from suta_calib.trust.cross_validation import folds_of
@@ -33,12 +33,7 @@ from suta_calib.trust.hypothesis import Finding, strongest_cause
 from suta_calib.trust.in_time import ChangeInTime
 from suta_calib.trust.linearised import LinearModels
 from suta_calib.trust.priors import PriorNotes, judge_priors
-from suta_calib.trust.repeats import (
-    LackOfFit,
-    TouchRepeatability,
-    lack_of_fit,
-    touch_repeatability,
-)
+from suta_calib.trust.repeats import LackOfFit, TouchRepeatability, lack_of_fit, touch_repeatability
 from suta_calib.trust.rereading import Rereading, explaining_reading
 from suta_calib.trust.rule import Rule
 from suta_calib.trust.scale_effects import ScaleEffect, scale_effects
@@ -54,11 +49,9 @@ class CalibrationExamination(Examination):
 
     Attributes:
         validation: terms that were not fitted.
-        rule: when evidence of wrong data is reported.
     """
 
     validation: tuple[Term, ...] = ()
-    rule: Rule = Rule()
 
     @classmethod
     def of(
@@ -200,7 +193,7 @@ class CalibrationExamination(Examination):
     @cached_property
     def changes(self) -> tuple[ChangeInTime, ...]:
         """What changed while the rows were measured."""
-        return changes(self, ChangeOptions(self.rule))
+        return changes(self, self.rule)
 
     @cached_property
     def _residuals(self) -> Residuals:

@@ -10,62 +10,29 @@ beside all else that a model may lack, and what neighbouring rows get wrong alik
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.threads import single_threaded
 from suta_calib.trust.evidence import Effect, weigh_effects
-from suta_calib.trust.examination import Examination
+from suta_calib.trust.examination import Examination, samples_of
 from suta_calib.trust.hypothesis import known_hypotheses
 from suta_calib.trust.in_time import (
     FEWEST,
-    SAID_FROM,
     TURN,
     ChangeInTime,
     InTime,
     TipShift,
     by_readings,
-    columns_of,
     rows_of,
 )
-from suta_calib.trust.reduced_fit import (
-    Followed,
-    ReducedFit,
-    everything_follows,
-    followed,
-    gained,
-    whitened,
-)
+from suta_calib.trust.linear_fit import RobustStep
+from suta_calib.trust.reduced_fit import ReducedFit, everything_follows
 from suta_calib.trust.rule import Rule
 from suta_calib.trust.shared_errors import chance_beside_shared_errors
-
-# Errors of an encoder come so often in a turn, beside those that an eccentric one has.
-WAVES: Final = 3, 4, 5, 6
-
-
-@dataclass(frozen=True)
-class ChangeOptions:
-    """How changes are told apart.
-
-    Attributes:
-        rule: when a change is said. Of its share, gross errors do not count.
-        worth_a_look: times that share, from which on the row is looked for at which it happened:
-            at the rows that are tried first, it seems to explain less.
-        equal: squares, in units of the noise, by which what explains data as well differs at most.
-        tried: so many of what may have changed are told apart by what they leave.
-        rounds: so often, at most, the row at which each of these happened is looked for anew.
-    """
-
-    rule: Rule = Rule()
-    worth_a_look: float = 0.3
-    equal: float = 9.0
-    tried: int = 3
-    rounds: int = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,43 +68,38 @@ class Suspect:
 
 
 @single_threaded
-def changes(
-    answer: Examination, options: ChangeOptions = ChangeOptions()
-) -> tuple[ChangeInTime, ...]:
-    """The most telling change, where there is one.
-
-    Args:
-        answer: a converged one, of terms over an arm.
-        options: how changes are told apart.
-    """
+def changes(answer: Examination, rule: Rule = Rule()) -> tuple[ChangeInTime, ...]:
+    """The most telling change, where there is one."""
     if answer.arm is None:
         return ()
-    fit, rule = everything_follows(answer), options.rule
+    fit = everything_follows(answer)
     weighed, tests = suspects(fit)
     telling = [suspect for suspect in weighed if tests * suspect.p < rule.false_alarm]
-    look = options.worth_a_look
+    # Times the share that a change needs, from which on the row is looked for at which it happened:
+    # at the rows that are tried first, it seems to explain less.
+    look = 0.3
     if not any(suspect.lowered > look * _needed(fit, suspect, rule) for suspect in telling):
         return ()
     # A large change saturates residuals of what is like it too: what it leaves tells them apart,
     # each at the row where it explains most.
-    (first, left), *rest = _told_apart(fit, telling[: options.tried], options)
-    before = followed(fit).left
-    lowered = before - left.left
+    (first, left), *rest = _told_apart(fit, telling[:3])
+    before = fit.linear.robust.cost
+    lowered = before - left.cost
     if first.hypothesis is None or lowered < _needed(fit, first, rule):
         return ()
     p = min(1.0, tests * _chance(fit, first))
-    share = lowered / max(before, 1e-300)
     change = _change(fit, first, first.hypothesis, left, p)
     if p >= rule.false_alarm or not change.sized:
         return ()
-    noise = left.scatter / max(fit.equations - left.spent, 1.0)
+    # Squares, in units of the noise, by which what explains data as well differs at most.
+    equal = 9.0
     instead = [
         _change(fit, suspect, suspect.hypothesis, also_left, p)
         for suspect, also_left in rest
-        if suspect.hypothesis is not None and also_left.left < left.left + options.equal * noise
+        if suspect.hypothesis is not None and also_left.cost < left.cost + equal * left.noise
     ]
     sentences = tuple(change.sentence for change in instead if change.sized)
-    return (replace(change, instead=sentences, share=share),)
+    return (replace(change, instead=sentences, share=lowered / max(before, 1e-300)),)
 
 
 def suspects(fit: ReducedFit) -> tuple[list[Suspect], int]:
@@ -156,9 +118,8 @@ def suspects(fit: ReducedFit) -> tuple[list[Suspect], int]:
     plausible = problem.parameters.array("plausible")
     for (joint, family), at in fit.lacking.items():
         motion = TipShift(joint, table.velocity[:, at], plausible[at])
-        columns = np.vstack([columns_of(r, motion.velocity) for r in fit.rows])
-        name, about = f"{joint} {family}", (None, motion, (), problem)
-        effects.append(Effect(name, columns, plausible[at], about=about))
+        columns, about = fit.jacobian[:, at], (None, motion, (), problem)
+        effects.append(Effect(f"{joint} {family}", columns, plausible[at], about=about))
     weighed = weigh_effects(fit.linear, effects)
     suspected = list[Suspect]()
     for evidence in weighed:
@@ -183,53 +144,54 @@ def waves(fit: ReducedFit, suspect: Suspect) -> FloatArray:
         return np.zeros((len(suspect.motion.velocity), 0))
     k = arm.joints.index(joint)
     q = np.concatenate([term.poses.samples.q[:, k] for term in problem.terms])
-    turns = np.outer(q, WAVES)
+    # So often in a turn, beside those that an eccentric one has.
+    turns = np.outer(q, (3, 4, 5, 6))
     shapes = np.repeat(np.hstack([np.cos(turns), np.sin(turns)]), 6, axis=0)
     return np.asarray(TURN * by_readings(problem)[:, :, k].reshape(-1, 1) * shapes)
 
 
 def _needed(fit: ReducedFit, suspect: Suspect, rule: Rule) -> float:
     """Squares that it must explain; of gross errors, which nothing explains, none."""
-    blocks = fit.problem.terms[suspect.term].blocks
-    mine = [r for r in fit.rows if any(r.line.view.block is b for b in blocks)]
-    sound = sum(float(np.sum(whitened(r)[r.line.weight >= 1.0] ** 2)) for r in mine)
-    return rule.share * sound
+    first, end = fit.problem.evaluation.table.first[suspect.term : suspect.term + 2]
+    sample = samples_of(fit.rows)
+    sound = (sample >= first) & (sample < end) & (fit.linear.weights >= 1.0)
+    return rule.share * float(np.sum(fit.linear.residual[sound] ** 2))
 
 
-def _told_apart(
-    fit: ReducedFit, telling: Sequence[Suspect], options: ChangeOptions
-) -> list[tuple[Suspect, Followed]]:
+def _told_apart(fit: ReducedFit, telling: Sequence[Suspect]) -> list[tuple[Suspect, RobustStep]]:
     """Each at its row, what explains most for its few numbers first (Schwarz's criterion)."""
-    placed = [_where(fit, suspect, options) for suspect in telling]
-    noise = min(left.scatter / max(fit.equations - left.spent, 1.0) for _, left in placed)
+    placed = [_where(fit, suspect) for suspect in telling]
+    noise = min(left.noise for _, left in placed)
 
-    def criterion(fitted: tuple[Suspect, Followed]) -> float:
+    def criterion(fitted: tuple[Suspect, RobustStep]) -> float:
         suspect, left = fitted
         determined = left.spent - fit.spent + suspect.at_once
-        return left.left / noise + determined * float(np.log(fit.equations))
+        return left.cost / noise + determined * float(np.log(fit.linear.rows))
 
     return sorted(placed, key=criterion)
 
 
-def _where(fit: ReducedFit, suspect: Suspect, options: ChangeOptions) -> tuple[Suspect, Followed]:
+def _where(fit: ReducedFit, suspect: Suspect) -> tuple[Suspect, RobustStep]:
     """The row at which a change happened, and what all leave that follow it.
 
     With what followed a change that is nearly in its place, each row says whether it comes before
     or after.
     """
-    left = followed(fit, suspect.velocity)
+    # So often, at most, the row is looked for anew.
+    rounds = 4
+    left = fit.followed(suspect.velocity)
     term = fit.problem.evaluation.table.first[suspect.term : suspect.term + 2]
     if not suspect.at_once or suspect.end < term[1] or suspect.first == term[0]:
         return suspect, left
     low, high = (term + np.array([FEWEST, -FEWEST])).tolist()
-    for _ in range(options.rounds):
-        gain = gained(fit, left, suspect.motion.velocity)
+    for _ in range(rounds):
+        gain = fit.gained(left, suspect.motion.velocity)
         after = np.cumsum(gain[: suspect.end][::-1])[::-1]
         first = low + int(np.argmax(after[low : high + 1]))
         if first == suspect.first:
             break
-        again = followed(fit, suspect.motion.within(first, suspect.end))
-        if again.left >= left.left:
+        again = fit.followed(suspect.motion.within(first, suspect.end))
+        if again.cost >= left.cost:
             break
         suspect, left = replace(suspect, first=first), again
     return suspect, left
@@ -246,15 +208,10 @@ def _chance(fit: ReducedFit, suspect: Suspect) -> float:
 
 
 def _change(
-    fit: ReducedFit, suspect: Suspect, hypothesis: InTime, left: Followed, p: float
+    fit: ReducedFit, suspect: Suspect, hypothesis: InTime, left: RobustStep, p: float
 ) -> ChangeInTime:
-    size, std = left.size(fit)
-    turn, turn_std = math.nan, math.nan
-    if suspect.motion.velocity.shape[1] == 6:
-        turn, turn_std = left.size(fit, turn=True)
-        if turn < SAID_FROM * turn_std:
-            turn, turn_std = math.nan, math.nan
+    more = slice(-suspect.motion.velocity.shape[1], None)
     place = (suspect.term, suspect.first, suspect.end) if suspect.at_once else None
-    since, until = rows_of(fit.problem, place)
-    name = hypothesis, suspect.motion.joint
-    return ChangeInTime(*name, since, size, std, p, until, turn=turn, turn_std=turn_std)
+    covariance = left.noise * left.inverse[more, more]
+    rows = rows_of(fit.problem, place)
+    return hypothesis.change(suspect.motion, left.step[more], covariance, rows, p)

@@ -14,17 +14,17 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.special import ndtri, stdtr
 
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements.scale import GRADES
 from suta_calib.model.parameters import POSITION
 from suta_calib.solver.held_geometry import TOLERANCES
-from suta_calib.solver.information import robust_jacobian, scaled_inverse, whitened_rows
+from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Estimate, Solution
+from suta_calib.solver.solution import Solution
 from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers
+from suta_calib.trust.linear_fit import LinearFit
 
 # Step of the numerical derivative, relative.
 STEP: Final = 1e-6
@@ -33,8 +33,6 @@ SHORTEST: Final = 0.02
 # Part of a factor by which lengths follow what they have their scale from: of less, drawings or
 # priors have the larger part.
 FOLLOWS: Final = 0.25
-# One length alone has no evenness.
-FEWEST: Final = 2
 
 
 @dataclass(frozen=True)
@@ -67,11 +65,7 @@ class CommonScale:
 
 
 def common_scales(solution: Solution) -> Iterator[CommonScale]:
-    """What the data tell of every factor; nothing where they tell none.
-
-    Args:
-        solution: a converged one, of terms over an arm.
-    """
+    """What the data tell of every factor; nothing where they tell none."""
     # Standard deviation from which on the data do not tell a factor: were every length 0, there
     # would be no residuals, and that much information they pretend.
     if determined := [step for step in _steps(solution) if step.std < 0.01]:
@@ -85,15 +79,8 @@ def relied_on(solution: Solution) -> list[tuple[object, ...]]:
 
     If all lengths of it were longer by one factor, the arm's would come out longer by `FOLLOWS` of
     that or more.
-
-    Args:
-        solution: as for `common_scales`.
     """
-    names = solution.problem.names
-    long = {n: e.nominal for n, e in _lengths(solution).items() if abs(e.nominal) > SHORTEST}
-    at, length = [names.index(n) for n in long], np.array(list(long.values()))
-    if not at:
-        return []
+    at, length, _ = _lengths(solution, SHORTEST)
     return [
         carrier
         for carrier, shift in solution.spread.by_scale.items()
@@ -101,94 +88,76 @@ def relied_on(solution: Solution) -> list[tuple[object, ...]]:
     ]
 
 
-def _steps(solution: Solution) -> tuple[CommonScale, ...]:
+def _steps(solution: Solution) -> Iterator[CommonScale]:
     """The factor of every sort of lengths that there is, told or not."""
+    fit = _fit(solution)
     carriers = [scale_carrier(term) for term in solution.problem.terms]
-    return tuple(
-        scale_step(solution, what, mine)
-        for what in ("artefact", "instrument", "board")
-        if any(mine := [c is not None and c.what == what for c in carriers])
-    )
+    for what in ("artefact", "instrument", "board"):
+        if any(mine := [c is not None and c.what == what for c in carriers]):
+            yield _step(solution, fit, what, mine)
 
 
-def scale_step(
-    solution: Solution, what: str, mine: Sequence[bool], axes: ArrayLike = (1.0, 1.0, 1.0)
-) -> CommonScale:
-    """The factor on the lengths of ``mine`` among the terms, everything else following.
+def _noise(solution: Solution) -> list[float]:
+    return [max(level, 1e-9) for level in solution.noise]
 
-    Args:
-        solution: about which the step is taken, of terms over an arm.
-        what: whose lengths they are.
-        mine: which of the terms have them.
-        axes: (3,) how much of the factor measured positions have along each of their axes.
-    """
-    problem, x = solution.problem, solution.x
-    noise = [max(n, 1e-9) for n in solution.noise]
-    factors = 1.0 + STEP * np.asarray(axes)
-    longer = [lengthened(t, factors) if m else t for t, m in zip(problem.terms, mine, strict=True)]
-    moved = [r.residual.copy() for r in Problem(longer, problem.arm_parameters).linearise(x, noise)]
-    free = solution.free
-    curvature = np.zeros((len(free) + 1,) * 2)
-    gradient, squares = np.zeros(len(free) + 1), 0.0
+
+def _fit(solution: Solution) -> LinearFit:
+    """The fit with priors as the job gives them: those that were learned have made room already."""
+    problem, x, free = solution.problem, solution.x, solution.free
+    rows = whitened_rows(problem, x, _noise(solution))
     # Distances share touches, and what stands or is read twice says it once.
     shares = [
         term.equations() / sum(len(b) * b.size for b in term.blocks)
         for term in problem.terms
         for _ in term.blocks
     ]
-    for rows, after, share in zip(whitened_rows(problem, x, noise), moved, shares, strict=True):
-        line = rows.line
-        by_scale = ((after - line.residual) / STEP / line.sigma[:, None]).reshape(-1, 1)
-        wide = replace(rows, jacobian=np.hstack([rows.jacobian[:, free], by_scale]))
-        believed = robust_jacobian(wide)
-        curvature += share * believed.T @ believed
-        score = (line.residual * (line.weight / line.sigma)[:, None]).reshape(-1)
-        gradient += share * wide.jacobian.T @ score
-        squared = line.weight[:, None] * (line.residual / line.sigma[:, None]) ** 2
-        squares += share * float(np.sum(squared))
-    # As the job gives them: priors that were learned have made room for the factor already.
-    precision = problem.as_given().prior_precision()[free]
-    off = (x - problem.parameters.array("nominal"))[free]
-    curvature[:-1, :-1] += np.diag(precision)
-    gradient[:-1] += precision * off
-    scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
-    inverse = np.linalg.pinv(curvature / np.outer(scale, scale), 1e-13, True)
-    inverse /= np.outer(scale, scale)
-    step = -inverse @ gradient
+    repeated = [np.full(r.line.residual.size, s) for r, s in zip(rows, shares, strict=True)]
+    prior = problem.as_given().prior_precision()
+    fit = LinearFit.of_rows(rows, prior, x - problem.parameters.array("nominal"))
+    return replace(fit.only(free), weight=np.concatenate(repeated) * fit.weights)
+
+
+def _step(solution: Solution, fit: LinearFit, what: str, mine: Sequence[bool]) -> CommonScale:
+    """The factor on the lengths of ``mine`` among the terms, everything else following."""
+    problem, x, noise = solution.problem, solution.x, _noise(solution)
+    longer = [
+        lengthened(term, np.full(3, 1.0 + STEP)) if its_lengths else term
+        for term, its_lengths in zip(problem.terms, mine, strict=True)
+    ]
+    moved = Problem(longer, problem.arm_parameters).linearise(x, noise)
+    whitened = np.concatenate([(r.residual / r.sigma[:, None]).ravel() for r in moved])
+    column = (whitened - fit.residual)[:, None] / STEP
+    # What the others imitate but for rounding is told by nothing.
+    rounding = 1e-13 * float(fit.weights @ column[:, 0] ** 2)
+    information = max(float(fit.curvature(column)[0, 0]), rounding, 1e-300)
     # What must be made longer is stated too short.
-    value, variance = -float(step[-1]), float(inverse[-1, -1])
-    pulled, left = (float(precision @ d**2) for d in (off, off + step[:-1]))
+    value = float(np.sum(fit.scores(column, fit.settled))) / information
+    step = fit.step - value * fit.moves(column)[:, 0]
+    pulled, left = (float(fit.prior @ d**2) for d in (fit.away, fit.away + step))
     of_priors = (pulled - left) / max(pulled, 1.0)
-    of_residuals = value**2 / variance / squares
+    lowered = value**2 * information
+    of_residuals = lowered / float(fit.weights @ fit.residual**2)
     gain, by_priors = max(of_priors, of_residuals), of_priors > of_residuals
-    alone = _one_alone(curvature[:-1, :-1], gradient[:-1], precision, off)
+    alone = _one_alone(fit)
     rival = None
-    if by_priors and alone is not None and alone[1] > value**2 / variance:
-        rival = problem.names[free[alone[0]]], alone[2]
-    return CommonScale(what, value, math.sqrt(variance), gain, by_priors, rival)
+    if by_priors and alone is not None and alone[1] > lowered:
+        rival = problem.names[solution.free[alone[0]]], alone[2]
+    std = 1.0 / math.sqrt(information)
+    return CommonScale(what, value, std, gain, by_priors, rival)
 
 
-def _one_alone(
-    curvature: FloatArray, gradient: FloatArray, precision: FloatArray, off: FloatArray
-) -> tuple[int, float, float] | None:
+def _one_alone(fit: LinearFit) -> tuple[int, float, float] | None:
     """The parameter that its prior holds back most (leave one prior out).
-
-    Args:
-        curvature: (n, n) of half the cost with all priors.
-        gradient: (n,) of it.
-        precision: (n,) of the priors.
-        off: (n,) how far the parameters are from their priors' means.
 
     Returns:
         Its number, by how much twice the cost falls without its prior, and how far off it is then;
         None without a prior.
     """
-    if not np.any(precision > 0):
+    if not np.any(fit.prior > 0):
         return None
-    inverse = scaled_inverse(curvature)
-    pulled = off - inverse @ gradient
-    free = np.maximum(1.0 - precision * np.diag(inverse), 1e-9)
-    lowered = precision * pulled**2 / free
+    pulled = fit.away + fit.step
+    free = np.maximum(1.0 - fit.prior * np.diag(fit.inverse), 1e-9)
+    lowered = fit.prior * pulled**2 / free
     worst = int(np.argmax(lowered))
     return worst, float(lowered[worst]), float(pulled[worst] / free[worst])
 
@@ -199,21 +168,15 @@ def beyond_drawing(solution: Solution) -> CommonScale | None:
     Each length is off by the tolerance of the grade and by its own uncertainty. Where nobody states
     a grade, that of the worst.
 
-    Args:
-        solution: a converged one, of terms over an arm.
-
     Returns:
         The factor; its standard deviation holds how far the grade, and what carries the scale, may
         be off by one factor. None where fewer than two lengths were estimated.
     """
-    problem, arm = solution.problem, solution.problem.arm
-    long = {n: e for n, e in _lengths(solution).items() if abs(e.nominal) > SHORTEST}
-    if arm is None or len(long) < FEWEST:
+    arm = solution.problem.arm
+    at, length, change = _lengths(solution, SHORTEST)
+    if arm is None or len(length) < 2:
         return None
     grade = arm.grade or max(GRADES, key=lambda name: GRADES[name])
-    at = [problem.names.index(name) for name in long]
-    length = np.array([e.nominal for e in long.values()])
-    change = np.array([e.value - e.nominal for e in long.values()])
     spread = solution.covariance_within_scale[np.ix_(at, at)]
     inverse = np.linalg.inv(spread + TOLERANCES[grade][0] ** 2 * np.eye(len(at)))
     precision = float(length @ inverse @ length)
@@ -224,10 +187,16 @@ def beyond_drawing(solution: Solution) -> CommonScale | None:
     return CommonScale("arm", value, std, gain)
 
 
-def _lengths(solution: Solution) -> dict[str, Estimate]:
-    """The arm's lengths that were estimated, by name."""
-    estimates = solution.arm_estimates.items()
-    return {n: e for n, e in estimates if e.std and n.rpartition(".")[2] in POSITION}
+def _lengths(solution: Solution, least: float) -> tuple[list[int], FloatArray, FloatArray]:
+    """Numbers of the arm's lengths that were estimated, their nominal values, and their changes."""
+    lengths = {
+        name: e
+        for name, e in solution.arm_estimates.items()
+        if e.std and name.rpartition(".")[2] in POSITION and abs(e.nominal) > least
+    }
+    at = [solution.problem.names.index(name) for name in lengths]
+    length = np.array([e.nominal for e in lengths.values()])
+    return at, length, np.array([e.value - e.nominal for e in lengths.values()])
 
 
 def _grown(solution: Solution) -> Iterator[CommonScale]:
@@ -236,13 +205,10 @@ def _grown(solution: Solution) -> Iterator[CommonScale]:
     # carries the scale, and that the others grow with its error is no sign of another arm.
     if not list(scale_carriers(solution.problem.terms)):
         return
-    lengths = _lengths(solution)
-    length = np.array([e.nominal for e in lengths.values()])
-    if np.sum(np.abs(length) > SHORTEST) >= FEWEST:
-        at = [solution.problem.names.index(name) for name in lengths]
-        change = np.array([e.value - e.nominal for e in lengths.values()])
-        within = solution.covariance_within_scale[np.ix_(at, at)]
-        grown = grown_together(length, change, within)
+    at, length, change = _lengths(solution, -1.0)
+    # One length alone has no evenness.
+    if np.sum(np.abs(length) > SHORTEST) >= 2:
+        grown = grown_together(length, change, solution.covariance_within_scale[np.ix_(at, at)])
         # As far as what carries the scale may be off, that is no news.
         # Standard deviations of a stated scale by which it may be off.
         if abs(grown.value) > 3.0 * _carried(solution):

@@ -12,7 +12,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final
 
 import numpy as np
 
@@ -22,10 +21,6 @@ from suta_calib.model.parameters import ParameterSet
 from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import BlockErrors, TermAccuracy
-
-# Of the held-out variance: less is not worth an unknown.
-WORTH: Final = 0.02
-MOST_FOLDS_MAY_DIFFER: Final = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,18 +80,18 @@ class CrossValidation(Displayable):
         change = other.losses - self.losses
         return float(change.mean()), float(change.std(ddof=1) / np.sqrt(len(change)))
 
-    def outdoes(self, other: CrossValidation, errors: float = 1.0, share: float = WORTH) -> bool:
-        """Whether it predicts what was left out better than another set of unknowns does.
+    def outdoes(self, other: CrossValidation, errors: float = 1.0, share: float = 0.02) -> bool:
+        """Whether it predicts what was left out better than another does, in four of five folds.
 
         Args:
             other: on the same folds.
             errors: standard errors by which the loss must be smaller.
-            share: of the other's loss by which it must be smaller.
+            share: of the other's loss by which it must be smaller: less is not worth an unknown.
         """
         gain, error = self.gain_over(other)
         worse = np.mean(self.losses >= other.losses)
         enough = max(errors * error, share * other.loss)
-        return bool(gain > enough and worse <= MOST_FOLDS_MAY_DIFFER)
+        return bool(gain > enough and worse <= 0.2)
 
 
 @dataclass(frozen=True, eq=False)

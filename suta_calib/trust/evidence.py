@@ -27,7 +27,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Any, Final, overload
 
 import numpy as np
@@ -35,150 +34,14 @@ from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.showing import Displayable
-from suta_calib.solver.information import scaled_inverse
-from suta_calib.terms.block import grouped_rows, summed
+from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.rule import Rule
 
 # p-value by clusters that an effect must have in any case: the design effect is an average over all
-# effects, and a single cluster must not make a finding. (`score_tests.SUPPORTED` is the same.)
+# effects, and a single cluster must not make a finding.
 SUPPORTED: Final = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class LinearFit(Displayable):
-    """A converged fit, linear about its solution.
-
-    Only `jacobian` and `residual` are needed. The rest are options.
-
-    Attributes:
-        jacobian: (m, p) of the whitened residuals, per unit of each parameter.
-        residual: (m,) whitened: in units of one standard deviation of the noise. The unit of the
-            noise cancels out, only the ratios between rows matter.
-        prior_precision: (p,) 1/σ² of each parameter's prior; 0 where it has none.
-        from_prior: (p,) how far each parameter is from its prior's mean.
-        weight: (m,) robust weights between 0 and 1.
-        clusters: (m, c) numbers, from 0, of the independent touches that each row looks at; -1
-            fills unused places. Rows with a common touch share its error.
-        independent_rows: how many of the m rows are independent. Distances between all pairs of n
-            touches are n(n-1)/2 rows, and only as many independent ones as coordinates were
-            measured.
-        rows_per_independent_row: 2.0 where neighbouring rows are so correlated that every two
-            count as one.
-    """
-
-    jacobian: FloatArray
-    residual: FloatArray
-    prior_precision: FloatArray | None = None
-    from_prior: FloatArray | None = None
-    weight: FloatArray | None = None
-    clusters: IntArray | None = None
-    independent_rows: float | None = None
-    rows_per_independent_row: float = 1.0
-
-    @cached_property
-    def _prior(self) -> FloatArray:
-        none = np.zeros(self.jacobian.shape[1])
-        return none if self.prior_precision is None else self.prior_precision
-
-    @cached_property
-    def _weight(self) -> FloatArray:
-        return np.ones(len(self.residual)) if self.weight is None else self.weight
-
-    @cached_property
-    def _weighted(self) -> FloatArray:
-        """(m, p) the Jacobian, each row times its weight."""
-        return self.jacobian if self.weight is None else self.jacobian * self.weight[:, None]
-
-    @cached_property
-    def _information(self) -> FloatArray:
-        """(p, p) from the rows alone."""
-        return np.asarray(self._weighted.T @ self.jacobian)
-
-    @cached_property
-    def inverse(self) -> FloatArray:
-        """(p, p) of the information with the priors."""
-        return scaled_inverse(self._information + np.diag(self._prior))
-
-    @cached_property
-    def settled(self) -> FloatArray:
-        """(m,) the residuals after one more step of all parameters.
-
-        Zero step for parameters that were fitted. Parameters that were held move now.
-        """
-        return self.residual + self.jacobian @ self.step
-
-    @property
-    def _from_prior(self) -> FloatArray:
-        none = np.zeros(self.jacobian.shape[1])
-        return none if self.from_prior is None else self.from_prior
-
-    @cached_property
-    def step(self) -> FloatArray:
-        """(p,) to the minimum of the linear fit."""
-        slope = self._weighted.T @ self.residual + self._prior * self._from_prior
-        return -self.inverse @ slope
-
-    @cached_property
-    def squares(self) -> float:
-        """Weighted squares of the settled residuals, and of the pulls of the priors there."""
-        pulls = self._prior * (self._from_prior + self.step) ** 2
-        return float(self._weight @ self.settled**2 + np.sum(pulls))
-
-    @cached_property
-    def spent(self) -> float:
-        """How many unknowns the rows determine: the trace of the hat matrix."""
-        return float(np.sum(self.inverse * self._information))
-
-    @cached_property
-    def rows(self) -> float:
-        """How many rows count as independent."""
-        rows = len(self.residual) if self.independent_rows is None else self.independent_rows
-        return rows / self.rows_per_independent_row
-
-    def moves(self, columns: FloatArray) -> FloatArray:
-        """(p, k) how far all parameters move per unit when they follow columns (m, k)."""
-        return np.asarray(-self.inverse @ (self._weighted.T @ columns))
-
-    def explained(self, evidence: Evidence) -> FloatArray:
-        """(m,) by which the residuals change when an effect is taken into account."""
-        columns = evidence.effect.columns_in(evidence.window)
-        return np.asarray(columns @ evidence.size + self.jacobian @ evidence.moves)
-
-    def scores(self, columns: FloatArray, residual: FloatArray) -> FloatArray:
-        """(m, k) products of columns with the weighted residuals (m,)."""
-        return columns * (self._weight * residual)[:, None]
-
-    def score_variance(self, columns: FloatArray, residual: FloatArray) -> FloatArray:
-        """(k, k) variance of the summed scores, rows with a common touch together.
-
-        Args:
-            columns: (m, k) that the parameters have followed.
-            residual: (m,) that are left.
-        """
-        scores = self.scores(columns, residual)
-        if self.clusters is None:
-            return np.asarray(scores.T @ scores)
-        count = int(self.clusters.max()) + 1
-        by_cluster, members = np.zeros((count, scores.shape[1])), self.clusters
-        for member in members.T:
-            some = member >= 0
-            by_cluster += summed(scores[some], member[some], count)
-        variance = by_cluster.T @ by_cluster
-        shared = np.sum(members >= 0, axis=1)
-        # A row of two touches was counted at both (Cameron, Gelbach and Miller).
-        for size in np.unique(shared[shared > 1]):
-            some = shared == size
-            pair, sizes = grouped_rows(members[some])
-            by_pair = summed(scores[some], pair, len(sizes))
-            variance -= (size - 1) * by_pair.T @ by_pair
-        return np.asarray(variance)
-
-    @cached_property
-    def cluster_count(self) -> int:
-        """How many independent touches there are."""
-        if self.clusters is None:
-            return len(self.residual)
-        return len(np.unique(self.clusters[self.clusters >= 0]))
+# Predicted standard deviation of a size over its plausible size, up to which the data can tell it.
+TELLING: Final = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,15 +161,17 @@ class Evidence(Displayable):
 
     def length(self, components: slice = slice(None)) -> tuple[float, float]:
         """Length of some components of the size as a vector, and its standard deviation."""
-        size, covariance = self.size[components], self.covariance[components, components]
-        length = float(np.linalg.norm(size))
-        along = size / max(length, 1e-300)
-        return length, math.sqrt(max(float(along @ covariance @ along), 0.0))
+        return length_of(self.size[components], self.covariance[components, components])
 
     @property
     def strength(self) -> tuple[float, float]:
         """To compare the windows of one effect: larger is better."""
         return -self.p_single, self.gain
+
+    def explained(self, fit: LinearFit) -> FloatArray:
+        """(m,) by which the residuals of its fit change when it is taken into account."""
+        columns = self.effect.columns_in(self.window)
+        return np.asarray(columns @ self.size + fit.jacobian @ self.moves)
 
     @property
     def significance(self) -> float:
@@ -341,6 +206,13 @@ class Evidence(Displayable):
             and self.share > rule.share
             and self.significance > rule.times_std
         )
+
+
+def length_of(vector: FloatArray, covariance: FloatArray) -> tuple[float, float]:
+    """Length of a vector (k,), and its standard deviation."""
+    length = float(np.linalg.norm(vector))
+    along = vector / max(length, 1e-300)
+    return length, math.sqrt(max(float(along @ covariance @ along), 0.0))
 
 
 def log_ways(count: int, chosen: int) -> float:
@@ -513,9 +385,7 @@ def _determined(
     else:
         noise = fit.squares / max(fit.rows - fit.spent, 1.0)
         scale = np.broadcast_to(effect.plausible, alone.shape)
-        # Predicted standard deviation of a size over its plausible size, up to which the data can
-        # tell it. The score tests of joints use the same share (`trust.scores.TELLING`).
-        least = noise / 0.25**2
+        least = noise / TELLING**2
     scaled = curvature * scale[..., :, None] * scale[..., None, :]
     eigenvalues, axes = np.linalg.eigh(scaled)
     return scale, np.where(eigenvalues > max(least, 1e-300), eigenvalues, 0.0), axes

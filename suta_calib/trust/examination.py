@@ -16,7 +16,8 @@ from suta_calib.solver.information import Rows, kept_rows
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import LinearFit
+from suta_calib.trust.linear_fit import LinearFit
+from suta_calib.trust.rule import Rule
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
@@ -56,6 +57,7 @@ class Examination(Displayable):
         rows_per_independent_row: see `LinearFit`.
         length: m per unit of length of the problem.
         measured: rows of an answer on poses; None of an arm.
+        rule: when evidence of wrong data is reported.
     """
 
     solution: Solution
@@ -63,6 +65,7 @@ class Examination(Displayable):
     rows_per_independent_row: float = 1.0
     length: float = 1.0
     measured: MeasuredRows | None = None
+    rule: Rule = Rule()
 
     @classmethod
     def of_poses(
@@ -112,21 +115,20 @@ class Examination(Displayable):
         return kept_rows(self.problem, self.x, self.sigmas)
 
     @cached_property
-    def fit(self) -> LinearFit:
-        """The linear fit of all rows."""
-        size = [r.line.residual.shape[1] for r in self.rows]
-        weight = [np.repeat(r.line.weight, d) for r, d in zip(self.rows, size, strict=True)]
-        precision, away = self._prior
-        return LinearFit(
-            np.vstack([r.jacobian[:, self.follows] for r in self.rows]),
-            np.concatenate([(r.line.residual / r.line.sigma[:, None]).ravel() for r in self.rows]),
-            precision[self.follows],
-            away[self.follows],
-            np.concatenate(weight),
-            self._clusters,
-            sum(term.equations() for term in self.problem.terms),
-            self.rows_per_independent_row,
+    def everything(self) -> LinearFit:
+        """The linear fit of all rows, with all unknowns of `problem`."""
+        return LinearFit.of_rows(
+            self.rows,
+            *self._prior,
+            clusters=self._clusters,
+            independent_rows=sum(term.equations() for term in self.problem.terms),
+            rows_per_independent_row=self.rows_per_independent_row,
         )
+
+    @cached_property
+    def fit(self) -> LinearFit:
+        """The same with the unknowns that follow an effect."""
+        return self.everything.only(self.follows)
 
     @cached_property
     def plain_fit(self) -> LinearFit:
@@ -223,13 +225,12 @@ class Examination(Displayable):
         Args:
             velocity: (samples, 6, k) of the tips, m and rad per unit, in the base's axes.
         """
-        flat = velocity.reshape(-1, velocity.shape[2])
-        return np.vstack(
-            [
-                r.line.pattern.by_parameters(r.line.by_pose / r.line.sigma[:, None, None], flat)
-                for r in self.rows
-            ]
-        )
+        return by_motion(self.rows, velocity.reshape(-1, velocity.shape[2]))
+
+    def by_shift(self, shift: FloatArray) -> FloatArray:
+        """Whitened columns (m, k) of what displaces the tips: (samples, 3, k), in the base."""
+        turn = np.zeros_like(shift)
+        return self.by_motion(np.concatenate([shift, turn], axis=1))
 
     def by_terms(self, changed: Sequence[Term], step: float = STEP) -> FloatArray:
         """Whitened column (m, 1) of what the terms were built with, such as an artefact.
@@ -260,3 +261,25 @@ class Examination(Displayable):
                 for r in self.rows
             ]
         )
+
+
+def by_motion(rows: Sequence[Rows], velocity: FloatArray) -> FloatArray:
+    """(m, k) how whitened rows change with velocities (6·samples, k) of the tips."""
+    return np.vstack(
+        [
+            r.line.pattern.by_parameters(r.line.by_pose / r.line.sigma[:, None, None], velocity)
+            for r in rows
+        ]
+    )
+
+
+def samples_of(rows: Sequence[Rows]) -> IntArray:
+    """(m,) number of the sample that each component looks at, of all of them the first."""
+    return np.concatenate(
+        [
+            np.repeat(
+                r.line.view.block.samples[:, 0] + r.line.view.first_sample, r.line.residual.shape[1]
+            )
+            for r in rows
+        ]
+    )

@@ -31,13 +31,8 @@ from suta_calib.trust.tip_motion import NOISE, TipMotion, placement_groups, tip_
 from suta_calib.units import Unit, shown
 
 HeldReason = Literal["redundant", "untold", "badly told"]
-# Part of a direction, relative to the whole, that is rounding, and that noise in it may make up.
+# Part of a direction, relative to the whole, that is rounding.
 ROUNDING: Final = 1e-6
-PURE: Final = 1e-2
-_MOST_NAMES: Final = 4
-_MOST_ADVICE: Final = 3
-_NO_REMEDY: Final = "none needed: a convention, and nominal is one"
-_AS_DRAWN: Final = "none needed as far as the tip is as drawn"
 # Words of an advice, and the information that following it would bring.
 Advice = tuple[str, Callable[[], FloatArray]]
 
@@ -72,10 +67,8 @@ class _Case:
     """One combination with everything the rules look at.
 
     Attributes:
-        problem, fixed: what it is about.
         motion: of the tip along it.
         spread: predicted standard deviation along it, in the fixed parameter's unit.
-        rich: tells whether advice would help.
         directions: (n, k) it and what else is open, in plausible units, for ``rich``.
         redundant: whether no data of these kinds could tell it.
     """
@@ -96,8 +89,8 @@ class _Case:
     def partners(self) -> str:
         """The parameters that move with the fixed one; empty where it is alone."""
         names = [n for n in self.motion.main if n != self.fixed]
-        if len(names) > _MOST_NAMES:
-            return ", ".join([*names[:_MOST_NAMES], "…"])
+        if len(names) > 4:
+            return ", ".join([*names[:4], "…"])
         return " and ".join(filter(None, (", ".join(names[:-1]), *names[-1:])))
 
     def says(self, does: str, *advice: Advice) -> Explanation:
@@ -113,12 +106,16 @@ class _Case:
         moves = 0.0 if self.motion.vanishes else self.rich.registered(direction)
         if self.redundant:
             to_know = f"; to know it, {' or '.join(good)}" if good else ""
-            remedy = f"{_AS_DRAWN if moves else _NO_REMEDY}{to_know}"
-            return Explanation(self.fixed, sentence, remedy, "redundant", moves)
+            needed = (
+                "none needed as far as the tip is as drawn"
+                if moves
+                else "none needed: a convention, and nominal is one"
+            )
+            return Explanation(self.fixed, sentence, f"{needed}{to_know}", "redundant", moves)
         if not good:
             kinds = [kind.kind for kind in KINDS.values() if self._told_by(self._any(kind))]
             good = [f"add {' or '.join(kinds)}"] if kinds else []
-        remedy = " or ".join(good[:_MOST_ADVICE]) or "hold it by a prior"
+        remedy = " or ".join(good[:3]) or "hold it by a prior"
         reason: HeldReason = "badly told" if self.spread < self.parameter.plausible else "untold"
         return Explanation(self.fixed, sentence, remedy, reason, moves)
 
@@ -172,16 +169,10 @@ def as_drawn_names(explanations: Iterable[Explanation]) -> tuple[str, ...]:
 def explain(
     problem: Problem, x: FloatArray, identification: Identification
 ) -> tuple[Explanation, ...]:
-    """A sentence and a remedy for every combination of an identification.
+    """A sentence and a remedy for every combination of an identification, made at x (n,).
 
-    Args:
-        problem: what was asked about.
-        x: (n,) parameters the identification was made at.
-        identification: whose combinations are explained, in their order.
-
-    Returns:
-        One explanation per combination: found by pushing it through the forward kinematics and
-        looking at how the tip moves at the samples, with a tolerance for noise.
+    Each is found by pushing it through the forward kinematics and looking at how the tip moves at
+    the samples, with a tolerance for noise.
     """
     arm = problem.names[: problem.arm_count]
     if not any(c.fixed in arm for c in identification.combinations):
@@ -269,7 +260,8 @@ def _redundant(rich: RichData, directions: Mapping[str, FloatArray]) -> dict[str
     answer = {}
     for k, column in zip(picked, pure.T, strict=True):
         mine = directions[held[k]]
-        exact = np.linalg.norm(mine - basis @ (basis.T @ mine)) < PURE * np.linalg.norm(mine)
+        # Noise in it may make up a hundredth of it.
+        exact = np.linalg.norm(mine - basis @ (basis.T @ mine)) < 0.01 * np.linalg.norm(mine)
         answer[held[k]] = mine if exact else np.where(np.abs(column) > ROUNDING, column, 0.0)
     return answer
 

@@ -71,12 +71,7 @@ def offered_names(arm: ArmModel) -> dict[tuple[str, Family], tuple[str, ...]]:
 def extended_problem(
     solution: Solution, candidates: Sequence[str] = ()
 ) -> tuple[Problem, FloatArray]:
-    """The problem with all of the geometry and the candidates unknown, at the same point.
-
-    Args:
-        solution: of terms over an arm.
-        candidates: names of parameters beside geometry.
-    """
+    """The problem with all of the geometry and the candidates unknown, at the same point."""
     arm, fitted, values = solution.problem.arm, solution.problem.arm_parameters, solution.values
     assert arm is not None
     more = [

@@ -15,11 +15,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry.numbers import (
-    homogeneous,
-    quaternion_from_rotation,
-    vector_from_rotation,
-)
+from suta_calib.geometry.numbers import homogeneous, quaternion_from_rotation, vector_from_rotation
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.external_frame import ExternalFrame
 

@@ -150,11 +150,7 @@ class HeldOutErrors:
         return 1.25 / math.sqrt(2.0 * self.witnesses * self.residual.shape[1])
 
     def coverage(self, probability: float) -> Coverage:
-        """Of the intervals of that probability.
-
-        Args:
-            probability: 0 to 1.
-        """
+        """Of the intervals of that probability."""
         within = self.normalised**2 <= normal_squared(self.residual.shape[1], probability)
         share = float(np.mean(within))
         # The share that was hoped for scatters; the one that was found may do so by chance less.
@@ -302,9 +298,6 @@ MOST: Final = 5.0
 
 def widening(held_out: Sequence[HeldOutErrors]) -> float:
     """Factor on the standard deviations of an answer that makes them predict held-out errors.
-
-    Args:
-        held_out: of a converged answer, with its own standard deviations.
 
     Returns:
         1 where nothing was held out, where the errors are as predicted, or where wider standard

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache, partial
 from typing import Any, ClassVar, Final, Literal, TypeVar
 
@@ -24,6 +24,8 @@ from suta_calib.trust.rule import Rule
 from suta_calib.units import text
 
 T = TypeVar("T")
+# The true parameters of data, by name.
+Truth = Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +34,13 @@ class SpoiltData(Displayable):
 
     Attributes:
         data: with the fault.
-        size: (k,) of the fault, as `Evidence.size` should estimate it; NaN where that is not known.
+        size: (k,) of the fault, as `Evidence.size` should estimate it; NaN where that is not known,
+            empty where it has none.
         effect: name of the effect that describes it; empty where there is only one.
     """
 
     data: Any
-    size: FloatArray
+    size: FloatArray = field(default_factory=lambda: np.zeros(0))
     effect: str = ""
 
 
@@ -104,7 +107,7 @@ class Hypothesis(ABC):
         """What was found, its size with ±, and what to do."""
 
     @abstractmethod
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Put the fault into sound data.
 
         Args:
@@ -147,6 +150,10 @@ class Reinterpretation(Hypothesis):
 
         Over an arm the data are a `Problem`, and the words end "the data agree if …".
         """
+
+    def readings_by(self, data: Any, rule: Rule) -> Iterator[tuple[str, Any]]:
+        """Those that are tried by a rule: all of them by default."""
+        return self.readings(data)
 
     def sentence(self, evidence: Any) -> str:
         """What explains the data, and how much better they agree then (`Rereading`)."""
@@ -219,10 +226,6 @@ LEFT_TO_SCORE_TESTS: Final = "joint error"
 
 def strongest_cause(answer: Examination, rule: Rule = Rule()) -> Finding | None:
     """What explains the residuals of a calibration best beside all of the geometry.
-
-    Args:
-        answer: a calibration over an arm, converged or not.
-        rule: when it is worth a report.
 
     Returns:
         None without an arm, where nothing is supported, or where errors of one joint explain the

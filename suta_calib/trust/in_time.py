@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import ClassVar, Final
@@ -21,14 +21,14 @@ from suta_calib.geometry.numbers import skew
 from suta_calib.solver.information import Rows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence, Stretches
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable
+from suta_calib.trust.evidence import Effect, Evidence, Stretches, length_of
+from suta_calib.trust.examination import Examination, by_motion, samples_of
+from suta_calib.trust.hypothesis import AddedVariable, SpoiltData, Truth
+from suta_calib.trust.spoiling import displaced
 from suta_calib.units import Unit, text
 
-# What is plausible: a turn, rad, and a shift, m.
+# A turn that is plausible, rad.
 TURN: Final = 0.01
-SHIFT: Final = 5e-3
 # Rows before and after a change, and times at which something may have changed within one term.
 FEWEST: Final = 10
 TIMES: Final = 40
@@ -147,35 +147,40 @@ class InTime(AddedVariable):
         if self.at_once:
             if not places:
                 return
-            samples = [
-                np.repeat(
-                    r.line.view.block.samples[:, 0] + r.line.view.first_sample,
-                    r.line.residual.shape[1],
-                )
-                for r in rows
-            ]
-            windows = Stretches(np.concatenate(samples), np.array(places)[:, 1:])
+            windows = Stretches(samples_of(rows), np.array(places)[:, 1:])
         for motion in self.motions(problem):
-            columns = np.vstack([columns_of(r, motion.velocity) for r in rows])
             name, about = f"{self.sort} {motion.joint}".strip(), (self, motion, places, problem)
+            columns = by_motion(rows, motion.velocity)
             yield Effect(name, columns, motion.plausible, windows, about=about)
+
+    def change(
+        self,
+        motion: TipShift,
+        size: FloatArray,
+        covariance: FloatArray,
+        rows: tuple[str, str],
+        p: float,
+        share: float = 0.0,
+    ) -> ChangeInTime:
+        """The change of such a size (k,), from and until two rows."""
+        (amount, std), turn = length_of(size[:3], covariance[:3, :3]), (math.nan, math.nan)
+        if len(size) == 1:
+            amount = float(size[0])
+        else:
+            turn = length_of(size[3:], covariance[3:, 3:])
+            turn = turn if turn[0] >= SAID_FROM * turn[1] else (math.nan, math.nan)
+        since, until = rows
+        return ChangeInTime(self, motion.joint, since, amount, std, p, until, (), share, *turn)
 
     def sentence(self, evidence: Evidence) -> str:
         """What it is, its size with ±, and what to look at."""
         hypothesis, motion, places, problem = evidence.effect.about
-        size, std = evidence.length(slice(0, 3))
-        turn, turn_std = evidence.length(slice(3, 6))
-        if len(evidence.size) == 1:
-            size, turn = float(evidence.size[0]), math.nan
-        elif turn < SAID_FROM * turn_std:
-            turn, turn_std = math.nan, math.nan
         place = None if evidence.window is None else places[evidence.window]
-        since, until = rows_of(problem, place)
-        p, share = evidence.p_value, evidence.share
-        return ChangeInTime(
-            *(hypothesis, motion.joint, since, size, std, p, until),
-            *((), share, turn, turn_std),
-        ).sentence
+        change: ChangeInTime = hypothesis.change(
+            *(motion, evidence.size, evidence.covariance, rows_of(problem, place)),
+            *(evidence.p_value, evidence.share),
+        )
+        return change.sentence
 
 
 def rows_of(problem: Problem, place: tuple[int, int, int] | None) -> tuple[str, str]:
@@ -193,37 +198,27 @@ def rows_of(problem: Problem, place: tuple[int, int, int] | None) -> tuple[str, 
     return origin[begin], "" if end in (first[term + 1], first[-1]) else origin[end - 1]
 
 
-def stretches(problem: Problem, fewest: int = FEWEST) -> list[tuple[int, int, int]]:
+def stretches(problem: Problem) -> list[tuple[int, int, int]]:
     """Term, first sample and end of all that may have been measured in another state.
 
     Whatever follows a row, in its term or altogether; a file by itself.
-
-    Args:
-        problem: of which terms.
-        fewest: samples in each, and beside it in its term.
     """
     term_of = dict[tuple[int, int], int]()
     starts = problem.evaluation.table.first.tolist()
     for k, term in enumerate(problem.terms):
         a, b, last = starts[k], starts[k + 1], starts[-1]
-        if b - a <= 2 * fewest:
+        if b - a <= 2 * FEWEST:
             continue
-        times = np.unique(np.linspace(a + fewest, b - fewest, TIMES).astype(np.intp)).tolist()
+        times = np.unique(np.linspace(a + FEWEST, b - FEWEST, TIMES).astype(np.intp)).tolist()
         ends = [(t, end) for t in times for end in {b, last}]
         number = np.array([file for file, _ in term.poses.samples.files()])
         edges = [a, *(a + 1 + np.flatnonzero(np.diff(number))).tolist(), b]
-        files = [(x, y) for x, y in pairwise(edges) if y - x >= fewest]
+        files = [(x, y) for x, y in pairwise(edges) if y - x >= FEWEST]
         ends += [file for file in files if file != (a, b)]
         ends += [(a, last)] if k else []
         for end in ends:
             term_of.setdefault(end, k)
     return [(k, *end) for end, k in term_of.items()]
-
-
-def columns_of(rows: Rows, velocity: FloatArray) -> FloatArray:
-    """(n·d, k) how whitened rows change with velocities (6·samples, k) of the tips."""
-    by_pose = rows.line.by_pose / rows.line.sigma[:, None, None]
-    return np.asarray(rows.line.pattern.by_parameters(by_pose, velocity))
 
 
 # ── motions ─────────────────────────────────────────────────────────────────────────────────────
@@ -238,23 +233,6 @@ def by_readings(problem: Problem) -> FloatArray:
     return np.asarray(-(of_movers @ arm.gearing).reshape(-1, 6, len(arm.joints)))
 
 
-def of_base(problem: Problem) -> FloatArray:
-    """(samples, 6, 6) velocity of every tip by a shift and a turn along the axes of the base."""
-    position = problem.evaluation.table.position
-    velocity = np.zeros((len(position), 6, 6))
-    velocity[:, :3, :3] = velocity[:, 3:, 3:] = np.eye(3)
-    velocity[:, :3, 3:] = -skew(position - position.mean(axis=0))
-    return velocity
-
-
-def of_tip(problem: Problem) -> FloatArray:
-    """(samples, 6, 6) the same along the tip's own axes, and about the tip."""
-    axes = np.swapaxes(problem.evaluation.table.rotation.reshape(-1, 3, 3), 1, 2)
-    velocity = np.zeros((len(axes), 6, 6))
-    velocity[:, :3, :3] = velocity[:, 3:, 3:] = axes
-    return velocity
-
-
 def so_far(problem: Problem) -> Iterator[FloatArray]:
     """(samples,) which share of each term's rows has been measured, zero in all others."""
     first = problem.evaluation.table.first
@@ -264,13 +242,110 @@ def so_far(problem: Problem) -> Iterator[FloatArray]:
         yield share
 
 
-def flat(velocity: FloatArray, share: FloatArray | float = 1.0) -> FloatArray:
+def _flat(velocity: FloatArray, share: FloatArray | float = 1.0) -> FloatArray:
     """(6·samples, k) velocities (samples, 6, k) times how much of them each sample has."""
     scaled = velocity * np.broadcast_to(share, len(velocity))[:, None, None]
     return np.asarray(scaled.reshape(-1, velocity.shape[2]))
 
 
-TWIST: Final = np.repeat([SHIFT, TURN], 3)
+class EncoderInTime(InTime):
+    """One joint reads too much, by an amount that is not the same for all rows."""
+
+    unit: ClassVar[Unit] = "rad"
+    plausible: ClassVar[float] = TURN
+
+    def shares(self, problem: Problem, joint: int) -> Iterable[FloatArray | float]:
+        """Of the amount, how much each sample (samples,) has: one motion for each."""
+        return (1.0,)
+
+    def motions(self, problem: Problem) -> Iterator[TipShift]:
+        """One for each joint and share."""
+        arm, velocity = problem.arm, by_readings(problem)
+        assert arm is not None
+        for k, joint in enumerate(arm.joints):
+            for share in self.shares(problem, k):
+                motion = _flat(velocity[:, :, [k]], share)
+                yield TipShift(joint, motion, np.array([self.plausible]))
+
+
+class FrameInTime(InTime):
+    """Every tip is displaced and turned with a frame: from a row on, or ever more.
+
+    Attributes:
+        what: that frame, as a sentence names it.
+    """
+
+    what: ClassVar[str]
+
+    @abstractmethod
+    def axes(self, rotation: FloatArray) -> FloatArray:
+        """(n, 3, 3) the frame's axes in the base, for rotations (n, 3, 3) of the tips."""
+
+    def velocity(self, problem: Problem) -> FloatArray:
+        """(samples, 6, 6) of every tip, by a shift and a turn along the frame's axes."""
+        table = problem.evaluation.table
+        velocity = np.zeros((len(table.position), 6, 6))
+        axes = self.axes(np.swapaxes(table.rotation.reshape(-1, 3, 3), 1, 2))
+        velocity[:, :3, :3] = velocity[:, 3:, 3:] = axes
+        return velocity
+
+    def motions(self, problem: Problem) -> Iterator[TipShift]:
+        """One where it happens at once, else one for each term."""
+        velocity = self.velocity(problem)
+        for share in (1.0,) if self.at_once else so_far(problem):
+            # A shift of 5 mm is plausible.
+            yield TipShift("", _flat(velocity, share), np.repeat([5e-3, TURN], 3))
+
+    def statement(self, change: ChangeInTime) -> str:
+        """From where to where, by how much."""
+        if not self.at_once:
+            return (
+                f"The {self.what} crept by {change.amount} while the rows were measured: "
+                "let it warm up, fix it."
+            )
+        if change.until:
+            return (
+                f"The {self.what} was elsewhere by {change.amount} from {change.since} to "
+                f"{change.until}: give these rows another label."
+            )
+        return (
+            f"The {self.what} was moved by {change.amount} at {change.since}: give the rows "
+            "after it another label."
+        )
+
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
+        """Two millimetres: from the middle on, or until the last row."""
+        by = 2e-3 * np.array([0.6, 0.0, 0.8])
+        twist = np.zeros((len(data.poses), 6))
+        share = later_half(data) if self.at_once else np.arange(len(twist)) / len(twist)
+        twist[:, :3] = self.axes(data.poses.at(values)[0]) @ by * share[:, None]
+        return SpoiltData(displaced(data, values, twist), np.array([*by, 0.0, 0.0, 0.0]))
+
+
+class BaseInTime(FrameInTime):
+    """A base, an instrument or an artefact."""
+
+    what = "base, or what it met,"
+
+    def axes(self, rotation: FloatArray) -> FloatArray:
+        """Those of the base."""
+        return np.broadcast_to(np.eye(3), rotation.shape)
+
+    def velocity(self, problem: Problem) -> FloatArray:
+        """A turn is one about the middle of all tips."""
+        velocity, position = super().velocity(problem), problem.evaluation.table.position
+        velocity[:, :3, 3:] = -skew(position - position.mean(axis=0))
+        return velocity
+
+
+class TipInTime(FrameInTime):
+    """A tool, or what is on it; it turns about the tip."""
+
+    what = "tool, or what is on it,"
+
+    def axes(self, rotation: FloatArray) -> FloatArray:
+        """Those of the tip."""
+        return rotation
 
 
 def _with_std(size: float, std: float, unit: Unit) -> str:

@@ -25,49 +25,17 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.losses import huber_weight
-from suta_calib.trust.accuracy import (
-    TermAccuracy,
-    block_residuals,
-    fit_own,
-    term_accuracies,
-)
+from suta_calib.trust.accuracy import TermAccuracy, block_residuals, fit_own, term_accuracies
 from suta_calib.trust.cross_validation import CrossValidation, Fold, FoldErrors, limited_rms
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.score_tests import Residuals, noise_ratio
 from suta_calib.units import Unit
 
-# Times that rows are weighed anew by what is left of them, and a change of weight that is none.
-ROUNDS: Final = 8
+# A change of weight that is none.
 SAME_WEIGHT: Final = 1e-3
-# Information below which a direction stays where it was: half of what the solver asks for, because
-# what the whole data tell well enough, a part of them must not lose by a hair.
-OPEN: Final = 0.25 * WEAK**-2
 
 # A normal matrix (p, p) and its right side (p,).
 Normal = tuple[FloatArray, FloatArray]
-
-
-@dataclass(frozen=True, eq=False)
-class _Block:
-    """Where the rows of one block lie among all, and what they are counted in.
-
-    Attributes:
-        rows: slice of the rows; numbers: slice of their components.
-        size: components of a row.
-        sigma, threshold: (n,) noise, and Huber's threshold in units of it.
-        held: (n,) number of the fold that holds each row out; -1 where none or several do.
-        first: whether the errors are lengths of the first term's kind.
-        level: noise that errors are counted in.
-    """
-
-    rows: slice
-    numbers: slice
-    size: int
-    sigma: FloatArray
-    threshold: FloatArray
-    held: IntArray
-    first: bool
-    level: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,46 +66,48 @@ class LinearModels:
 
     def __init__(self, answer: Examination, folds: Sequence[Fold], noise: Sequence[float]) -> None:
         self.solution, self.folds = answer.solution, folds
-        self.problem, self.x, self.rows = answer.problem, answer.x, answer.rows
-        self._jacobian = np.vstack([r.jacobian for r in self.rows])
-        self._residual = np.concatenate(
-            [(r.line.residual / r.line.sigma[:, None]).reshape(-1) for r in self.rows]
-        )
-        self._weight = np.concatenate([r.line.weight for r in self.rows])
-        self._blocks, involved = self._laid_out(noise)
-        self._row_of = np.concatenate(
-            [np.repeat(np.arange(b.rows.start, b.rows.stop), b.size) for b in self._blocks]
-        )
+        self.problem, self.x = answer.problem, answer.x
+        self._everything = answer.everything
+        self._jacobian, self._residual = answer.everything.jacobian, answer.everything.residual
+        lines = [r.line for r in answer.rows]
+        count = [len(line.residual) for line in lines]
+        # (rows,) components of a row, its noise, the noise that errors are counted in, and whether
+        # it is a length of the first term's kind.
+        self._size = np.repeat([line.residual.shape[1] for line in lines], count)
+        self._sigma = np.concatenate([line.sigma for line in lines])
+        self._level = np.repeat(noise, count)
+        first = [
+            block is term.blocks[0] and term.kind == self.problem.terms[0].kind
+            for term in self.problem.terms
+            for block in term.blocks
+        ]
+        self._first = np.repeat(first, count)
+        self._weight = np.concatenate([line.weight for line in lines])
+        self._row_of = np.repeat(np.arange(len(self._size)), self._size)
+        self._held, involved = self._left_out()
         # Per fold, the rows that look at any of its samples: those it is not fitted to.
         self._involved = [np.flatnonzero(mask[self._row_of]) for mask in involved]
         self._index = {name: k for k, name in enumerate(self.problem.names)}
         self._prior()
 
-    def _laid_out(self, noise: Sequence[float]) -> tuple[list[_Block], BoolArray]:
-        terms, lines = self.problem.terms, iter(zip(self.rows, noise, strict=True))
-        blocks, involved = list[_Block](), list[BoolArray]()
-        row = number = 0
-        for k, term in enumerate(terms):
+    def _left_out(self) -> tuple[IntArray, BoolArray]:
+        """(rows,) number of the fold that holds each row out; -1 where none or several do.
+
+        And (folds, rows) which look at any of its samples.
+        """
+        held, involved = list[IntArray](), list[BoolArray]()
+        for k, term in enumerate(self.problem.terms):
             fold = np.full(len(term.poses), -1, dtype=np.intp)
-            for f, left_out_fold in enumerate(self.folds):
-                fold[left_out_fold.samples[k]] = f
+            for f, left_out in enumerate(self.folds):
+                fold[left_out.samples[k]] = f
             counted = np.array([k in left_out.held_out for left_out in self.folds])
-            for b, block in enumerate(term.blocks):
-                (r, level), n = next(lines), len(block)
+            for block in term.blocks:
                 of_samples = fold[block.samples]
                 same = (of_samples == of_samples[:, :1]).all(axis=1)
-                held = np.where(same & counted[of_samples[:, 0]], of_samples[:, 0], -1)
-                involved.append(
-                    np.array([(of_samples == f).any(axis=1) for f in range(len(self.folds))])
-                )
-                rows, numbers = slice(row, row + n), slice(number, number + n * block.size)
-                first = b == 0 and term.kind == terms[0].kind
-                threshold = r.line.view.threshold / r.line.sigma
-                blocks.append(
-                    _Block(rows, numbers, block.size, r.line.sigma, threshold, held, first, level)
-                )
-                row, number = rows.stop, numbers.stop
-        return blocks, np.concatenate(involved, axis=1)
+                held.append(np.where(same & counted[of_samples[:, 0]], of_samples[:, 0], -1))
+                each = [(of_samples == f).any(axis=1) for f in range(len(self.folds))]
+                involved.append(np.array(each))
+        return np.concatenate(held), np.concatenate(involved, axis=1)
 
     def _prior(self) -> None:
         """Priors as the fit had them, and where directions that stay open stay."""
@@ -190,7 +160,7 @@ class LinearModels:
         free = np.concatenate([self._fitted_free, columns])
         jacobian = self._jacobian[:, free]
         step, residual, weight = np.zeros(len(free)), self._residual, self._weight
-        for _ in range(ROUNDS):
+        for _ in range(8):
             step = self._solved(free, *self._reweighed(free, weight, None))
             residual = self._residual + jacobian @ step
             before, weight = weight, self._weights(residual)
@@ -205,23 +175,15 @@ class LinearModels:
 
     def residuals(self, fit: ModelFit) -> Residuals:
         """What is left by a model, to be tested."""
-        rows = []
-        for block, r in zip(self._blocks, self.rows, strict=True):
-            residual = fit.residual[block.numbers].reshape(-1, block.size) * block.sigma[:, None]
-            line = replace(r.line, residual=residual, weight=fit.weight[block.rows])
-            rows.append(replace(r, line=line))
+        weight = fit.weight[self._row_of]
+        left = replace(self._everything, residual=fit.residual, weight=weight, from_prior=None)
         fitted = frozenset((*self.solution.problem.names, *fit.added))
         level = noise_ratio(self.solution)
-        return Residuals(self.problem, rows, fitted, len(fit.free), level)
+        return Residuals(self.problem, left, fitted, len(fit.free), level)
 
     def rms(self, fit: ModelFit) -> float:
         """RMS of the fitted errors of the first kind, m, none beyond its Huber threshold."""
-        lengths = [
-            np.minimum(size, block.threshold) * block.sigma
-            for block, size in zip(self._blocks, self._sizes(fit.residual), strict=True)
-            if block.first
-        ]
-        return float(np.sqrt(np.mean(np.concatenate(lengths) ** 2)))
+        return float(np.sqrt(np.mean(self._limited(fit.residual)[self._first] ** 2)))
 
     def cross_validation(self, fit: ModelFit) -> CrossValidation:
         """Errors on each fold of the model fitted to the rest, rows weighed as the fit does."""
@@ -259,7 +221,9 @@ class LinearModels:
         curvature = matrix + np.diag(prior)
         gradient = right + prior * self._away[free] + curvature @ anchor
         values, vectors = np.linalg.eigh(curvature * np.outer(unit, unit))
-        identified = values > max(OPEN, 1e-12 * float(values[-1]))
+        # Half of what the solver asks for, because what the whole data tell well enough, a part of
+        # them must not lose by a hair.
+        identified = values > max(0.25 * WEAK**-2, 1e-12 * float(values[-1]))
         directions = vectors[:, identified]
         return np.asarray(
             anchor - unit * (directions @ ((directions.T @ (unit * gradient)) / values[identified]))
@@ -292,25 +256,24 @@ class LinearModels:
         return columns
 
     def _errors(self, fold: int, residual: FloatArray) -> FoldErrors:
-        squares, count, lengths = 0.0, 0, [np.zeros(0)]
-        for block, size in zip(self._blocks, self._sizes(residual), strict=True):
-            held = block.held == fold
-            limited = (np.minimum(size, block.threshold) * block.sigma)[held]
-            squares += float(np.sum((limited / block.level) ** 2))
-            count += len(limited) * block.size
-            lengths += [limited] if block.first else []
-        return FoldErrors(squares, count, np.concatenate(lengths))
+        held = self._held == fold
+        limited = self._limited(residual)
+        squares = float(np.sum((limited / self._level)[held] ** 2))
+        return FoldErrors(squares, int(np.sum(self._size[held])), limited[held & self._first])
 
-    def _sizes(self, residual: FloatArray) -> list[FloatArray]:
-        """Norms (n,) of the whitened rows, block by block."""
-        return [
-            np.linalg.norm(residual[b.numbers].reshape(-1, b.size), axis=1) for b in self._blocks
-        ]
+    def _limited(self, residual: FloatArray) -> FloatArray:
+        """(rows,) lengths of the errors, none beyond its Huber threshold."""
+        size = np.sqrt(self._everything.row_squares(residual))
+        return np.asarray(np.minimum(size, self._threshold) * self._sigma)
+
+    @property
+    def _threshold(self) -> FloatArray:
+        assert self._everything.threshold is not None
+        return self._everything.threshold
 
     def _weights(self, residual: FloatArray) -> FloatArray:
-        sizes = self._sizes(residual)
-        pairs = zip(self._blocks, sizes, strict=True)
-        return np.concatenate([huber_weight(size**2, block.threshold) for block, size in pairs])
+        """(rows,) Huber's."""
+        return huber_weight(self._everything.row_squares(residual), self._threshold)
 
 
 # Share of the squared held-out errors that an error must explain: less changes the RMS by less than

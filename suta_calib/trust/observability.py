@@ -23,12 +23,7 @@ from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import INFORMED, State
 from suta_calib.solver.solve import identify_at
-from suta_calib.trust.explanation import (
-    Explanation,
-    as_drawn_names,
-    explain,
-    redundant_names,
-)
+from suta_calib.trust.explanation import Explanation, explain
 from suta_calib.trust.scale_effects import held_scale
 from suta_calib.units import Unit
 
@@ -148,7 +143,7 @@ class Observability(Displayable):
     @property
     def redundant(self) -> tuple[str, ...]:
         """Those of them that no data of these kinds could tell."""
-        return redundant_names(self.explanations)
+        return tuple(e.fixed for e in self.explanations if e.reason == "redundant")
 
     @property
     def condition(self) -> float:
@@ -228,10 +223,10 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
         covariance += geometry.of_estimate @ geometry.of_estimate.T
         held_length = held_scale(problem, geometry)
     prospects = _prospects(problem, covariance, identification, estimated)
-    as_drawn = as_drawn_names(explanations)
     prospects |= {
-        n: replace(prospects[n], redundant=True, as_drawn=n in as_drawn)
-        for n in redundant_names(explanations)
+        e.fixed: replace(prospects[e.fixed], redundant=True, as_drawn=e.as_drawn)
+        for e in explanations
+        if e.reason == "redundant"
     }
     judged = slice(problem.arm_count or len(free))
     asked, fixed = int(free[judged].sum()), int(held[judged].sum())

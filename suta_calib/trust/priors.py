@@ -30,11 +30,7 @@ class PriorNotes:
 
 
 def judge_priors(solution: Solution) -> PriorNotes:
-    """Compare the size of the arm's errors with the priors that a job states.
-
-    Args:
-        solution: a converged one.
-    """
+    """Compare the size of the arm's errors with the priors that a job states."""
     bad, care = _held(solution)
     widened = {} if solution.weights is None else solution.weights.priors
     narrow = {k: v for k, v in widened.items() if v.contradicted and v.value > 1}

@@ -251,11 +251,7 @@ class RowNoise:
 
 
 def noise_of_rows(solution: Solution) -> list[RowNoise]:
-    """One for each block of each term, in the problem's order.
-
-    Args:
-        solution: a converged one.
-    """
+    """One for each block of each term, in the problem's order."""
     problem = solution.problem
     lines = iter(problem.linearise(solution.x, problem.assumed_sigmas()))
     repeats = {(fit.kind, fit.unit): fit.repeat for fit in lack_of_fit(solution)}

@@ -37,30 +37,11 @@ from suta_calib.units import Unit
 QUICK_FIT: Final = SolverOptions(starts=1, max_iterations=25, weights=None, confirm=False)
 # Score of a reading that the nominal arm cannot rank: beyond all others but infinity.
 UNRANKED: Final = 1e300
-
-
-@dataclass(frozen=True)
-class RereadingOptions:
-    """How hard to look, and what counts as an explanation.
-
-    Attributes:
-        fitted: readings, best on the nominal arm first, that are fitted like the job.
-        noise_levels, part: a reading explains the data if it leaves at most so many times the
-            noise that is stated or assumed, or this part of the misfit: what is merely less wrong
-            is no cause.
-        equal: fits that are so many times the best one at most are as good.
-        cap: residuals count as so many times their robust level at most: two of fifteen landmarks
-            exchanged must still show, a few gross rows must not decide.
-        unchanged: misfit of the nominal arm, over that of the data as they are, from which on a
-            reading is a convention and no cause, such as a turn of the base.
-    """
-
-    fitted: int = 4
-    noise_levels: float = 3.0
-    part: float = 0.05
-    equal: float = 1.2
-    cap: float = 10.0
-    unchanged: float = 0.999
+# Fits that are so many times the best one at most are as good.
+EQUAL: Final = 1.2
+# Residuals count as so many times their robust level at most: two of fifteen landmarks exchanged
+# must still show, a few gross rows must not decide.
+CAP: Final = 10.0
 
 
 @dataclass(frozen=True)
@@ -87,17 +68,12 @@ class Rereading(Displayable):
         return self.hypothesis.sentence(self)
 
 
-def explaining_reading(
-    solution: Solution,
-    rule: Rule = Rule(),
-    options: RereadingOptions = RereadingOptions(),
-) -> Rereading | None:
+def explaining_reading(solution: Solution, rule: Rule = Rule()) -> Rereading | None:
     """The one change to the data under which they agree far better with the arm.
 
     Args:
         solution: the job's own fit, of terms over one arm.
         rule: how much better is far better.
-        options: how hard to look.
 
     Returns:
         Of the readings that agree best with the nominal arm, the one whose fit is best and far
@@ -108,9 +84,10 @@ def explaining_reading(
         return None
     # Readings are told apart by what the job gives: wrong ones widen priors until they fit.
     problem = solution.problem.as_given()
-    cap = options.cap * _level(problem, solution.x)
+    cap = CAP * _level(problem, solution.x)
     present = misfit(problem, solution.x, cap, len(solution.free))
-    small = max(options.noise_levels * problem.assumed_sigmas()[0], options.part * present)
+    # What leaves more than three times the noise, and a twentieth of the misfit, is but less wrong.
+    small = max(3.0 * problem.assumed_sigmas()[0], 0.05 * present)
     explained = min(present / rule.far_better, small)
 
     def fitted_misfit(terms: Sequence[Term]) -> float:
@@ -124,7 +101,7 @@ def explaining_reading(
         return math.inf
 
     causes, worst = list[tuple[float, float, int, Rereading]](), math.inf
-    for place, candidate in enumerate(_candidates(problem, options)):
+    for place, candidate in enumerate(_candidates(problem, rule)):
         if causes and candidate.score > worst:
             break
         after = fitted_misfit(candidate.terms)
@@ -134,10 +111,10 @@ def explaining_reading(
             listed = UNRANKED if candidate.listed is None else candidate.listed
             share = _share_of_rows(candidate.terms, problem.terms)
             causes.append((-share, listed, place, cause))
-            worst = min(worst, options.equal * candidate.score)
+            worst = min(worst, EQUAL * candidate.score)
     # Labels that return make several shifts do: that of most rows, and of these the first that
     # is listed, is the simplest.
-    best = options.equal * min((cause.after for *_, cause in causes), default=0.0)
+    best = EQUAL * min((cause.after for *_, cause in causes), default=0.0)
     equals = [cause for cause in causes if cause[-1].after < best]
     # Nothing need be otherwise where the fit that is to be explained was not the best one.
     if not equals or fitted_misfit(problem.terms) < best:
@@ -162,26 +139,28 @@ class _Candidate:
     listed: float | None = None
 
 
-def _candidates(problem: Problem, options: RereadingOptions) -> Iterator[_Candidate]:
+def _candidates(problem: Problem, rule: Rule) -> Iterator[_Candidate]:
     """Readings in the order in which they are fitted: `Reinterpretation.tried` says which."""
     ranked = [
         (hypothesis, description, terms)
         for hypothesis in _hypotheses(problem, "ranked")
-        for description, terms in hypothesis.readings(problem)
+        for description, terms in hypothesis.readings_by(problem, rule)
     ]
     nominal = Problem(problem.terms)
-    registered, cap = nominal.start(), nominal_cap(problem.terms, options)
+    registered, cap = nominal.start(), nominal_cap(problem.terms)
     limit = misfit(nominal, registered, cap, len(nominal.names))
     scores = np.array([nominal_misfit(terms, cap) for *_, terms in ranked])
     # A reading explains only the rows that it keeps.
     scores /= [_share_of_rows(terms, problem.terms) for *_, terms in ranked]
     order = np.argsort(scores, kind="stable").tolist()
-    for k in [k for k in order if scores[k] < options.unchanged * limit][: options.fitted]:
+    # What changes the nominal misfit by less is a convention and no cause, such as a turn of the
+    # base. The best few are fitted.
+    for k in [k for k in order if scores[k] < 0.999 * limit][:4]:
         hypothesis, description, terms = ranked[k]
         yield _Candidate(hypothesis, description, terms, float(scores[k]), k)
     for tried, score in (("fitted", UNRANKED), ("last", math.inf)):
         for hypothesis in _hypotheses(problem, tried):
-            for description, terms in hypothesis.readings(problem):
+            for description, terms in hypothesis.readings_by(problem, rule):
                 yield _Candidate(hypothesis, description, terms, score)
 
 
@@ -228,10 +207,10 @@ def nominal_misfit(terms: Sequence[Term], cap: float) -> float:
     return math.inf
 
 
-def nominal_cap(terms: Sequence[Term], options: RereadingOptions = RereadingOptions()) -> float:
+def nominal_cap(terms: Sequence[Term]) -> float:
     """Cap of residuals with the nominal arm, which is far coarser than any fit."""
     nominal = Problem(terms)
-    return options.cap * _level(nominal, nominal.start())
+    return CAP * _level(nominal, nominal.start())
 
 
 def _misfit(
@@ -258,12 +237,7 @@ def _scaled_residuals(problem: Problem, x: FloatArray) -> list[FloatArray]:
 
 
 def shifted_parameters(terms: Sequence[Term], given: Problem) -> ParameterSet:
-    """The arm's parameters, as far from the arm of the terms as they may be from the given one.
-
-    Args:
-        terms: over one arm.
-        given: a problem over the same arm, some of whose lengths may be others.
-    """
+    """The arm's parameters, as far from the arm of the terms as they may be from the given one."""
     before, after = given.arm, Problem(terms).arm
     if before is None or after is None:
         return given.arm_parameters

@@ -249,12 +249,7 @@ class RichData:
         return problem, np.asarray((vectors * size) @ vectors.T)
 
     def observations(self, sort: Sort, label: str) -> tuple[Term, dict[str, float]]:
-        """Rich data of one sort, without noise, and what is true of their own unknowns.
-
-        Args:
-            sort: of observation.
-            label: tells its places and instruments from others.
-        """
+        """Rich data of one sort, without noise, and what is true of their own unknowns."""
         kind, random = sort.kind, np.random.default_rng(0)
         touches = kind.medium == "touch"
         n = math.ceil(PLACES * ROWS / kind.chance)

@@ -74,11 +74,7 @@ class ScaleEffect:
 
 
 def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
-    """Every carrier of a scale among the observations; none where they know no length.
-
-    Args:
-        solution: a converged one, of terms over an arm.
-    """
+    """Every carrier of a scale among the observations; none where they know no length."""
     problem, by_scale = solution.problem, solution.spread.by_scale
     arm = problem.names[: problem.arm_count]
     carried, effects = relied_on(solution), []
@@ -107,12 +103,7 @@ def scale_effects(solution: Solution) -> tuple[ScaleEffect, ...]:
 
 
 def held_scale(problem: Problem, held: HeldGeometry | None) -> ScaleEffect | None:
-    """The held length that carries the scale; None where observations know lengths.
-
-    Args:
-        problem: terms over an arm.
-        held: of it, what no residual shows.
-    """
+    """The held length that carries the scale; None where observations know lengths."""
     if held is None or problem.arm is None or scale_carriers(problem.terms) or not held.is_scale:
         return None
     tip = float(np.linalg.norm(held.tip))
@@ -125,11 +116,7 @@ def held_scale(problem: Problem, held: HeldGeometry | None) -> ScaleEffect | Non
 
 
 def held_unseen(solution: Solution) -> str:
-    """What no residual shows of the held geometry, where that is not the scale; empty if nothing.
-
-    Args:
-        solution: as of `scale_effects`.
-    """
+    """What no residual shows of held geometry, where that is not the scale; empty if nothing."""
     held = solution.spread.held
     if held is None or not held.matters or held_scale(solution.problem, held):
         return ""

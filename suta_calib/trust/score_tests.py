@@ -1,40 +1,39 @@
 """Do the residuals look like an eccentric encoder, a wrong gear ratio, or a joint that yields?
 
-A score (Lagrange multiplier) test of each joint and each family of non-geometric parameters, at
-the fit without them: nothing is fitted anew. With Z the columns of the family, X those of what else
-is unknown, and ψ the robust residuals,
+Each joint and each family of non-geometric parameters is an effect beside the fit without them
+(`evidence`). Two tests are made of it: by the squares that it explains, and by how much its scores
+scatter from touch to touch, because rows that share a touch err together (White 1982,
+doi:10.2307/1912526):
 
-    S = Z̃ᵀψ,   Z̃ = Z - X (XᵀX)⁻¹ XᵀZ,   F = Sᵀ V⁻¹ S / k
+    F = Sᵀ V⁻¹ S / k,   S = Z̃ᵀψ
 
-where V sums the products of scores by touch, because rows that share a touch err together (Rao
-1948, doi:10.1017/S0305004100023987; robust form: White 1982, doi:10.2307/1912526). Once X is what
-the job frees, and once all of the geometry: a bent link must not be taken for an eccentric encoder.
+where Z̃ are its columns once all else has followed, ψ the robust residuals, and V sums the products
+of scores by touch. Once what follows is what the job frees, and once all of the geometry: a bent
+link must not be taken for an eccentric encoder.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Final
 
 import numpy as np
+from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.model.parameters import COUPLING, Family
 from suta_calib.showing import Displayable
 from suta_calib.solver.identifiability import WEAK
-from suta_calib.solver.information import Rows
+from suta_calib.solver.information import scaled_inverse
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
+from suta_calib.trust.evidence import TELLING, Effect, weigh_effects
 from suta_calib.trust.examination import Examination
 from suta_calib.trust.extended_problem import offered_names
-from suta_calib.trust.scores import Scores, curvature_of, scores_of
-
-# Chance by touches that what the variance alone says must have.
-SUPPORTED: Final = 0.05
+from suta_calib.trust.linear_fit import LinearFit
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,7 @@ class ScoreTest(Displayable):
         p: the same, allowing for the number of tests (Bonferroni).
         p_beside_geometry: that if any of the geometry may be off too.
         p_variance: the same as ``p`` for so much of the residuals' variance explained, which tells
-            more where touches are few and takes them to scatter alike, and to share as much of it
-            as they do in the mean over all candidates (`Scores.shared`).
+            more where touches are few and takes them to scatter alike (`Evidence.p_value`).
         beats_geometry: whether it explains more, for its few parameters, than the geometry that the
             job does not free would (Schwarz 1978, doi:10.1214/aos/1176344136).
         explains: how much that is, in units of what noise alone would explain: what looks alike by
@@ -74,9 +72,35 @@ class ScoreTest(Displayable):
         """Whether so much is neither chance nor geometry."""
         # Chance that one of all tests calls clean residuals suspicious.
         level = 0.01
-        by_variance = self.p_variance < level and self.p_single < SUPPORTED
-        by_chance = self.p < level or by_variance
+        by_chance = min(self.p, self.p_variance) < level
         return self.p_beside_geometry < level or (by_chance and self.beats_geometry)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scores:
+    """Of all candidates beside a fit.
+
+    Attributes:
+        score: (k,) S.
+        variance: (k, k) V.
+    """
+
+    score: FloatArray
+    variance: FloatArray
+
+    @classmethod
+    def of(cls, fit: LinearFit, columns: FloatArray) -> _Scores:
+        left = fit.followed(columns)
+        score = fit.scores(left, fit.settled).sum(axis=0)
+        return cls(score, fit.score_variance(left, fit.settled))
+
+    def p_by_touch(self, chosen: IntArray, freedom: int) -> float:
+        """Chance of so large scores of some candidates together."""
+        if not len(chosen):
+            return 1.0
+        variance = self.variance[np.ix_(chosen, chosen)]
+        pushed = np.linalg.pinv(variance, hermitian=True) @ self.score[chosen]
+        return float(fdtrc(len(chosen), freedom, self.score[chosen] @ pushed / len(chosen)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,14 +109,14 @@ class Residuals:
 
     Attributes:
         problem: the fit's unknowns, the rest of the geometry, and every candidate.
-        rows: at the fit, with a column for each of these.
+        fit: with a column for each of these.
         fitted: names of what the fit had for its unknowns.
         free: how many of them the data have told (`effective_unknowns`).
         level: mean of (noise / assumed noise)² over the blocks.
     """
 
     problem: Problem
-    rows: Sequence[Rows]
+    fit: LinearFit
     fitted: frozenset[str]
     free: int
     level: float
@@ -101,41 +125,44 @@ class Residuals:
     def of(cls, answer: Examination, effective: float) -> Residuals:
         """Those of an answer over an arm, of which the data have told ``effective`` unknowns."""
         # Of a number of unknowns, that is none.
-        fitted, free = (
-            frozenset(answer.solution.problem.parameters),
-            math.ceil(effective - 1e-6),
-        )
-        return cls(answer.problem, answer.rows, fitted, free, noise_ratio(answer.solution))
+        free = math.ceil(effective - 1e-6)
+        fitted = frozenset(answer.solution.problem.parameters)
+        # What priors pull at was settled when the answer was fitted.
+        fit, level = replace(answer.everything, from_prior=None), noise_ratio(answer.solution)
+        return cls(answer.problem, fit, fitted, free, level)
 
     @single_threaded
     def tests(self) -> tuple[ScoreTest, ...]:
         """Of every joint and family, most suspicious first; nothing with too few touches."""
         if not self.enough:
             return ()
-        groups = self._groups
-        alone, beside = self._alone, self._beside_geometry
-        candidates = [
-            (joint, family, np.array([self._order[n] for n in telling], dtype=np.intp))
-            for (joint, family), names in groups.items()
+        effects = [
+            Effect(f"{joint} {family}", self._columns[:, at], about=(joint, family, tuple(telling)))
+            for (joint, family), names in self._groups.items()
             # Each coupling is a cause of its own; the two waves of a harmonic are one.
             for group in ([[n] for n in names] if family == COUPLING else [names])
-            if (telling := [n for n in group if alone.telling[self._order[n]]])
+            if (telling := self.telling_names(group))
+            for at in [self._places(telling)]
         ]
-        names, tests = list(self._order), []
-        for joint, family, index in candidates:
-            p = alone.p_by_touch(index, self._freedom)
-            gain = self._gain(alone, index) - len(index) * float(np.log(alone.touches))
-            p_variance = alone.p_variance(index, self._equations, self.free)
+        tests = []
+        for evidence in weigh_effects(self._alone, effects):
+            joint, family, names = evidence.effect.about
+            at = self._places(names)
+            p, beside = (
+                scores.p_by_touch(at, self._freedom)
+                for scores in (self._scores, self._scores_beside_geometry)
+            )
+            gain = self._gain(evidence.gain) - len(at) * math.log(self._touches)
             tests.append(
                 ScoreTest(
                     joint,
                     family,
-                    tuple(names[i] for i in index),
-                    tuple(float(v) for v in alone.step(index)),
+                    names,
+                    tuple(evidence.size.tolist()),
                     p,
-                    min(1.0, len(candidates) * p),
-                    min(1.0, len(candidates) * beside.p_by_touch(index, self._freedom)),
-                    min(1.0, len(candidates) * p_variance),
+                    min(1.0, len(effects) * p),
+                    min(1.0, len(effects) * beside),
+                    evidence.p_value,
                     gain > self.by_geometry,
                     gain,
                 )
@@ -144,12 +171,15 @@ class Residuals:
 
     def chance(self, names: Iterable[str]) -> float:
         """Chance of so suspicious residuals as for these candidates together, without cause."""
-        index = np.array([self._order[n] for n in names if n in self._order], dtype=np.intp)
-        return self._alone.p_by_touch(index, self._freedom) if self.enough else 1.0
+        at = self._places(self.telling_names(names))
+        return self._scores.p_by_touch(at, self._freedom) if self.enough else 1.0
 
     def telling_names(self, names: Iterable[str]) -> tuple[str, ...]:
         """Those of the candidates that the data could tell."""
-        return tuple(n for n in names if n in self._order and self._alone.telling[self._order[n]])
+        return tuple(n for n in names if n in self._order and self._telling[self._order[n]])
+
+    def _places(self, names: Sequence[str]) -> IntArray:
+        return np.array([self._order[name] for name in names], dtype=np.intp)
 
     @cached_property
     def _groups(self) -> dict[tuple[str, Family], tuple[str, ...]]:
@@ -162,36 +192,40 @@ class Residuals:
     @cached_property
     def _order(self) -> dict[str, int]:
         """Number of each candidate among them all."""
-        return {
-            name: k for k, name in enumerate(n for names in self._groups.values() for n in names)
-        }
+        names = (name for group in self._groups.values() for name in group)
+        return {name: k for k, name in enumerate(names)}
+
+    def _numbers(self, names: Iterable[str]) -> IntArray:
+        chosen = {*names}
+        return np.flatnonzero([name in chosen for name in self.problem.names])
 
     @cached_property
-    def _columns(self) -> IntArray:
-        return np.array([self.problem.names.index(n) for n in self._order], dtype=np.intp)
+    def _columns(self) -> FloatArray:
+        """(m, k) of all candidates, in their order."""
+        at = [self.problem.names.index(name) for name in self._order]
+        return self.fit.jacobian[:, at]
 
     @cached_property
-    def _geometry(self) -> IntArray:
-        """Columns of the geometry that was not fitted."""
-        not_geometry = self._order.keys() | self.fitted
-        return np.array(
-            [k for k, n in enumerate(self.problem.names) if n not in not_geometry], dtype=np.intp
-        )
+    def _alone(self) -> LinearFit:
+        """Only what was fitted follows."""
+        return self.fit.only(self._numbers(self.fitted))
 
     @cached_property
-    def _alone(self) -> Scores:
-        return self._scores(self._columns, self._geometry)
+    def _telling(self) -> list[bool]:
+        """Whether the data would tell each candidate well enough."""
+        told = np.diag(self._alone.curvature(self._columns))
+        plausible = np.array([self.problem.parameters[n].plausible for n in self._order])
+        return [bool(told_well) for told_well in told * (TELLING * plausible) ** 2 > 1.0]
 
     @cached_property
-    def _beside_geometry(self) -> Scores:
-        return self._scores(self._columns, np.zeros(0, dtype=np.intp))
-
-    def _scores(self, columns: IntArray, fixed: IntArray) -> Scores:
-        return scores_of(self.problem, self.rows, columns, fixed, self._curvature)
+    def _scores(self) -> _Scores:
+        return _Scores.of(self._alone, self._columns)
 
     @cached_property
-    def _curvature(self) -> FloatArray:
-        return curvature_of(self.problem, self.rows)
+    def _scores_beside_geometry(self) -> _Scores:
+        names = self._order.keys()
+        beside = self.fit.only(self._numbers(n for n in self.problem.names if n not in names))
+        return _Scores.of(beside, self._columns)
 
     @single_threaded
     def geometry_is_held(self) -> bool:
@@ -209,21 +243,19 @@ class Residuals:
         return self._freedom > 0
 
     @property
-    def _freedom(self) -> int:
-        return self._alone.touches - self.free
+    def _touches(self) -> int:
+        return self.fit.cluster_count
 
     @property
-    def _equations(self) -> int:
-        return sum(t.equations() for t in self.problem.terms)
+    def _freedom(self) -> int:
+        return self._touches - self.free
 
-    def _gain(self, scores: Scores, chosen: IntArray) -> float:
-        """How much one step lowers twice the cost, in units of what noise alone would.
+    def _gain(self, squares: float) -> float:
+        """Squares that are explained, in units of what noise alone would explain.
 
         Rows that share touches repeat each other: what they count is what their touches do.
         """
-        rows = sum(len(b) * b.size for t in self.problem.terms for b in t.blocks)
-        lowered = float(scores.score[chosen] @ scores.step(chosen)) / self.level
-        return lowered * self._equations / rows
+        return squares / self.level * self.fit.rows / len(self.fit.residual)
 
     @cached_property
     def by_geometry(self) -> float:
@@ -235,19 +267,23 @@ class Residuals:
 
         Hundreds of corners of a picture share where the arm really was.
         """
-        more = self._geometry
+        known = {*self._order, *self.fitted}
+        more = self._numbers(n for n in self.problem.names if n not in known)
         if not len(more):
             return 0.0
-        scores = self._scores(more, self._columns)
         plausible = self.problem.parameters.array("plausible")[more]
-        values = np.linalg.eigvalsh(scores.curvature * np.outer(plausible, plausible))
-        estimated = int(np.sum(values > WEAK**-2))
-        gain = self._gain(scores, np.arange(len(more)))
+        columns = self.fit.jacobian[:, more] * plausible
+        curvature = self._alone.curvature(columns)
+        score = self._alone.scores(columns, self._alone.settled).sum(axis=0)
+        estimated = int(np.sum(np.linalg.eigvalsh(curvature) > WEAK**-2))
+        # It follows as far as is known beforehand.
+        inverse = scaled_inverse(curvature + np.diag(self.fit.prior[more] * plausible**2))
+        gain = self._gain(float(score @ inverse @ score))
         if by_touch:
             # Numbers that a pose is.
             pose = 6
-            gain *= min(1.0, pose * scores.touches / max(self._equations, 1))
-        return max(0.0, gain - estimated * float(np.log(scores.touches)))
+            gain *= min(1.0, pose * self._touches / max(self.fit.rows, 1))
+        return max(0.0, gain - estimated * math.log(self._touches))
 
 
 def noise_ratio(solution: Solution) -> float:

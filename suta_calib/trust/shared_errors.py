@@ -10,24 +10,24 @@ and whatever else a model may lack (`ReducedFit.lacking`) to be off by some shar
 plausible. How much of both there is, the restricted likelihood of the residuals says (Patterson and
 Thompson 1971, doi:10.1093/biomet/58.3.545) once the change is taken for true: a change that is one
 leaves nothing to be shared. What it then explains by generalised least squares is held against
-chance.
+chance: rows freed of their correlation are a `LinearFit`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from typing import Final
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.solver.information import scaled_inverse
-from suta_calib.trust.reduced_fit import ReducedFit, whitened, widened
+from suta_calib.trust.evidence import Effect, weigh_effects
+from suta_calib.trust.examination import samples_of
+from suta_calib.trust.linear_fit import LinearFit
+from suta_calib.trust.reduced_fit import ReducedFit
 
 # Shares of what is plausible by which a model may be off in all that it lacks.
 LACKING: Final = 0.01, 0.03, 0.1, 0.3, 1.0
@@ -51,23 +51,32 @@ def chance_beside_shared_errors(
     soon = 5.0, 30.0, np.inf
     white = _Correlation(0.0, 1.0, np.inf)
     random = np.concatenate([*lacking, np.zeros(0, dtype=np.intp)])
-    alone = _Rows.of(fit, velocity)
-    left = alone.fitted(white)
+    more = np.hstack([fit.jacobian[:, random], fit.columns(waves)])
+    plausible = fit.problem.parameters.array("plausible")[random]
+    off, change = np.concatenate([plausible, np.ones(waves.shape[1])]), fit.columns(velocity)
+    fits = [
+        fit.linear.beside(change),
+        *(fit.linear.beside(more, (share * off) ** -2.0).beside(change) for share in LACKING),
+    ]
+    rows = _Rows.of(fit)
+    left = rows.freed(fits[0], white)
     # What is known beforehand counts in units of the noise that the change leaves.
-    level = float(np.sqrt(left.scatter / max(left.equations - left.spent, 1.0)))
-    beside = [_Rows.of(fit.beside(random, share), velocity, share * waves) for share in LACKING]
-    sources = [choice.scaled(level) for choice in (alone, *beside)]
-    rows = min(sources, key=lambda choice: choice.fitted(white).of_this_noise)
+    scatter = float(np.sum(left.fit.settled**2))
+    noise = float(np.sqrt(scatter / max(left.fit.rows - left.fit.spent, 1.0)))
+    scaled = [replace(f, jacobian=f.jacobian / noise, residual=f.residual / noise) for f in fits]
+    likeliest = min(scaled, key=lambda choice: rows.freed(choice, white).of_this_noise)
     tried = [white, *(_Correlation(*choice) for choice in product(common, near, soon))]
-    fits = [rows.fitted(choice) for choice in tried]
-    best = min(range(len(fits)), key=lambda k: fits[k].of_any_noise)
-    change, without = fits[best], rows.fitted(tried[best], without=velocity.shape[1])
-    determined, freedom = change.spent - without.spent, change.equations - change.spent
-    if determined < 0.5 or freedom < 1.0:
-        return 1.0
-    count = max(round(determined), 1)
-    ratio = (without.squares - change.squares) / count / (change.squares / freedom)
-    return float(fdtrc(count, freedom, max(ratio, 0.0)))
+    freed = (rows.freed(likeliest, choice) for choice in tried)
+    best = min(freed, key=lambda choice: choice.of_any_noise).fit
+    known = best.jacobian.shape[1] - velocity.shape[1]
+    without = replace(
+        best,
+        jacobian=best.jacobian[:, :known],
+        prior_precision=best.prior[:known],
+        from_prior=best.away[:known],
+    )
+    weighed = weigh_effects(without, [Effect("change", best.jacobian[:, known:])])
+    return weighed[0].p_single if weighed else 1.0
 
 
 @dataclass(frozen=True)
@@ -79,138 +88,95 @@ class _Correlation:
     soon: float
 
 
-@dataclass(frozen=True)
-class _Fitted:
-    """Generalised least squares.
+@dataclass(frozen=True, eq=False)
+class _Freed:
+    """Rows freed of their correlation, and what its likelihood needs beside their squares.
 
     Attributes:
-        squares: that are left, of rows and of what is known beforehand.
-        scatter: those of the rows.
-        spent: how many unknowns the rows have told.
-        equations: independent ones.
+        fit: of these rows.
         freedom: components of all rows beyond unknowns of which nothing is known beforehand.
         volume: logarithm of the determinants of the restricted likelihood.
     """
 
-    squares: float
-    scatter: float
-    spent: float
-    equations: int
+    fit: LinearFit
     freedom: int
     volume: float
 
     @property
     def of_this_noise(self) -> float:
         """-2 log of the restricted likelihood where the noise is one."""
-        return self.squares + self.volume
+        return self.fit.squares + self.volume
 
     @property
     def of_any_noise(self) -> float:
         """The same where it is the likeliest."""
-        return self.freedom * float(np.log(self.squares / self.freedom)) + self.volume
+        return self.freedom * float(np.log(self.fit.squares / self.freedom)) + self.volume
 
 
 @dataclass(frozen=True, eq=False)
-class _CorrelatedBlock:
-    """Rows of a block: residuals (n, d), derivatives (n, d, p), weights and samples (n,)."""
+class _Block:
+    """Some rows (n,) of a block.
 
-    residual: FloatArray
-    jacobian: FloatArray
+    Attributes:
+        components: (n, d) their numbers among those of all rows.
+        weight: (n,).
+        near, soon: (n, n) how far rows are apart, in posture and in the order they stand.
+    """
+
+    components: IntArray
     weight: FloatArray
-    sample: IntArray
+    near: FloatArray
+    soon: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class _Rows:
-    """Whitened rows beside which a change is asked, its columns last.
+    """Rows beside which a change is asked."""
 
-    Attributes:
-        blocks: of them.
-        prior, away: (p,) information beforehand, and from where that says a parameter is.
-        q: (samples, joints) readings, travels in units in which they are like turns.
-        equations: independent ones, at most.
-    """
-
-    blocks: Sequence[_CorrelatedBlock]
-    prior: FloatArray
-    away: FloatArray
-    q: FloatArray
-    equations: int
+    blocks: Sequence[_Block]
 
     @classmethod
-    def of(cls, fit: ReducedFit, velocity: FloatArray, waves: FloatArray | None = None) -> _Rows:
-        """Some of each block's rows, as the fit leaves them, beside waves of a size of one."""
-        waves = np.zeros((len(velocity), 0)) if waves is None else waves
-        count, unit = len(fit.problem.names), np.ones(waves.shape[1])
-        prior = np.concatenate([fit.prior, unit, np.zeros(velocity.shape[1])])
-        away = np.concatenate([fit.away, np.zeros(len(prior) - count)])
-        free = np.concatenate([fit.free, np.arange(count, len(prior))])
-        prior, away = prior[free], away[free]
-        blocks, random = [], np.random.default_rng(0)
-        for r in widened(fit.rows, np.hstack([waves, velocity])):
+    def of(cls, fit: ReducedFit) -> _Rows:
+        """Some of each block's rows."""
+        arm, q = fit.problem.arm, np.vstack([t.poses.samples.q for t in fit.problem.terms])
+        assert arm is not None
+        sliding = [arm.units[joint] == "m" for joint in arm.joints]
+        # Travels in units in which they are like turns.
+        q = q / np.where(sliding, np.maximum(np.ptp(q, axis=0), 1e-9), 1.0)
+        blocks, random, sample_of = [], np.random.default_rng(0), samples_of(fit.rows)
+        ends = np.cumsum([0, *(r.line.residual.size for r in fit.rows)])
+        for (first, end), r in zip(pairwise(ends.tolist()), fit.rows, strict=True):
             n, size = r.line.residual.shape
             # Rows of a block that are looked at: what so many do not tell is smaller than what is
             # lacking.
             chosen = np.sort(random.permutation(n)[:400])
-            sample = r.line.view.block.samples[chosen, 0] + r.line.view.first_sample
-            jacobian = r.jacobian[:, free].reshape(n, size, -1)[chosen]
-            blocks.append(
-                _CorrelatedBlock(whitened(r)[chosen], jacobian, r.line.weight[chosen], sample)
-            )
-        arm, q = fit.problem.arm, np.vstack([t.poses.samples.q for t in fit.problem.terms])
-        assert arm is not None
-        sliding = [arm.units[joint] == "m" for joint in arm.joints]
-        travel = np.where(sliding, np.maximum(np.ptp(q, axis=0), 1e-9), 1.0)
-        return cls(blocks, prior, away, q / travel, fit.equations)
-
-    def scaled(self, noise: float) -> _Rows:
-        """The same in units of such a noise."""
-        blocks = [
-            replace(b, residual=b.residual / noise, jacobian=b.jacobian / noise)
-            for b in self.blocks
-        ]
-        return replace(self, blocks=blocks)
-
-    @cached_property
-    def _distances(self) -> list[tuple[FloatArray, FloatArray]]:
-        """For each block how far rows (n, n) are apart, in posture and in the order they stand."""
-        distances = []
-        for block in self.blocks:
-            q = self.q[block.sample]
+            components = np.arange(first, end).reshape(n, size)[chosen]
+            sample, weight = sample_of[components[:, 0]], fit.linear.weights[components[:, 0]]
             # Chords, so that a turn is no way.
-            chords = sum(4.0 * np.sin((c[:, None] - c) / 2.0) ** 2 for c in q.T)
-            rows = np.abs(block.sample[:, None] - block.sample)
-            distances.append((np.sqrt(chords), rows.astype(float)))
-        return distances
+            chords = sum(4.0 * np.sin((c[:, None] - c) / 2.0) ** 2 for c in q[sample].T)
+            soon = np.abs(sample[:, None] - sample).astype(float)
+            blocks.append(_Block(components, weight, np.sqrt(chords), soon))
+        return cls(blocks)
 
-    def fitted(self, correlation: _Correlation, without: int = 0) -> _Fitted:
-        """Everything follows where rows are so correlated, but for so many of the last columns."""
-        count = len(self.prior) - without
-        prior, away = self.prior[:count], self.away[:count]
-        information, gradient = np.zeros((count, count)), prior * away
-        squares, volume, components = float(prior @ away**2), 0.0, 0
-        for block, (near, soon) in zip(self.blocks, self._distances, strict=True):
-            n, size = block.residual.shape
-            shared = np.exp(-near / correlation.near - soon / correlation.soon)
-            alone = np.diag(1.0 / block.weight)
-            root = np.linalg.cholesky(correlation.common * shared + alone)
-            both = np.concatenate(
-                [block.jacobian[:, :, :count], block.residual[:, :, None]], axis=2
-            )
-            free = solve_triangular(root, both.reshape(n, -1), lower=True, check_finite=False)
-            free = free.reshape(n * size, count + 1)
-            square = free.T @ free
-            information += square[:count, :count]
-            gradient += square[:count, count]
-            squares += float(square[count, count])
+    def freed(self, fit: LinearFit, correlation: _Correlation) -> _Freed:
+        """These rows of a fit, where they are so correlated."""
+        parts, volume = list[FloatArray](), 0.0
+        both = np.hstack([fit.jacobian, fit.residual[:, None]])
+        for block in self.blocks:
+            n, size = block.components.shape
+            shared = np.exp(-block.near / correlation.near - block.soon / correlation.soon)
+            root = np.linalg.cholesky(correlation.common * shared + np.diag(1.0 / block.weight))
+            rows = both[block.components].reshape(n, -1)
+            free = solve_triangular(root, rows, lower=True, check_finite=False)
+            parts.append(free.reshape(n * size, -1))
             volume += 2.0 * size * float(np.sum(np.log(np.diag(root))))
-            components += n * size
-        curvature = information + np.diag(prior)
-        inverse = scaled_inverse(curvature)
-        step = -inverse @ gradient
-        squares += float(gradient @ step)
-        pulled = float(prior @ (away + step) ** 2)
-        spent = float(np.sum(inverse * information))
+        every = np.vstack(parts)
+        rows_at_most = min(float(len(every)), fit.rows)
+        prior = fit.prior
+        freed = LinearFit(
+            every[:, :-1], every[:, -1], prior, fit.away, independent_rows=rows_at_most
+        )
+        curvature = freed.information + np.diag(prior)
         scale = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
         values = np.linalg.eigvalsh(curvature / np.outer(scale, scale))
         # What nothing tells and nobody knows has no volume.
@@ -218,11 +184,4 @@ class _Rows:
         volume += 2.0 * float(np.sum(np.log(scale[scale > 1e-9])))
         volume -= float(np.sum(np.log(prior[prior > 0])))
         fixed = int(np.count_nonzero((prior == 0) & (scale > 1e-9)))
-        return _Fitted(
-            squares,
-            squares - pulled,
-            spent,
-            min(components, self.equations),
-            max(components - fixed, 1),
-            volume,
-        )
+        return _Freed(freed, max(len(every) - fixed, 1), volume)

@@ -28,10 +28,9 @@ def arm_of(term: Term) -> ArmModel:
     return term.poses.arm
 
 
-def with_readings(term: Term, q: FloatArray) -> Term:
-    """The term with other readings (n, joints), and all else as it was observed."""
-    samples = term.poses.samples
-    return term.over_poses(term.poses.with_samples(replace(samples, q=q)))
+def with_columns(term: Term, **columns: Any) -> Term:
+    """The term with other columns of its samples, such as ``q``, and all else as it was."""
+    return term.over_poses(term.poses.with_samples(replace(term.poses.samples, **columns)))
 
 
 def middle_joint_changed(
@@ -48,7 +47,13 @@ def middle_joint_changed(
     q, joint = term.poses.samples.q.copy(), len(arm_of(term).joints) // 2
     q[:, joint] = change(q[:, joint])
     name = arm_of(term).joints[joint]
-    return SpoiltData(with_readings(term, q), np.array(size), effect.format(name))
+    return SpoiltData(with_columns(term, q=q), np.array(size), effect.format(name))
+
+
+def random_shift(rng: np.random.Generator, length: float) -> FloatArray:
+    """(3,) in any direction, m."""
+    by = rng.standard_normal(3)
+    return np.asarray(length * by / np.linalg.norm(by))
 
 
 def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Term:
@@ -81,7 +86,7 @@ def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Ter
         name: value + after.numbers.get(name, 0.0) - before.numbers.get(name, 0.0)
         for name, value in samples.numbers.items()
     }
-    return term.over_poses(term.poses.with_samples(replace(samples, **changed)))
+    return with_columns(term, **changed)
 
 
 def seen_elsewhere(term: Term, by: FloatArray) -> Term:
@@ -96,5 +101,4 @@ def seen_elsewhere(term: Term, by: FloatArray) -> Term:
         return term.over_poses(MeasuredPoses(poses.rotation, poses.position + by, samples))
     assert samples.position is not None
     turned = by if samples.rotation is None else np.einsum("nij,nj->ni", samples.rotation, by)
-    seen = replace(samples, position=samples.position + turned)
-    return term.over_poses(poses.with_samples(seen))
+    return with_columns(term, position=samples.position + turned)

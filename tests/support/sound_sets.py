@@ -193,12 +193,7 @@ SCENES: dict[str, tuple[str, ...]] = {
     "misread observations": ("board",),
     "unit of a length": ("bounded",),
     "unknown mount": ("bounded",),
-    "inverted poses": ("pairs",),
-    "order of quaternions of pairs": ("pairs",),
-    "rows of pairs": ("pairs",),
-    "signs of axes of pairs": ("pairs",),
     "transposed rotations": ("pairs",),
-    "units of pairs": ("pairs",),
 }
 
 

@@ -32,7 +32,7 @@ BY_NAME = {
     "trust/hypotheses/moved.py": {"FixedPoint", "HandEye", "TrackedPoint"},
     "trust/hypotheses/scaled_points.py": {"TrackedPoint"},
     "trust/hypotheses/strained_points.py": {"TrackedPoint"},
-    "trust/pair_readings.py": {"HandEye"},
+    "trust/hypotheses/transposed_rotations.py": {"HandEye"},
 }
 # Kinds that are called like something else too: a label column, a figure of a report.
 SHIPPED = shipped(KINDS)

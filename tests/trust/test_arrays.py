@@ -6,13 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from judging import assessed
 from terms_cases import AVAILABLE, CASES, problem_of
 
 from suta_calib import Problem, solve
 from suta_calib.assessment import Assessment
 from suta_calib.measurements import Samples
-from suta_calib.trust.assessment import assess_calibration
-from suta_calib.trust.calibration_examination import CalibrationExamination
 
 # Kinds whose other readings cost more than a second; `make test-all` tries them too.
 QUICK = ("pairwise_distance", "tracked_point", "hand_eye")
@@ -31,7 +30,7 @@ def judged(name: str, *, backwards: str = "") -> Assessment:
     again = term.over_poses(term.poses.with_samples(bare))
     half = again.take(np.arange(len(bare)) < len(bare) // 2) if name == "tracked_point" else again
     solution = solve(Problem([half], problem.arm_parameters))
-    return assess_calibration(CalibrationExamination.of(solution, [] if half is again else [again]))
+    return assessed(solution, [] if half is again else [again])
 
 
 @pytest.mark.parametrize("name", AVAILABLE)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from judging import assessed
 from simulated import (
     PLAIN,
     Spread,
@@ -23,24 +24,22 @@ from suta_calib import ParameterSet, Problem, Selection, SolverOptions, solve
 from suta_calib.analysis.model_selection.selection import choose_model
 from suta_calib.assessment import Assessment
 from suta_calib.terms import Term
-from suta_calib.trust.assessment import assess_calibration
-from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.hypotheses.exchanged_marks import ExchangedMarks
 from suta_calib.trust.hypotheses.late_rows import per_row
 from suta_calib.trust.hypotheses.stretch import stretched
-from suta_calib.trust.spoiling import displaced, with_readings
+from suta_calib.trust.spoiling import displaced, with_columns
 
 
 def judged(term: Term, unknown: ParameterSet = UNKNOWN) -> Assessment:
     solution = solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False))
-    return assess_calibration(CalibrationExamination.of(solution))
+    return assessed(solution)
 
 
 def dragged(term: Term, ratio: float = 0.01) -> Term:
     """wrist_1 drags wrist_2 along."""
     q = term.poses.samples.q.copy()
     q[:, 4] -= ratio * q[:, 3]
-    return with_readings(term, q)
+    return with_columns(term, q=q)
 
 
 def wobbling(term: Term, size: float = 0.03) -> Term:
@@ -58,7 +57,7 @@ def old(term: Term, late: float) -> Term:
     """Readings that are older than what the instrument saw, by so much of a row."""
     q = term.poses.samples.q
     rows = np.arange(len(q), dtype=float)
-    return with_readings(term, np.stack([np.interp(rows - late, rows, c) for c in q.T], axis=1))
+    return with_columns(term, q=np.stack([np.interp(rows - late, rows, c) for c in q.T], axis=1))
 
 
 @pytest.mark.parametrize(
@@ -108,7 +107,7 @@ def test_a_coupling_is_found_where_an_artefact_is_touched() -> None:
         scene = artefact_scene(kind, arm, truth, artefact(8), placements(5), 2, tilt=0.4)
         term = scene.term(scene.samples(Spread(position=1e-4), 1)[0], PLAIN, PLAIN)
         solution = solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False))
-        notes = assess_calibration(CalibrationExamination.of(solution)).notes
+        notes = assessed(solution).notes
         assert any("joint_5 moves by +0.01" in note for note in notes), notes
 
 

@@ -7,15 +7,44 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from judging import assessed, notes_on
 from offset_arm import NOISE, ONCE, truth_of, unknowns
-from simulated import arm_named, artefact, artefact_scene, perturbed, placements, tracked_scene
+from simulated import (
+    Scene,
+    arm_named,
+    artefact,
+    artefact_scene,
+    perturbed,
+    placements,
+    tracked_scene,
+)
 
-from suta_calib import Problem, Selection, solve
+from suta_calib import Problem, Selection, Term, solve
 from suta_calib.measurements import Artefact, LengthScale
-from suta_calib.trust.assessment import assess_calibration
-from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust import LinearFit
 from suta_calib.trust.common_scale import _one_alone, grown_together, relied_on
 from suta_calib.trust.scale_effects import scale_effects
+
+
+def seen_longer(scene: Scene, factor: float) -> Term:
+    """Positions that an instrument makes longer by a factor."""
+    samples = scene.samples(NOISE)[0]
+    assert samples.position is not None
+    return scene.term(replace(samples, position=factor * samples.position))
+
+
+def certified_longer(scene: Scene, factor: float) -> Term:
+    """Touches of an artefact whose certificate is longer by a factor."""
+    assert scene.artefact is not None
+    marks = scene.artefact.landmarks.items()
+    scaled = {n: replace(m, position=factor * m.position) for n, m in marks}
+    return replace(scene, artefact=Artefact("scaled", scaled)).term(scene.samples(NOISE)[0])
+
+
+GROWING = (
+    Selection(("geometric",), bound_m=0.05, bound_rad=0.26),
+    Selection(("*.offset",), bound_rad=0.26),
+)
 
 
 @pytest.mark.parametrize("factor", [0.985, 1.0, 1.015])
@@ -27,17 +56,12 @@ def test_a_scale_that_joints_would_absorb_is_named(kind: str, factor: float) -> 
     truth = {p.name: p.nominal for p in parameters.values()}
     truth |= truth_of(arm) | {"joint_4.z": truth["joint_4.z"] + 1e-3}
     if kind == "tracked_point":
-        scene = tracked_scene(arm, truth, 60)
-        samples = scene.samples(NOISE)[0]
-        assert samples.position is not None
-        term = scene.term(replace(samples, position=factor * samples.position))
+        term = seen_longer(tracked_scene(arm, truth, 60), factor)
     else:
         scene = artefact_scene(kind, arm, truth, artefact(6), placements(4))
-        samples, marks = scene.samples(NOISE)[0], artefact(6).landmarks
-        scaled = {n: replace(m, position=factor * m.position) for n, m in marks.items()}
-        term = replace(scene, artefact=Artefact("scaled", scaled)).term(samples)
+        term = certified_longer(scene, factor)
     solution = solve(Problem([term], parameters), ONCE)
-    found = assess_calibration(CalibrationExamination.of(solution))
+    found = assessed(solution)
     said = " ".join(found.notes)
     if factor == 1.0:
         assert "all lengths" not in said
@@ -57,14 +81,18 @@ def test_one_length_that_is_off_alone_is_no_scale(name: str) -> None:
     truth[name] += 0.015
     term = tracked_scene(arm, truth, 60).samples(NOISE)[0]
     solution = solve(Problem([tracked_scene(arm, truth, 60).term(term)], parameters), ONCE)
-    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
+    said = notes_on(solution)
     assert "all lengths" not in said
 
 
 def test_the_length_that_is_off_alone_is_named_with_its_size() -> None:
     """Without its prior: H⁻¹ says what a fit would find (leave one out)."""
-    curvature, precision = np.diag([40.0, 5.0]), np.array([30.0, 1.0])
-    number, lowered, off = _one_alone(curvature, np.zeros(2), precision, np.array([0.25, 0.1]))
+    precision, away = np.array([30.0, 1.0]), np.array([0.25, 0.1])
+    # At the minimum rows and priors pull alike.
+    rows = np.sqrt([10.0, 4.0])
+    alone = _one_alone(LinearFit(np.diag(rows), -precision * away / rows, precision, away))
+    assert alone is not None
+    number, lowered, off = alone
     assert number == 0
     # Data of weight 10 say 1.0, a prior of weight 30 says 0: together 0.25.
     assert off == pytest.approx(1.0)
@@ -78,13 +106,11 @@ def test_lengths_rest_on_an_instruments_scale_unless_something_else_tells_it() -
     turns = arm.select(Selection(("*.offset",), bound_rad=0.26))
     truth = perturbed(everything, 0, 3e-4, 3e-3)
     seen = tracked_scene(arm, truth, 60)
-    samples = seen.samples(NOISE)[0]
-    assert samples.position is not None
-    larger = seen.term(replace(samples, position=1.0003 * samples.position))
+    larger = seen_longer(seen, 1.0003)
     held_out = np.arange(60) % 3 == 0
     solution = solve(Problem([larger.take(~held_out)], everything), ONCE)
     assert relied_on(solution) == [("instrument", "default")]
-    found = assess_calibration(CalibrationExamination.of(solution, [larger.take(held_out)]))
+    found = assessed(solution, [larger.take(held_out)])
     assert found.level == "good"
     assert "The instrument carries the scale of the arm's lengths" in found.notes[-1]
     assert "20 ppm" in found.notes[-1]
@@ -111,7 +137,7 @@ def test_a_scale_goes_into_what_is_free_beside_long_lengths_that_are_held() -> N
     solution = solve(Problem([scene.term(scene.samples(NOISE)[0])], unknown), ONCE)
     assert not relied_on(solution)
     (effect,) = scale_effects(solution)
-    found = assess_calibration(CalibrationExamination.of(solution))
+    found = assessed(solution)
     assert effect.bends
     assert effect.carries
     assert sum("follow the scale of the artefact" in note for note in found.notes) == 1
@@ -120,17 +146,10 @@ def test_a_scale_goes_into_what_is_free_beside_long_lengths_that_are_held() -> N
 def test_an_arm_whose_lengths_all_grow_alike_is_said() -> None:
     """Without priors the size of the arm is free: only its evenness tells."""
     arm = arm_named("ur5")
-    unknown = arm.select(
-        Selection(("geometric",), bound_m=0.05, bound_rad=0.26),
-        Selection(("*.offset",), bound_rad=0.26),
-    )
+    unknown = arm.select(*GROWING)
     scene = tracked_scene(arm, perturbed(unknown, 0, 3e-4, 3e-3), 60)
-    samples = scene.samples(NOISE)[0]
-    assert samples.position is not None
     for factor in (1.0, 1.02):
-        term = scene.term(replace(samples, position=factor * samples.position))
-        solution = solve(Problem([term], unknown), ONCE)
-        said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
+        said = notes_on(solve(Problem([seen_longer(scene, factor)], unknown), ONCE))
         assert ("All lengths of the arm came out" in said) == (factor != 1.0)
 
 
@@ -162,11 +181,10 @@ def test_a_scale_is_seen_beside_what_the_model_lacks(factor: float) -> None:
         name: value + arm.offered[name].nominal for name, value in truth.items() if name in lengths
     }
     scene = artefact_scene("pairwise_distance", arm, truth, artefact(6), placements(5))
-    marks = {n: replace(m, position=factor * m.position) for n, m in artefact(6).landmarks.items()}
-    term = replace(scene, artefact=Artefact("scaled", marks)).term(scene.samples(NOISE)[0])
+    term = certified_longer(scene, factor)
     solution = solve(Problem([term], unknown), ONCE)
     assert solution.noise[0] > 3e-4
-    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
+    said = notes_on(solution)
     assert ("All lengths of the arm came out" in said) == (factor != 1.0)
 
 
@@ -177,10 +195,9 @@ def test_lengths_that_no_drawing_of_the_grade_allows_are_named(grade: str, facto
     lengths = Selection(("joint_4.z", "joint_6.z"), bound_m=0.05)
     unknown = arm.select(Selection(("joint_*.offset",), bound_rad=0.26), lengths)
     scene = artefact_scene("pairwise_distance", arm, truth_of(arm), artefact(6), placements(5))
-    marks = {n: replace(m, position=factor * m.position) for n, m in artefact(6).landmarks.items()}
-    term = replace(scene, artefact=Artefact("scaled", marks)).term(scene.samples(NOISE)[0])
+    term = certified_longer(scene, factor)
     solution = solve(Problem([term], unknown), ONCE)
-    found = assess_calibration(CalibrationExamination.of(solution))
+    found = assessed(solution)
     said = " ".join(found.notes)
     assert ("All lengths of the arm came out" in said) == (factor != 1.0)
     assert "The artefact carries the scale" in said
@@ -198,7 +215,7 @@ def test_an_arm_that_priors_hold_too_short_is_no_wrong_instrument(
     truth |= {n: v * longer for n, v in truth.items() if n.rpartition(".")[2] in "xyz"}
     term = tracked_scene(arm, truth, 60).term(tracked_scene(arm, truth, 60).samples(NOISE)[0])
     solution = solve(Problem([term], parameters), ONCE)
-    found = assess_calibration(CalibrationExamination.of(solution))
+    found = assessed(solution)
     said = " ".join(found.notes)
     # There are no validation data.
     assert found.level == level
@@ -209,15 +226,8 @@ def test_an_arm_that_priors_hold_too_short_is_no_wrong_instrument(
 def test_an_arm_may_grow_as_far_as_its_instrument_may_be_off(factor: float, named: bool) -> None:
     """Half a per cent is stated of what was printed: two per cent are four of that."""
     arm = arm_named("ur5")
-    unknown = arm.select(
-        Selection(("geometric",), bound_m=0.05, bound_rad=0.26),
-        Selection(("*.offset",), bound_rad=0.26),
-    )
+    unknown = arm.select(*GROWING)
     scene = tracked_scene(arm, perturbed(unknown, 0, 3e-4, 3e-3), 60)
-    samples = scene.samples(NOISE)[0]
-    assert samples.position is not None
-    term = scene.term(replace(samples, position=factor * samples.position))
-    term = replace(term, scale=LengthScale.of_grade("printed"))
-    solution = solve(Problem([term], unknown), ONCE)
-    said = " ".join(assess_calibration(CalibrationExamination.of(solution)).notes)
+    term = replace(seen_longer(scene, factor), scale=LengthScale.of_grade("printed"))
+    said = notes_on(solve(Problem([term], unknown), ONCE))
     assert ("All lengths of the arm came out" in said) == named

@@ -12,14 +12,7 @@ from sound_sets import SORTS, TRACKED, TRUTH, Sound, scene_of, sorts_of
 
 from suta_calib.errors import SamplesError
 from suta_calib.registry import shipped
-from suta_calib.trust import (
-    Hypothesis,
-    Pattern,
-    Reinterpretation,
-    Rule,
-    examine,
-    known_hypotheses,
-)
+from suta_calib.trust import Hypothesis, Pattern, Reinterpretation, Rule, examine, known_hypotheses
 from suta_calib.trust.hypothesis import SpoiltData
 from suta_calib.trust.rereading import explaining_reading
 

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy import stats
+from scipy import optimize, stats
 
 from suta_calib.arrays import FloatArray
+from suta_calib.solver.losses import huber
 from suta_calib.trust import Effect, LinearFit, Rule, Stretches, supported_effects, weigh_effects
 
 ROWS, PARAMETERS = 40, 5
@@ -177,3 +178,21 @@ def test_sums_over_stretches_are_those_of_each_window(plausible: FloatArray | No
     assert places[one.window or 0].tolist() == [18, 30]
     for name in ("size", "gain", "p_single", "p_value", "noise"):
         np.testing.assert_allclose(getattr(one, name), getattr(other, name), rtol=1e-9)
+
+
+def test_a_robust_step_ends_at_the_minimum_of_hubers_loss() -> None:
+    """Rows of two components, some far beyond their threshold."""
+    rng = np.random.default_rng(11)
+    jacobian, residual = rng.standard_normal((ROWS, 3)), rng.standard_normal(ROWS)
+    residual[:6] += 8.0
+    row, threshold = np.arange(ROWS) // 2, np.full(ROWS // 2, 1.8)
+    done = LinearFit(jacobian, residual, np.full(3, 0.2), row=row, threshold=threshold).robust
+
+    def cost(step: FloatArray) -> float:
+        squared = np.sum((residual + jacobian @ step).reshape(-1, 2) ** 2, axis=1)
+        return float(np.sum(huber(squared, threshold)) + 0.2 * step @ step)
+
+    best = optimize.minimize(cost, np.zeros(3), tol=1e-12)
+    assert done.cost == pytest.approx(best.fun, rel=1e-5)
+    np.testing.assert_allclose(done.step, best.x, atol=2e-3)
+    assert np.any(done.fit.weights < 0.5)

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from simulated import Scene, Spread, arm_named, tracked_scene
+from simulated import Spread, arm_named, tracked_scene
 
-from suta_calib.model.parameters import ParameterSet, Selection
-from suta_calib.solver.options import SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
-from suta_calib.terms import Noise, Term
-from suta_calib.trust.accuracy import assess
+from suta_calib import (
+    Noise,
+    ParameterSet,
+    Problem,
+    Selection,
+    Solution,
+    SolverOptions,
+    Term,
+    assess,
+    solve,
+)
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.linearised import LinearModels, best_extension
+from suta_calib.trust.linearised import ExtensionGain, LinearModels, best_extension
 
 
 def linear(solution: Solution) -> LinearModels:
@@ -35,50 +37,29 @@ def unknowns() -> ParameterSet:
     )
 
 
-def parts(eccentricity: float) -> tuple[Scene, Scene]:
-    """Postures to fit, and others to validate on."""
-    whole = tracked_scene(arm_named("suta"), {"joint_3.ecc_c1": eccentricity}, 90)
-    ways = (slice(0, 60), slice(60, None))
-    fitted, held_out = (
-        replace(whole, q=whole.q[k], position=whole.position[k], rotation=whole.rotation[k])
-        for k in ways
-    )
-    return fitted, held_out
-
-
 def calibrated(eccentricity: float) -> tuple[Solution, Term]:
-    fitted, held_out = parts(eccentricity)
-    spread = Spread(position=1e-4)
-    terms = [
-        scene.term(scene.samples(spread, seed)[0], Noise())
-        for seed, scene in enumerate((fitted, held_out))
-    ]
-    return solve(Problem(terms[:1], unknowns()), SolverOptions(confirm=False)), terms[1]
+    """Sixty postures fitted, thirty others to validate on."""
+    whole = tracked_scene(arm_named("suta"), {"joint_3.ecc_c1": eccentricity}, 90)
+    term = whole.term(whole.samples(Spread(position=1e-4), 0)[0], Noise())
+    fitted, held_out = term.take(slice(60)), term.take(slice(60, None))
+    return solve(Problem([fitted], unknowns()), SolverOptions(confirm=False)), held_out
+
+
+def gain_of(fitted: Solution, held_out: Term) -> ExtensionGain | None:
+    return best_extension(linear(fitted), assess(fitted, [held_out]).validation, [ECCENTRIC])
 
 
 def test_an_eccentric_encoder_is_worth_a_note() -> None:
-    solution, held_out = calibrated(5e-3)
-    gain = best_extension(linear(solution), assess(solution, [held_out]).validation, [ECCENTRIC])
+    gain = gain_of(*calibrated(5e-3))
     assert gain is not None
     assert set(gain.names) == set(ECCENTRIC)
     assert gain.after < 0.6 * gain.before
 
 
-def test_an_error_that_is_not_there_is_worth_none() -> None:
-    solution, held_out = calibrated(0.0)
-    assert (
-        best_extension(linear(solution), assess(solution, [held_out]).validation, [ECCENTRIC])
-        is None
-    )
-
-
-def test_validation_rows_that_do_not_gain_forbid_the_note() -> None:
-    """The encoder of the arm that is validated was mended: what the fitted rows show is gone."""
-    solution, _ = calibrated(5e-3)
-    _, mended = calibrated(0.0)
-    assert (
-        best_extension(linear(solution), assess(solution, [mended]).validation, [ECCENTRIC]) is None
-    )
+def test_an_error_that_is_not_there_or_was_mended_is_worth_none() -> None:
+    """Of a mended encoder the fitted rows show an error, and the validation rows none."""
+    assert gain_of(*calibrated(0.0)) is None
+    assert gain_of(calibrated(5e-3)[0], calibrated(0.0)[1]) is None
 
 
 def test_linear_prediction_equals_a_refit() -> None:

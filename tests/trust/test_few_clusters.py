@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from suta_calib import CalibrationJob, SolverOptions, solve
-from suta_calib.trust import few_clusters
-from suta_calib.trust.few_clusters import chance_of, freedom_of, wishart_freedom
+from suta_calib.trust import contradicted_priors
+from suta_calib.trust.contradicted_priors import chance_of, freedom_of, wishart_freedom
 
 
 @pytest.mark.parametrize("size", [1, 3])
@@ -62,5 +62,5 @@ def test_many_rows_of_a_witness_are_summed_by_themselves(
     job = CalibrationJob.load(repository / "data" / "suta" / "calibration.yaml")
     solution = solve(job.problem(), SolverOptions(starts=1))
     row_by_row = freedom_of(solution, solution.free[:2])
-    monkeypatch.setattr(few_clusters, "MANY_EACH", 1)
+    monkeypatch.setattr(contradicted_priors, "MANY_EACH", 1)
     assert freedom_of(solution, solution.free[:2]) == pytest.approx(row_by_row, rel=1e-9)

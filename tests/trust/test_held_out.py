@@ -13,12 +13,7 @@ from simulated import arm_named, tracked_scene
 
 from suta_calib import Problem, assess, solve
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.held_out import (
-    PROBABILITIES,
-    held_out_errors,
-    normal_squared,
-    robust_level,
-)
+from suta_calib.trust.held_out import PROBABILITIES, held_out_errors, normal_squared, robust_level
 
 
 def test_held_out_errors_are_as_predicted() -> None:

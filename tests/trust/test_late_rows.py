@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from judging import assessed, watched
 from simulated import arm_named
 
+from suta_calib import Problem, Selection, SolverOptions, Term, solve
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry import rotation_from_vector
-from suta_calib.measurements import Samples
-from suta_calib.model.parameters import Selection
-from suta_calib.solver.options import SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solve import solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
-from suta_calib.trust.assessment import assess_calibration
-from suta_calib.trust.calibration_examination import CalibrationExamination
 
 ROW = 0.1  # s from row to row
-TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
 
 
 def notes(seed: int, late: float) -> tuple[str, ...]:
@@ -40,16 +32,14 @@ def notes(seed: int, late: float) -> tuple[str, ...]:
     def readings(time: FloatArray) -> FloatArray:
         return np.asarray(middle + width * np.sin(np.outer(time, speed) + phase))
 
-    def watched(time: FloatArray) -> Term:
-        position = arm.forward(readings(time), truth)[1] @ TURN.T + PLACE
-        position += 1e-4 * rng.standard_normal(position.shape)
-        samples = Samples.from_arrays(arm.joints, readings(time - late), position=position)
-        return KINDS["tracked_point"].over(ArmPoses(arm, samples), Setup(None, Noise(), Noise()))
+    def seen(time: FloatArray) -> Term:
+        scatter = 1e-4 * rng.standard_normal((len(time), 3))
+        return watched(arm, readings(time), truth, scatter, read=readings(time - late))
 
     times = ROW * np.arange(200)
-    fitted, held_out = watched(times[:150]), watched(times[150:])
+    fitted, held_out = seen(times[:150]), seen(times[150:])
     solution = solve(Problem([fitted], unknown), SolverOptions(confirm=False))
-    return assess_calibration(CalibrationExamination.of(solution, [held_out])).notes
+    return assessed(solution, [held_out]).notes
 
 
 # It passes for a moved reflector, for a creeping base, for a moved instrument, for a coupling.

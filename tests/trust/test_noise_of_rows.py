@@ -4,25 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from judging import assessed, notes_on, watched
 from simulated import arm_named
 
+from suta_calib import Noise, ParameterSet, Problem, Selection, Solution, SolverOptions, solve
 from suta_calib.arrays import FloatArray
-from suta_calib.assessment import Assessment
-from suta_calib.geometry import rotation_from_vector
-from suta_calib.measurements import Samples
-from suta_calib.model.parameters import ParameterSet, Selection
-from suta_calib.solver.options import SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Setup
-from suta_calib.trust.assessment import assess_calibration
-from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.priors import judge_priors
 from suta_calib.trust.repeats import noise_of_rows
 
 ONCE, UNSTATED = SolverOptions(confirm=False), Noise()
-TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
 
 
 def postures(count: int, apart: float) -> FloatArray:
@@ -36,7 +26,7 @@ def solved(
     stated: Noise = UNSTATED,
     truth: dict[str, float] | None = None,
     unknowns: ParameterSet | None = None,
-    wrong: FloatArray | None = None,
+    wrong: FloatArray | float = 0.0,
     apart: float = 3e-3,
 ) -> Solution:
     """An instrument saw the tip of an arm whose offsets are unknown.
@@ -46,18 +36,10 @@ def solved(
         wrong: (n, 3) what is added to what it saw, m.
     """
     arm, q = arm_named("suta"), postures(60, apart)
-    position = arm.forward(q, truth or {"joint_2.offset": 0.01})[1] @ TURN.T + PLACE
-    position += noise * np.random.default_rng(4).standard_normal(position.shape)
-    if wrong is not None:
-        position += wrong
-    samples = Samples.from_arrays(arm.joints, q, position=position)
-    term = KINDS["tracked_point"].over(ArmPoses(arm, samples), Setup(None, stated, Noise()))
+    error = noise * np.random.default_rng(4).standard_normal((len(q), 3)) + wrong
+    term = watched(arm, q, truth or {"joint_2.offset": 0.01}, error, stated=stated)
     offsets = arm.select(Selection(("joint_[2-6].offset",), bound_rad=0.2))
     return solve(Problem([term], unknowns or offsets), ONCE)
-
-
-def judged(solution: Solution) -> Assessment:
-    return assess_calibration(CalibrationExamination.of(solution))
 
 
 @pytest.mark.parametrize("noise", [5e-4, 3e-3])
@@ -77,21 +59,21 @@ def test_neighbours_do_not_take_the_models_error_for_noise() -> None:
 
 
 def test_a_coarse_instrument_is_asked_to_be_stated() -> None:
-    said = " ".join(judged(solved(3e-3)).notes)
+    said = notes_on(solved(3e-3))
     assert "neighbours differ by as much" in said
     assert "sigma_mm" in said
-    assert "residuals are" not in " ".join(judged(solved(3e-3, Noise(3e-3))).notes)
+    assert "residuals are" not in notes_on(solved(3e-3, Noise(3e-3)))
 
 
 def test_rows_shifted_at_random_are_not_good() -> None:
     """Half of the rows 10 mm off, at random: residuals of 5 mm passed as noise."""
     half = np.random.default_rng(5).random(120) < 0.5
-    shifted = judged(solved(1e-4, wrong=np.outer(half, [0.01, 0.0, 0.0])))
+    shifted = assessed(solved(1e-4, wrong=np.outer(half, [0.01, 0.0, 0.0])))
     assert shifted.level != "good"
 
 
 def test_small_residuals_are_asked_nothing() -> None:
-    assert "per axis" not in " ".join(judged(solved(5e-4)).notes)
+    assert "per axis" not in notes_on(solved(5e-4))
 
 
 @pytest.mark.parametrize(("times", "level"), [(1.0, ""), (50.0, "bad")])

@@ -3,32 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from simulated import arm_named, fixed_point_scene, hand_eye_scene, random_readings
+from simulated import (
+    Scene,
+    arm_named,
+    artefact,
+    artefact_scene,
+    fixed_point_scene,
+    hand_eye_scene,
+    placements,
+    random_readings,
+)
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import register_points, rms_length
-from suta_calib.measurements import Artefact, Landmark, Samples
+from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
 from suta_calib.registry import shipped
 from suta_calib.report.observability import explained
-from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.covariance import predicted_covariance
 from suta_calib.solver.information import predicted_information
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import (
     KINDS,
     ArmPoses,
-    FixedPoint,
     Noise,
-    PairwiseDistance,
     Term,
-    TouchedLandmark,
     TrackedPoint,
 )
 from suta_calib.trust.observability import Indices, Observability, observe
@@ -42,58 +48,23 @@ THESIS = (
         bound_m=0.03,
     ),
 )
-LANDMARKS = np.array(
-    [[0, 0, 40], [65, 24, 40], [9, 69, 40], [-71, -42, 20], [-27, -80, 60], [55, -80, 40]]
-)
-PLACES = ((0.51, 0.01, 0.0, 0.0), (0.45, 0.12, 0.0, 0.5), (0.42, -0.1, 0.05, -0.7))
-DOWN = Rotation.from_euler("x", 180, degrees=True).as_matrix()
 
 
 @pytest.fixture(scope="module")
-def arm(suta_urdf: Path) -> ArmModel:
-    return ArmModel.from_urdf(suta_urdf, "tip")
-
-
-def reached(arm: ArmModel, position: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Readings of the nominal arm for reachable poses."""
-    kinematics = InverseKinematics(arm, {})
-    random = np.random.default_rng(0)
-    found = kinematics.solve(Targets(position, rotation, "pose"), kinematics.middle, random)
-    assert found.reached.all()
-    return found.q
+def arm() -> ArmModel:
+    return arm_named("suta")
 
 
 @pytest.fixture(scope="module")
-def artefact() -> Artefact:
-    marks = {f"M{k}": Landmark(f"M{k}", 1e-3 * p) for k, p in enumerate(LANDMARKS)}
-    return Artefact("block", marks)
+def parallel(arm: ArmModel) -> Scene:
+    """Touches of upright pillars on level placements: the tool never tilts."""
+    return artefact_scene("pairwise_distance", arm, {}, artefact(6), placements(3))
 
 
 @pytest.fixture(scope="module")
-def parallel(arm: ArmModel, artefact: Artefact) -> ArmPoses:
-    """Simulated touches of upright pillars on level placements: the tool never tilts."""
-    position, rotation, labels = [], [], []
-    for place, (x, y, z, yaw) in enumerate(PLACES):
-        turn = Rotation.from_euler("z", yaw).as_matrix()
-        for k, name in enumerate(artefact.landmarks):
-            own = Rotation.from_euler("z", 40 * k, degrees=True).as_matrix()
-            position.append([x, y, z] + turn @ artefact.landmarks[name].position)
-            rotation.append(turn @ own @ DOWN)
-            labels.append((f"P{place}", "1", name))
-    q = reached(arm, np.array(position), np.array(rotation))
-    names = ("placement", "repeat", "landmark")
-    columns = {n: [row[i] for row in labels] for i, n in enumerate(names)}
-    return ArmPoses(arm, Samples.from_arrays(arm.joints, q, labels=columns))
-
-
-@pytest.fixture(scope="module")
-def pivot(arm: ArmModel) -> ArmPoses:
-    """Simulated touches of one point from directions within a wide cone."""
-    random = np.random.default_rng(1)
-    tilt = Rotation.from_rotvec(random.uniform(-0.7, 0.7, (30, 3)))
-    rotation = (tilt * Rotation.from_matrix(DOWN)).as_matrix()
-    q = reached(arm, np.tile([0.45, 0.05, 0.1], (30, 1)), rotation)
-    return ArmPoses(arm, Samples.from_arrays(arm.joints, q, labels={"point": ["F1"] * 30}))
+def pivot(arm: ArmModel) -> Term:
+    """Touches of one point from directions within a wide cone."""
+    return fixed_point_scene(arm, {}, 30, ((0.45, 0.05, 0.1),)).exact()
 
 
 def tracked(arm: ArmModel, n: int = 30, sigma: float | None = None) -> TrackedPoint:
@@ -111,10 +82,8 @@ def why(found: Observability) -> dict[str, str]:
     return {e.fixed: e.sentence for e in found.explanations}
 
 
-def test_parallel_pillars_hide_three_of_thirteen(
-    arm: ArmModel, parallel: ArmPoses, artefact: Artefact
-) -> None:
-    found = seen(arm, [PairwiseDistance(parallel, artefact)], *THESIS)
+def test_parallel_pillars_hide_three_of_thirteen(arm: ArmModel, parallel: Scene) -> None:
+    found = seen(arm, [parallel.exact()], *THESIS)
     assert (found.rank, found.asked) == (10, 13)
     assert set(found.unidentified) == {"joint_1.offset", "joint_2.z", "tip.y"}
     assert found.assessment.level == "care"
@@ -132,11 +101,8 @@ def test_parallel_pillars_hide_three_of_thirteen(
     assert "tracked_point" not in remedies["joint_2.z"]
 
 
-def test_the_remedy_works(
-    arm: ArmModel, parallel: ArmPoses, pivot: ArmPoses, artefact: Artefact
-) -> None:
-    terms = [PairwiseDistance(parallel, artefact), FixedPoint(pivot)]
-    found = seen(arm, terms, *THESIS)
+def test_the_remedy_works(arm: ArmModel, parallel: Scene, pivot: Term) -> None:
+    found = seen(arm, [parallel.exact(), pivot], *THESIS)
     assert set(found.unidentified) == {"joint_1.offset", "joint_2.z"}
     assert found.prospects["tip.y"].std is not None
 
@@ -184,7 +150,7 @@ def test_only_conventions_stay_open_with_rich_data(name: str) -> None:
     assert found.assessment.level == "good"
 
 
-def test_a_scale_that_nothing_tells_is_no_convention(arm: ArmModel, pivot: ArmPoses) -> None:
+def test_a_scale_that_nothing_tells_is_no_convention(arm: ArmModel) -> None:
     """Touching fixed points leaves the size of the arm open, and its tip wrong by that."""
     scene = fixed_point_scene(arm, {}, 25)
     found = seen(arm, [scene.exact()], *whole_geometry(arm))
@@ -223,11 +189,9 @@ def test_what_the_tip_depends_on_is_no_convention(arm: ArmModel) -> None:
     assert all(name in drawn and name not in convention for name in stakes)
 
 
-def test_advice_that_is_followed_tells_the_parameter(
-    arm: ArmModel, parallel: ArmPoses, artefact: Artefact
-) -> None:
+def test_advice_that_is_followed_tells_the_parameter(arm: ArmModel, parallel: Scene) -> None:
     rows = whole_geometry(arm)
-    term = PairwiseDistance(parallel, artefact)
+    term = parallel.exact()
     before = seen(arm, [term], *rows)
     rich = RichData(before.problem, before.problem.start())
     for each in before.explanations:
@@ -241,10 +205,8 @@ def test_advice_that_is_followed_tells_the_parameter(
             assert len(after.unidentified) < len(before.unidentified)
 
 
-def test_pose_of_every_placement_absorbs_the_base(
-    arm: ArmModel, parallel: ArmPoses, artefact: Artefact
-) -> None:
-    found = seen(arm, [TouchedLandmark(parallel, artefact)], *THESIS)
+def test_pose_of_every_placement_absorbs_the_base(arm: ArmModel, parallel: Scene) -> None:
+    found = seen(arm, [replace(parallel, kind="landmark").exact()], *THESIS)
     assert "base gauge" in why(found)["joint_1.offset"]
 
 

@@ -6,12 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from judging import assessed
 from offset_arm import NOISE, ONCE, fitted_and_held_out, truth_of, unknowns
 from simulated import Scene, arm_named, artefact, artefact_scene, placements
 
 from suta_calib import Problem, Samples, Term, solve
-from suta_calib.trust.assessment import assess_calibration
-from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.hypotheses.repeated_readings import RepeatedReadings
 
 
@@ -45,7 +44,7 @@ def test_zeros_that_stand_for_readings_are_named(scenes: tuple[Scene, Scene]) ->
     assert said.startswith(f"3 rows of tracked point, {samples.origin[5]} the first, read the same")
     solution = solve(Problem([term], unknowns(fitted.arm, priors=False)), ONCE)
     validation = [held_out.term(held_out.samples(NOISE, seed=1)[0])]
-    found = assess_calibration(CalibrationExamination.of(solution, validation))
+    found = assessed(solution, validation)
     assert found.level != "good"
     assert said in found.notes
 

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-import pytest
 from cli_job import cli
 
 from suta_calib import CalibrationJob
 from suta_calib.trust.calibration_examination import CalibrationExamination
-from suta_calib.trust.scores import Scores
 
 SCARA = """\
 <robot name="scara"><link name="base"/><link name="l1"/><link name="l2"/><link name="l3"/>
@@ -39,18 +35,6 @@ errors:
 noise: {{instrument_mm: 0.05, instrument_deg: 0.02, encoder_deg: 0.01}}
 sets: {{calibration: {SET}, validation: {SET}}}
 """
-
-
-def test_what_components_share_counts_once() -> None:
-    curvature, equations = np.diag([4.0, 9.0]), 300
-    scores = Scores(np.array([3.0, 1.0]), curvature, 3.0 * curvature, np.ones(2, bool), 50, 300.0)
-    assert scores.shared(equations) == pytest.approx(3.0)
-    apart = replace(scores, variance=0.5 * curvature)
-    assert apart.shared(equations) == 1.0
-    chosen = np.array([0])
-    assert scores.p_variance(chosen, equations, 10) > apart.p_variance(chosen, equations, 10)
-    untold = replace(scores, telling=np.zeros(2, bool))
-    assert untold.shared(equations) == 1.0
 
 
 def test_encoders_that_scatter_are_not_called_eccentric(tmp_path: Path) -> None:

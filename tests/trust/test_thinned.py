@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from judging import assessed
 from simulated import Scene, Spread, arm_named, camera_scene, perturbed, tracked_scene
 
 from suta_calib import Noise, Problem, Samples, Selection, SolverOptions, solve
@@ -15,7 +16,6 @@ from suta_calib.measurements import Camera
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, TrackedPoint
 from suta_calib.trust import thinned as thinning
-from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.contradicted_priors import contradicted_beliefs
 from suta_calib.trust.thinned import thinned
@@ -79,7 +79,7 @@ def test_memory_of_a_calibration_grows_with_the_rows_and_no_faster(
         samples = scene(rows).samples(NOISE)[0]
         tracemalloc.start()
         solution = solved(samples)
-        assert assess_calibration(CalibrationExamination.of(solution)).usable
+        assert assessed(solution).usable
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 2.3 * peaks[0]

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from judging import watched
 from simulated import arm_named
 
+from suta_calib import ParameterSet, Problem, Selection, Solution, SolverOptions, Term, solve
 from suta_calib.arrays import FloatArray
-from suta_calib.geometry import rotation_from_vector
-from suta_calib.measurements import Samples
-from suta_calib.model.parameters import ParameterSet, Selection
-from suta_calib.solver.options import SolverOptions
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.solution import Solution
-from suta_calib.solver.solve import solve
-from suta_calib.terms import KINDS, ArmPoses, Noise, Setup, Term
 from suta_calib.trust.calibration_examination import CalibrationExamination
 
 NOISE = 5e-5  # m
-TURN, PLACE = rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6])
 ECCENTRIC = ("joint_2.ecc_c1", "joint_3.ecc_s1", "joint_4.ecc_c1", "joint_5.ecc_s1")
 
 
@@ -30,11 +23,8 @@ def unknowns() -> ParameterSet:
 
 def seen(q: FloatArray, truth: dict[str, float], noise: float, seed: int) -> Term:
     """An instrument sees the tip at these postures (n, joints)."""
-    arm = arm_named("suta")
-    position = arm.forward(q, truth)[1] @ TURN.T + PLACE
-    position += noise * np.random.default_rng(seed).standard_normal(position.shape)
-    samples = Samples.from_arrays(arm.joints, q, position=position)
-    return KINDS["tracked_point"].over(ArmPoses(arm, samples), Setup(None, Noise(), Noise()))
+    scatter = np.random.default_rng(seed).standard_normal((len(q), 3))
+    return watched(arm_named("suta"), q, truth, noise * scatter)
 
 
 def calibrated(eccentricity: float, seed: int = 0) -> tuple[CalibrationExamination, Term]:

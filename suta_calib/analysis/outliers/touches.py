@@ -28,7 +28,8 @@ from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.evidence import Effect, LinearFit, Stretches, weigh_effects
+from suta_calib.trust.evidence import Effect, Stretches, weigh_effects
+from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.repeats import about_mean
 
 # Noise of an arm that nobody has (m): in finer errors a solver's last steps show, and nothing else.

@@ -31,8 +31,8 @@ from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms.poses import resolutions, together
 from suta_calib.trust.hypothesis import known_hypotheses
+from suta_calib.trust.misreadings import MisreadJoints
 from suta_calib.trust.repeats import about_mean
-from suta_calib.trust.sample_readings import MisreadJoints
 from suta_calib.units import Unit, from_deg, from_mm, mm
 
 # Rows are copies that differ in no joint by more than this share of its standard deviation, which

@@ -1,10 +1,7 @@
 """A length of the arm that stands in the URDF in another unit."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
-from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,20 +9,23 @@ from suta_calib.errors import SutaCalibError
 from suta_calib.model.lengths import OtherLength, other_lengths
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
+from suta_calib.trust import Reinterpretation, Rule, SpoiltData, Truth
 from suta_calib.trust.rereading import nominal_cap, nominal_misfit
-from suta_calib.trust.rule import Rule
 from suta_calib.trust.spoiling import arm_of
 
 
 class ArmLengthUnit(Reinterpretation):
     """A joint's origin, or one of its coordinates, times 10, 100, 1000, or divided by these."""
 
-    name: ClassVar[str] = "unit of a length"
-    about: ClassVar[str] = "A length of the arm stands in the URDF in another unit."
-    precedence: ClassVar[int] = 70
+    name = "unit of a length"
+    about = "A length of the arm stands in the URDF in another unit."
+    precedence = 70
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
+        """As by the default rule."""
+        return self.readings_by(data, Rule())
+
+    def readings_by(self, data: Problem, rule: Rule) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """The unit of each length with which the nominal arm agrees far better than with others.
 
         A length that hardly matters, or had better be none, does as well in the next smaller one.
@@ -35,22 +35,20 @@ class ArmLengthUnit(Reinterpretation):
             with suppress(SutaCalibError):
                 reading = length.sentence, tuple(_with_length(term, length) for term in data.terms)
                 units.setdefault(tuple(length.values), []).append(reading)
-        cap, far_better = nominal_cap(data.terms), Rule().far_better
+        cap = nominal_cap(data.terms)
         for readings in units.values():
             scores = [nominal_misfit(terms, cap) for _, terms in readings]
             first, *rest = sorted(range(len(readings)), key=lambda k: scores[k])
-            if all(scores[first] * far_better < scores[k] for k in rest):
+            if all(scores[first] * rule.far_better < scores[k] for k in rest):
                 yield readings[first]
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The longest coordinate of any origin, ten times as long."""
-        del values, rng
-        term: Term = data
-        lengths = [length for length in other_lengths(arm_of(term)) if len(length.values) == 1]
+        lengths = [length for length in other_lengths(arm_of(data)) if len(length.values) == 1]
         longest = max(lengths, key=lambda length: min(map(abs, length.values.values())))
         name = next(iter(longest.values))
-        wrong = _with_length(term, next(n for n in lengths if [*n.values] == [name]))
-        return SpoiltData(wrong, np.zeros(0), f"{name} is ")
+        wrong = _with_length(data, next(n for n in lengths if [*n.values] == [name]))
+        return SpoiltData(wrong, effect=f"{name} is ")
 
 
 def _with_length(term: Term, length: OtherLength) -> Term:

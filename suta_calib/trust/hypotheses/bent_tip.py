@@ -1,24 +1,16 @@
 """A tip that gives way the farther its tool tilts: a shaft that bends, a ball that rolls."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar, Final
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.poses import MeasuredPoses
-from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.units import deg, text
 
-# A tip that bends evenly by 1.5 mm at 45° explains 4 % of the squared residuals of 120 poses with
-# 0.15 mm of noise, and is 10 times its ± off: a tip elsewhere takes up the rest (simulated).
-WORTH: Final = 0.01
 EVENLY: Final = "evenly"
 TO_ONE_SIDE: Final = "to one side"
 
@@ -32,14 +24,17 @@ class BentTip(AddedVariable):
     `EVENLY` asks for that with one number. `TO_ONE_SIDE` asks for all four numbers of K.
     """
 
-    name: ClassVar[str] = "bent tip"
-    about: ClassVar[str] = "The tip is displaced more, the farther the tool tilts."
-    applies_to: ClassVar[tuple[type[Term], ...]] = (FixedPoint,)
-    needs_arm: ClassVar[bool] = False
-    by_itself: ClassVar[bool] = True
-    worth: ClassVar[float] = WORTH
+    name = "bent tip"
+    about = "The tip is displaced more, the farther the tool tilts."
+    applies_to = (FixedPoint,)
+    needs_arm = False
+    by_itself = True
+    # A tip that bends evenly by 1.5 mm at 45° explains 4 % of the squared residuals of 120 poses
+    # with 0.15 mm of noise, and is 10 times its ± off: a tip elsewhere takes up the rest
+    # (simulated).
+    worth = 0.01
     # The p-value decides: of four numbers at once each may be small.
-    times_std: ClassVar[float] = 2.0
+    times_std = 2.0
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each way of bending, in m of displacement per rad of tilt."""
@@ -48,9 +43,7 @@ class BentTip(AddedVariable):
             return  # The tool's own origin: there is no shaft.
         evenly, to_sides, farthest = bending(answer.rotation, tip)
         for name, moves in ((EVENLY, evenly), (TO_ONE_SIDE, to_sides)):
-            velocity = np.zeros((len(moves), 6, moves.shape[2]))
-            velocity[:, :3] = answer.rotation @ moves / answer.length
-            columns = answer.by_motion(velocity)
+            columns = answer.by_shift(answer.rotation @ moves / answer.length)
             yield Effect(name, columns, about=farthest)
 
     def sentence(self, evidence: Evidence) -> str:
@@ -66,10 +59,9 @@ class BentTip(AddedVariable):
             "of this, and ± includes it."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: FixedPoint, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """A tip that bends by 2 mm per rad to one side of the tool, and not to the other."""
-        term: FixedPoint = data
-        poses = term.poses
+        poses = data.poses
         assert isinstance(poses, MeasuredPoses)
         tip = np.array([values[f"tip.{axis}"] for axis in "xyz"])
         _, to_sides, _ = bending(poses.rotation, tip)
@@ -78,7 +70,7 @@ class BentTip(AddedVariable):
         size = 2e-3 * np.outer(along, along).ravel()
         off = np.einsum("nij,njk,k->ni", poses.rotation, to_sides, size)
         moved = MeasuredPoses(poses.rotation, poses.position - off, poses.samples)
-        return SpoiltData(term.over_poses(moved), size, TO_ONE_SIDE)
+        return SpoiltData(data.over_poses(moved), size, TO_ONE_SIDE)
 
 
 def displacement(evidence: Evidence) -> tuple[float, float]:

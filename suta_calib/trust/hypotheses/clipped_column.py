@@ -1,14 +1,12 @@
 """A joint's readings that end somewhere, though the joint moves on."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
+from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
 from suta_calib.trust.spoiling import arm_of, middle_joint_changed
 from suta_calib.units import text
@@ -17,10 +15,10 @@ from suta_calib.units import text
 class ClippedColumn(Pattern):
     """Many readings equal the largest or the smallest one: so does a joint that is sent there."""
 
-    name: ClassVar[str] = "clipped column"
-    about: ClassVar[str] = "A joint's readings end somewhere, though the joint moves on."
-    precedence: ClassVar[int] = 31
-    role: ClassVar = "suspicion"
+    name = "clipped column"
+    about = "A joint's readings end somewhere, though the joint moves on."
+    precedence = 31
+    role = "suspicion"
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for each end of each joint."""
@@ -38,9 +36,8 @@ class ClippedColumn(Pattern):
                         "there?"
                     )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The readings of the middle joint end at the largest but a fourth of them."""
-        del values, rng
         return middle_joint_changed(
             data, lambda q: np.minimum(q, np.quantile(q, 0.75)), "readings of {} are"
         )

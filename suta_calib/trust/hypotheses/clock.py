@@ -1,34 +1,26 @@
 """Observations by a clock that runs slow or fast, or that was set while a file was written."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.sample_readings import (
-    Change,
-    MisreadSamples,
-    files_of,
-    out_of_step,
-    with_partners,
-)
+from suta_calib.trust.misreadings import Change, Misreading, files_of, out_of_step, with_partners
 
 # Parts of a file, in one of which a clock may have been set anew; not in the last.
 SET_IN: Final = ("first", "middle", "last")
 
 
-class Clock(MisreadSamples):
+class Clock(Misreading):
     """The partner of row i is ever later in the file, or is k rows later from some part on."""
 
-    name: ClassVar[str] = "clock of the instrument"
-    about: ClassVar[str] = "The instrument's clock runs slow or fast, or was set anew."
-    precedence: ClassVar[int] = 22
+    name = "clock of the instrument"
+    about = "The instrument's clock runs slow or fast, or was set anew."
+    precedence = 22
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """One for each number of rows, direction and part of the files."""

@@ -1,26 +1,24 @@
 """Two joints that read the same as one another in every row."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
+from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import arm_of, with_columns
 
 
 class CopiedColumn(Pattern):
     """``|q_a - q_b|`` is as good as nothing in all rows, though both joints move."""
 
-    name: ClassVar[str] = "copied column"
-    about: ClassVar[str] = "One joint's column was copied over another's."
-    precedence: ClassVar[int] = 11
-    role: ClassVar = "cause"
+    name = "copied column"
+    about = "One joint's column was copied over another's."
+    precedence = 11
+    role = "cause"
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for each pair."""
@@ -34,9 +32,8 @@ class CopiedColumn(Pattern):
                     "one column copied over the other?"
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The third column copied over the fourth."""
-        del values, rng
         q, joints = data.poses.samples.q.copy(), arm_of(data).joints
         q[:, 3] = q[:, 2]
-        return SpoiltData(with_readings(data, q), np.zeros(0), f"{joints[2]} and {joints[3]} read")
+        return SpoiltData(with_columns(data, q=q), effect=f"{joints[2]} and {joints[3]} read")

@@ -1,17 +1,15 @@
 """Rows that stand in two files, or again in one after the arm has moved, to the last digit."""
 
-from __future__ import annotations
-
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
+from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import may_read_alike
 from suta_calib.words import listed
 
@@ -19,9 +17,9 @@ from suta_calib.words import listed
 class CopiedRows(Pattern):
     """All numbers of two rows are equal, and the arm moved between them."""
 
-    name: ClassVar[str] = "copied rows"
-    about: ClassVar[str] = "Rows stand twice in the files."
-    precedence: ClassVar[int] = 21
+    name = "copied rows"
+    about = "Rows stand twice in the files."
+    precedence = 21
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for rows that stand twice in a file, and one for each pair of files."""
@@ -54,12 +52,11 @@ class CopiedRows(Pattern):
             counted = "they count once" if once else "they count twice; name every file once"
             yield f"{count} rows of {copy} stand in {source} too: {counted}."
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The first fourth of the rows again at the end."""
-        del values, rng
         count = len(data.poses)
         rows = np.concatenate([np.arange(count), np.arange(count // 4)])
-        return SpoiltData(data.take(rows), np.zeros(0), f"{count // 4} rows of ")
+        return SpoiltData(data.take(rows), effect=f"{count // 4} rows of ")
 
 
 @dataclass(frozen=True)

@@ -1,17 +1,13 @@
 """A joint that the motor of its neighbour moves too: a belt, a tendon, a differential wrist."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
-from suta_calib.trust.evidence import Effect, Evidence
-from suta_calib.trust.examination import Examination
+from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.extended_problem import neighbours
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import arm_of, with_columns
 
 
 class Coupling(AddedVariable):
@@ -21,8 +17,8 @@ class Coupling(AddedVariable):
     joints together would explain any error.
     """
 
-    name: ClassVar[str] = "joint coupling"
-    about: ClassVar[str] = "A joint moves when the motor of its neighbour turns."
+    name = "joint coupling"
+    about = "A joint moves when the motor of its neighbour turns."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each ordered pair of neighbouring joints of the same kind."""
@@ -54,13 +50,12 @@ class Coupling(AddedVariable):
             f"extend, which says what to add to the job: {evidence.effect.name}."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Readings of one joint that lack what its neighbour moves it by: 1:100."""
-        del values
         arm, ratio = arm_of(data), 0.01
         pairs = neighbours(arm)
         name = str(rng.choice([*pairs]))
         moved, other = (arm.joints.index(joint) for joint in pairs[name])
         q = data.poses.samples.q.copy()
         q[:, moved] -= ratio * q[:, other]
-        return SpoiltData(with_readings(data, q), np.array([ratio]), name)
+        return SpoiltData(with_columns(data, q=q), np.array([ratio]), name)

@@ -1,14 +1,12 @@
 """A joint that reads the same in every row while others move."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
+from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import STILL, all_readings
 from suta_calib.trust.spoiling import arm_of, middle_joint_changed
 
@@ -16,10 +14,10 @@ from suta_calib.trust.spoiling import arm_of, middle_joint_changed
 class DeadJoint(Pattern):
     """``max q_j - min q_j`` is as good as nothing, and two joints move ten times more."""
 
-    name: ClassVar[str] = "dead joint"
-    about: ClassVar[str] = "A joint reads the same in every row."
-    precedence: ClassVar[int] = 10
-    role: ClassVar = "cause"
+    name = "dead joint"
+    about = "A joint reads the same in every row."
+    precedence = 10
+    role = "cause"
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for all such joints together."""
@@ -32,9 +30,8 @@ class DeadJoint(Pattern):
                 "so by leaving its parameters out."
             )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The middle joint reads its mean."""
-        del values, rng
         return middle_joint_changed(
             data, lambda q: np.full_like(q, q.mean()), "{} reads the same in every row"
         )

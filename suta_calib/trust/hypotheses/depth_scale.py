@@ -1,17 +1,21 @@
 """An eye that sees all targets too far, or too near, by a share of their distance."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from suta_calib.terms.hand_eye import HandEye
-from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust import (
+    AddedVariable,
+    Effect,
+    Evidence,
+    Examination,
+    SpoiltData,
+    Truth,
+    weigh_effects,
+)
+from suta_calib.trust.spoiling import with_columns
 
 
 class DepthScale(AddedVariable):
@@ -22,14 +26,14 @@ class DepthScale(AddedVariable):
     as the residuals, which would seem to grow with it.
     """
 
-    name: ClassVar[str] = "scale of depth"
-    about: ClassVar[str] = "A camera sees its target too far or too near, by a share."
-    applies_to: ClassVar[tuple[type[HandEye], ...]] = (HandEye,)
-    needs_arm: ClassVar[bool] = False
-    by_itself: ClassVar[bool] = True
+    name = "scale of depth"
+    about = "A camera sees its target too far or too near, by a share."
+    applies_to = (HandEye,)
+    needs_arm = False
+    by_itself = True
     # One number, tested by itself: its p-value says all.
-    worth: ClassVar[float] = 0.0
-    times_std: ClassVar[float] = 0.0
+    worth = 0.0
+    times_std = 0.0
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One number."""
@@ -59,9 +63,8 @@ class DepthScale(AddedVariable):
             "(--corners), which also corrects the camera."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """All targets 1 % too far, or too near."""
-        del values
         samples, share = data.poses.samples, float(rng.choice([-0.01, 0.01]))
-        seen = replace(samples, position=samples.position * [1.0, 1.0, 1.0 + share])
-        return SpoiltData(data.over_poses(data.poses.with_samples(seen)), np.array([share]))
+        seen = with_columns(data, position=samples.position * [1.0, 1.0, 1.0 + share])
+        return SpoiltData(seen, np.array([share]))

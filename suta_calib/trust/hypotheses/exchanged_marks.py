@@ -1,25 +1,27 @@
 """Two targets on the tip that were exchanged, or one that was moved, while rows were measured."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 from itertools import combinations
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence, weigh_effects
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust import (
+    AddedVariable,
+    Effect,
+    Evidence,
+    Examination,
+    SpoiltData,
+    Truth,
+    weigh_effects,
+)
+from suta_calib.trust.spoiling import with_columns
 from suta_calib.units import text
 
-# Share of the squared residuals from which on the row itself is looked for, and rows it may be.
-WORTH_A_LOOK: Final = 0.1
+# Rows at which an exchange may have been.
 MOST_ROWS: Final = 60
-MOST_PAIRS: Final = 10
 
 
 class ExchangedMarks(AddedVariable):
@@ -28,8 +30,8 @@ class ExchangedMarks(AddedVariable):
     In the frame of the tip; three numbers. The fit places both targets between the two places.
     """
 
-    name: ClassVar[str] = "exchanged targets"
-    about: ClassVar[str] = "From some row on, the labels of two targets on the tip are exchanged."
+    name = "exchanged targets"
+    about = "From some row on, the labels of two targets on the tip are exchanged."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each pair of targets of a term, with a window for each row that is tried."""
@@ -41,7 +43,8 @@ class ExchangedMarks(AddedVariable):
                     continue
                 effect = _exchanged(answer, k, pair, starts)
                 best = next(iter(weigh_effects(answer.fit, [effect])), None)
-                if best is not None and best.window is not None and best.share > WORTH_A_LOOK:
+                # Share of the squared residuals from which on the row itself is looked for.
+                if best is not None and best.window is not None and best.share > 0.1:
                     # The row itself, between the neighbours of the best one.
                     near = [0, *starts, len(labels)][best.window : best.window + 3]
                     nearer = [r for r in range(near[0] + 1, near[2]) if labels[r] in pair]
@@ -60,20 +63,18 @@ class ExchangedMarks(AddedVariable):
             "way. Exchange the two labels from this row on."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The labels of two targets exchanged in the second half of the rows."""
-        del values, rng
-        term: Term = data
-        if not term.marked:
-            raise SamplesError("samples without targets", "some with two of them", where=term.kind)
-        samples = term.poses.samples
-        labels = samples.labels[term.mark].copy()
+        if not data.marked:
+            raise SamplesError("samples without targets", "some with two of them", where=data.kind)
+        samples = data.poses.samples
+        labels = samples.labels[data.mark].copy()
         a, b = sorted(set(labels.tolist()))[:2]
         late = np.arange(len(labels)) >= len(labels) // 2
         was_a, was_b = late & (labels == a), late & (labels == b)
         labels[was_a], labels[was_b] = b, a
-        changed = replace(samples, labels={**samples.labels, term.mark: labels})
-        return SpoiltData(term.over_poses(term.poses.with_samples(changed)), np.full(3, np.nan))
+        changed = with_columns(data, labels={**samples.labels, data.mark: labels})
+        return SpoiltData(changed, np.full(3, np.nan))
 
 
 def _exchanged(
@@ -85,8 +86,6 @@ def _exchanged(
     labels = samples.labels[answer.problem.terms[term].mark]
     sign = np.zeros(len(answer.q))
     sign[first:end] = (labels == pair[0]) * 1.0 - (labels == pair[1])
-    velocity = np.zeros((len(sign), 6, 3))
-    velocity[:, :3] = answer.rotation * sign[:, None, None]
     windows = []
     for start in starts:
         late = np.zeros(len(sign))
@@ -96,7 +95,7 @@ def _exchanged(
     plausible = 0.2
     return Effect(
         " and ".join(pair),
-        answer.by_motion(velocity),
+        answer.by_shift(answer.rotation * sign[:, None, None]),
         np.full(3, plausible),
         windows,
         about=(*pair, [samples.origin[start] for start in starts]),
@@ -104,7 +103,7 @@ def _exchanged(
 
 
 def _pairs(labels: Any) -> list[tuple[str, str]]:
-    return list(combinations(sorted(set(labels.tolist())), 2))[:MOST_PAIRS]
+    return list(combinations(sorted(set(labels.tolist())), 2))[:10]
 
 
 def _starts(labels: Any, a: str, b: str) -> Sequence[int]:

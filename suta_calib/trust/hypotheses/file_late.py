@@ -1,29 +1,20 @@
 """One of several files whose observations stand one row too late or too early."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.sample_readings import (
-    MOST_FILES,
-    Change,
-    MisreadSamples,
-    files_of,
-    slid,
-)
+from suta_calib.trust.misreadings import MOST_FILES, Change, Misreading, files_of, slid
 
 
-class FileLate(MisreadSamples):
+class FileLate(Misreading):
     """`RowsLate` in one of several files, by one row."""
 
-    name: ClassVar[str] = "rows of a file late"
-    about: ClassVar[str] = "Observations of one file stand one row too late or too early."
-    precedence: ClassVar[int] = 24
+    name = "rows of a file late"
+    about = "Observations of one file stand one row too late or too early."
+    precedence = 24
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """Two for each file."""

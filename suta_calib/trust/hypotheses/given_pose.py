@@ -1,26 +1,24 @@
 """A given pose of the instrument, the artefact or a point that is wrong."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar
 
 import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
+from suta_calib.trust import Reinterpretation, SpoiltData, Truth
+from suta_calib.trust.spoiling import random_shift
 
 
 class WrongGivenPose(Reinterpretation):
     """One of the given poses is estimated in place of it."""
 
-    name: ClassVar[str] = "given pose"
-    about: ClassVar[str] = "Something does not stand where its given pose says."
-    precedence: ClassVar[int] = 80
-    tried: ClassVar = "fitted"
+    name = "given pose"
+    about = "Something does not stand where its given pose says."
+    precedence = 80
+    tried = "fitted"
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """One for each given pose."""
@@ -30,17 +28,14 @@ class WrongGivenPose(Reinterpretation):
                 terms = (*data.terms[:k], replace(term, given=rest), *data.terms[k + 1 :])
                 yield _description(term, label), terms
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The first of the given poses 5 cm elsewhere."""
-        del values
-        term: Term = data
-        if not term.given:
-            raise SamplesError("no given poses", "a term with some", where=term.kind)
-        label, pose = next(iter(term.given.items()))
-        direction = rng.standard_normal(3)
-        by = 0.05 * direction / np.linalg.norm(direction)
-        given = {**term.given, label: replace(pose, position=pose.position + by)}
-        return SpoiltData(replace(term, given=given), np.zeros(0), _description(term, label))
+        if not data.given:
+            raise SamplesError("no given poses", "a term with some", where=data.kind)
+        label, pose = next(iter(data.given.items()))
+        position = pose.position + random_shift(rng, 0.05)
+        given = {**data.given, label: replace(pose, position=position)}
+        return SpoiltData(replace(data, given=given), effect=_description(data, label))
 
 
 def _description(term: Term, label: str) -> str:

@@ -1,24 +1,21 @@
 """Joint readings that stand in the columns of other joints."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
-from typing import ClassVar
 
 import numpy as np
 
 from suta_calib.model.arm import ArmModel
-from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+from suta_calib.trust.misreadings import Change, MisreadJoints, mapped
 
 
 class JointColumns(MisreadJoints):
     """Two columns exchanged, all of them shifted by one, reversed, or sorted by their names."""
 
-    name: ClassVar[str] = "order of the joints"
-    about: ClassVar[str] = "Joint readings stand in the columns of other joints."
-    precedence: ClassVar[int] = 12
+    name = "order of the joints"
+    about = "Joint readings stand in the columns of other joints."
+    precedence = 12
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
         """One for each way in which columns are mixed up."""

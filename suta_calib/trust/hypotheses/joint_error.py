@@ -1,25 +1,21 @@
 """A joint's own error beside geometry: what the families of `model.parameters` describe."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from suta_calib.model.parameters import COUPLING
-from suta_calib.trust.evidence import Effect, Evidence
-from suta_calib.trust.examination import Examination
+from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.extended_problem import LOOKS_LIKE, offered_names
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust.spoiling import arm_of, with_columns
 
 
 class JointError(AddedVariable):
     """Eccentric encoders, wrong gains, joints that yield, backlash, thermal expansion."""
 
-    name: ClassVar[str] = "joint error"
-    about: ClassVar[str] = "An encoder is eccentric, a joint yields, has backlash or a wrong gain."
+    name = "joint error"
+    about = "An encoder is eccentric, a joint yields, has backlash or a wrong gain."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each joint and family that the answer does not estimate."""
@@ -44,9 +40,8 @@ class JointError(AddedVariable):
             "run suta-calib extend, which says whether such a term predicts left-out data better."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """An encoder disc off its axis: 0.2° once a turn."""
-        del values
         arm = arm_of(data)
         turning = [k for k, joint in enumerate(arm.joints) if arm.units[joint] == "rad"]
         joint = int(rng.choice(turning))
@@ -54,4 +49,4 @@ class JointError(AddedVariable):
         q = data.poses.samples.q.copy()
         # The reading misses what the parameters add to it.
         q[:, joint] -= size @ [np.cos(q[:, joint]), np.sin(q[:, joint])]
-        return SpoiltData(with_readings(data, q), size, f"{arm.joints[joint]} ecc_1")
+        return SpoiltData(with_columns(data, q=q), size, f"{arm.joints[joint]} ecc_1")

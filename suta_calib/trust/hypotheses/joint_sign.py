@@ -1,23 +1,20 @@
 """A joint that counts the other way."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
 from suta_calib.model.arm import ArmModel
-from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+from suta_calib.trust.misreadings import Change, MisreadJoints, mapped
 
 
 class JointSign(MisreadJoints):
     """``q_j → -q_j`` for one joint after another."""
 
-    name: ClassVar[str] = "sign of a joint"
-    about: ClassVar[str] = "A joint counts the other way."
-    precedence: ClassVar[int] = 10
+    name = "sign of a joint"
+    about = "A joint counts the other way."
+    precedence = 10
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
         """One for each joint."""

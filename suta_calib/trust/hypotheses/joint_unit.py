@@ -1,18 +1,15 @@
 """Joint readings in degrees that are taken for radians."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import Term
-from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+from suta_calib.trust.misreadings import Change, MisreadJoints, mapped
 from suta_calib.trust.spoiling import arm_of
 from suta_calib.units import from_deg
 
@@ -22,9 +19,9 @@ DESCRIPTION = "the joints' columns are in degrees, not rad"
 class JointUnit(MisreadJoints):
     """``q → q π / 180`` for all revolute joints together."""
 
-    name: ClassVar[str] = "unit of the joints"
-    about: ClassVar[str] = "Joint readings are in degrees, and are taken for radians."
-    precedence: ClassVar[int] = 13
+    name = "unit of the joints"
+    about = "Joint readings are in degrees, and are taken for radians."
+    precedence = 13
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
         """One for the arm."""

@@ -1,18 +1,15 @@
 """A joint whose zero is a quarter or half of a turn elsewhere."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import Term
-from suta_calib.trust.sample_readings import Change, MisreadJoints, mapped
+from suta_calib.trust.misreadings import Change, MisreadJoints, mapped
 from suta_calib.trust.spoiling import arm_of
 from suta_calib.units import from_deg
 
@@ -20,9 +17,9 @@ from suta_calib.units import from_deg
 class JointZero(MisreadJoints):
     """``q_j → q_j ± 90°`` or ``+ 180°`` for one revolute joint after another."""
 
-    name: ClassVar[str] = "zero of a joint"
-    about: ClassVar[str] = "A joint's zero is a quarter or half of a turn elsewhere."
-    precedence: ClassVar[int] = 11
+    name = "zero of a joint"
+    about = "A joint's zero is a quarter or half of a turn elsewhere."
+    precedence = 11
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
         """Three for each revolute joint."""

@@ -1,26 +1,24 @@
 """Landmarks of an artefact whose names are exchanged, or counted from another number."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import combinations
-from typing import ClassVar, Final
+from typing import Final
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.sample_readings import Change, MisreadSamples, renamed
+from suta_calib.trust.misreadings import Change, Misreading, renamed
 
 # The label column of what is touched on an artefact.
 LANDMARK: Final = "landmark"
 
 
-class LandmarkNames(MisreadSamples):
+class LandmarkNames(Misreading):
     """Two names exchanged, or the numbers of all one too low or too high."""
 
-    name: ClassVar[str] = "landmark names"
-    about: ClassVar[str] = "Landmarks are exchanged, or counted from another number."
-    precedence: ClassVar[int] = 40
+    name = "landmark names"
+    about = "Landmarks are exchanged, or counted from another number."
+    precedence = 40
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """One for each pair, and one for each way of counting."""

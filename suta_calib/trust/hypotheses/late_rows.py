@@ -1,22 +1,14 @@
 """Readings and observations of a moving arm that were not taken at the same moment."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from itertools import pairwise
-from typing import Any, ClassVar, Final
+from typing import Any
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.trust.evidence import Effect, Evidence
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
-from suta_calib.trust.spoiling import arm_of, with_readings
-
-# Share of the squared residuals that is worth a report: geometry with priors takes up most of an
-# arm's own motion (simulated, 20 to 50 ms at 0.1 s: 16 to 84 % were left).
-WORTH: Final = 0.1
+from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
+from suta_calib.trust.spoiling import arm_of, with_columns
 
 
 class LateRows(AddedVariable):
@@ -25,13 +17,13 @@ class LateRows(AddedVariable):
     Needs rows in the order of time, of an arm that moves smoothly.
     """
 
-    name: ClassVar[str] = "time offset"
-    about: ClassVar[str] = (
-        "Readings and observations of a moving arm were not taken at the same time."
-    )
+    name = "time offset"
+    about = "Readings and observations of a moving arm were not taken at the same time."
     # An arm's own motion passes for a moved instrument, a creep or a coupling.
-    before_others: ClassVar[bool] = True
-    worth: ClassVar[float] = WORTH
+    before_others = True
+    # Share of the squared residuals that is worth a report: geometry with priors takes up most of
+    # an arm's own motion (simulated, 20 to 50 ms at 0.1 s: 16 to 84 % were left).
+    worth = 0.1
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each term whose arm moved smoothly."""
@@ -63,14 +55,13 @@ class LateRows(AddedVariable):
             "rest at every row."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Readings that are 0.2 rows old."""
-        del values, rng
         arm_of(data)
         q, late = data.poses.samples.q, 0.2
         rows = np.arange(len(q), dtype=float)
         older = np.stack([np.interp(rows - late, rows, column) for column in q.T], axis=1)
-        return SpoiltData(with_readings(data, older), np.array([late]))
+        return SpoiltData(with_columns(data, q=older), np.array([late]))
 
 
 def per_row(q: FloatArray, files: Any) -> FloatArray | None:

@@ -1,30 +1,26 @@
 """Measured positions in a left-handed frame."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import product
-from typing import Any, ClassVar
 
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.pair_readings import MisreadPairs, Pairs, Reading
-from suta_calib.trust.sample_readings import Change, MisreadSamples, scaled
+from suta_calib.trust.misreadings import Change, Misreading, PairReading, Pairs, scaled
 from suta_calib.words import listed
 
 
-class LeftHanded(MisreadSamples):
+class LeftHanded(Misreading):
     """One coordinate of all measured positions with the other sign.
 
     Positions alone say no more than that one of the axes is mirrored; turns say which.
     """
 
-    name: ClassVar[str] = "left-handed instrument"
-    about: ClassVar[str] = "Measured positions are in a left-handed frame."
-    precedence: ClassVar[int] = 31
+    name = "left-handed instrument"
+    about = "Measured positions are in a left-handed frame."
+    precedence = 31
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """One, or three where orientations were measured too."""
@@ -37,14 +33,7 @@ class LeftHanded(MisreadSamples):
             for axis, factors in (("x", [-1.0, 1.0, 1.0]), ("z", [1.0, 1.0, -1.0])):
                 yield f"{frame}: {axis} has the wrong sign", partial(scaled, np.array(factors))
 
-
-class PairAxes(MisreadPairs):
-    """Coordinates of the eye's positions have the wrong sign, or a frame is left-handed."""
-
-    name: ClassVar[str] = "signs of axes of pairs"
-    about: ClassVar[str] = "Axes of the eye have the wrong sign, or a frame is left-handed."
-
-    def readings(self, data: Any) -> Iterator[Reading]:
+    def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """One for each choice of axes, and one for a frame that is left-handed."""
         for signs in product((1.0, -1.0), repeat=3):
             axes = [axis for axis, sign in zip("xyz", signs, strict=True) if sign < 0.0]
@@ -52,11 +41,13 @@ class PairAxes(MisreadPairs):
             if 0 < len(axes) < 3:
                 have = "have" if axes[1:] else "has"
                 sentence = f"if {listed(axes)} of the eye's positions {have} the wrong sign"
-                yield f"{sentence}, its rotations not", _signed(data, signs)
+                yield f"{sentence}, its rotations not", _signed(pairs, signs)
         # That of the hand is the same, with X and Z mirrored.
-        yield "if the hand's or the eye's frame is left-handed", _mirrored(data)
+        (rotation, position), mirror = pairs.seen, np.array([-1.0, 1.0, 1.0])
+        mirrored = rotation * np.outer(mirror, mirror), position * mirror
+        yield "if the hand's or the eye's frame is left-handed", replace(pairs, seen=mirrored)
 
-    def fault(self, pairs: Pairs) -> Pairs:
+    def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The eye's x has the wrong sign."""
         return _signed(pairs, (-1.0, 1.0, 1.0))
 
@@ -64,8 +55,3 @@ class PairAxes(MisreadPairs):
 def _signed(pairs: Pairs, signs: Sequence[float]) -> Pairs:
     rotation, position = pairs.seen
     return replace(pairs, seen=(rotation, position * np.array(signs)))
-
-
-def _mirrored(pairs: Pairs) -> Pairs:
-    (rotation, position), mirror = pairs.seen, np.array([-1.0, 1.0, 1.0])
-    return replace(pairs, seen=(rotation * np.outer(mirror, mirror), position * mirror))

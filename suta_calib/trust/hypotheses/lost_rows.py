@@ -1,35 +1,26 @@
 """Rows that are missing among the readings of a file, or among its observations."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.sample_readings import (
-    MOST_FILES,
-    Change,
-    MisreadSamples,
-    files_of,
-    out_of_step,
-)
+from suta_calib.trust.misreadings import MOST_FILES, Change, Misreading, files_of, out_of_step
 
-# Parts in one of which rows may be missing; files share them. And rows that may be missing there.
+# Parts in one of which rows may be missing; files share them.
 PARTS: Final = 6
-LOST: Final = 5
 
 
-class LostRows(MisreadSamples):
+class LostRows(Misreading):
     """A file is in step up to some row, and k rows out of step from there on."""
 
-    name: ClassVar[str] = "lost rows"
-    about: ClassVar[str] = "Rows are missing among a file's readings, or among its observations."
-    precedence: ClassVar[int] = 23
+    name = "lost rows"
+    about = "Rows are missing among a file's readings, or among its observations."
+    precedence = 23
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """One for each file, part and number of rows."""
@@ -40,7 +31,7 @@ class LostRows(MisreadSamples):
             rows = np.flatnonzero(mine.file_names == file)
             if len(rows) < 2 * parts:
                 continue
-            for count in range(1, LOST + 1):
+            for count in range(1, 5 + 1):
                 are = "a row is" if count == 1 else f"{count} rows are"
                 # Behind the last part nothing would be out of step.
                 for part, within in enumerate(np.array_split(rows, parts)[:-1]):

@@ -1,17 +1,15 @@
 """An artefact that was certified in a left-handed frame."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
+from suta_calib.trust import Reinterpretation, SpoiltData, Truth
 
 DESCRIPTION = "the artefact is mirrored: its certificate's frame is left-handed"
 
@@ -19,22 +17,20 @@ DESCRIPTION = "the artefact is mirrored: its certificate's frame is left-handed"
 class MirroredArtefact(Reinterpretation):
     """The x of all landmarks with the other sign."""
 
-    name: ClassVar[str] = "mirrored artefact"
-    about: ClassVar[str] = "The artefact was certified in a left-handed frame."
-    precedence: ClassVar[int] = 60
+    name = "mirrored artefact"
+    about = "The artefact was certified in a left-handed frame."
+    precedence = 60
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """One, where an artefact is touched."""
         if any(term.touched for term in data.terms):
             yield DESCRIPTION, tuple(map(mirrored, data.terms))
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The artefact mirrored."""
-        del values, rng
-        term: Term = data
-        if term.touched is None:
-            raise SamplesError(f"the kind {term.kind}", "one that touches an artefact")
-        return SpoiltData(mirrored(term), np.zeros(0), DESCRIPTION)
+        if data.touched is None:
+            raise SamplesError(f"the kind {data.kind}", "one that touches an artefact")
+        return SpoiltData(mirrored(data), effect=DESCRIPTION)
 
 
 def mirrored(term: Term) -> Term:

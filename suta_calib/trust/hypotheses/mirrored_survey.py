@@ -1,10 +1,7 @@
 """Given positions that were surveyed in a left-handed frame."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar
 
 import numpy as np
 
@@ -12,15 +9,15 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
+from suta_calib.trust import Reinterpretation, SpoiltData, Truth
 
 
 class MirroredSurvey(Reinterpretation):
     """One coordinate of all given positions with the other sign."""
 
-    name: ClassVar[str] = "mirrored survey"
-    about: ClassVar[str] = "Given positions were surveyed in a left-handed frame."
-    precedence: ClassVar[int] = 61
+    name = "mirrored survey"
+    about = "Given positions were surveyed in a left-handed frame."
+    precedence = 61
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """Three, where positions are given."""
@@ -28,15 +25,11 @@ class MirroredSurvey(Reinterpretation):
             for axis, sign in zip("xyz", 1.0 - 2.0 * np.eye(3), strict=True):
                 yield _description(axis), tuple(mirrored(term, sign) for term in data.terms)
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The y of all given positions with the other sign."""
-        del values, rng
-        term: Term = data
-        if not term.given:
-            raise SamplesError("no given positions", "a term with some", where=term.kind)
-        return SpoiltData(
-            mirrored(term, np.array([1.0, -1.0, 1.0])), np.zeros(0), _description("y")
-        )
+        if not data.given:
+            raise SamplesError("no given positions", "a term with some", where=data.kind)
+        return SpoiltData(mirrored(data, np.array([1.0, -1.0, 1.0])), effect=_description("y"))
 
 
 def _description(axis: str) -> str:

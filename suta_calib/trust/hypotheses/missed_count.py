@@ -9,12 +9,12 @@ if its rows are what such a step makes: those beyond some reading, or all from o
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain, pairwise
-from typing import Any, ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -25,26 +25,14 @@ from suta_calib.solver.kernel import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.terms.poses import joint_ranges
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
-from suta_calib.trust.spoiling import arm_of, with_readings
+from suta_calib.trust import Reinterpretation, SpoiltData, Truth
+from suta_calib.trust.spoiling import arm_of, with_columns
 from suta_calib.units import from_deg, text
 
-# Shifts of a joint that are tried first, and how finely their step is told, rad.
+# Shifts of a joint that are tried first, rad.
 COARSE: Final = np.radians(np.arange(-180.0, 180.0, 6.0))
-FINE: Final = np.radians(np.arange(-6.0, 6.01, 0.5))
-# A turn in so many parts at most is what a gear, or an encoder's poles, make of it: the step is
-# such a part if it is nearer than a fourth of the way to the next.
-PARTS: Final = np.arange(1, 25)
-# Rounds in which rows are sorted anew; rows that a step has at least, and the share of them that
-# may stand on the wrong side of a threshold.
-ROUNDS: Final = 10
+# Rows that a step has at least.
 FEWEST: Final = 4
-IN_DOUBT: Final = 0.05
-# A step leaves less than this share of what there was; so many joints, which are coarsely the best,
-# are worth the rounds; of an arm with more than so many all would take too long.
-LEFT: Final = 0.25
-JOINTS: Final = 2
-MOST_JOINTS: Final = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +55,10 @@ class _Step:
 class MissedCount(Reinterpretation):
     """``q_j → q_j + step`` in some rows, with the step and the rows that mend them."""
 
-    name: ClassVar[str] = "missed count"
-    about: ClassVar[str] = "A joint reads a step too much in some rows: its count missed a wrap."
-    precedence: ClassVar[int] = 82
-    tried: ClassVar = "fitted"
+    name = "missed count"
+    about = "A joint reads a step too much in some rows: its count missed a wrap."
+    precedence = 82
+    tried = "fitted"
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """One, where a step of one joint mends the rows."""
@@ -79,12 +67,14 @@ class MissedCount(Reinterpretation):
             touches = _Touches(tuple(term.single_touches() for term in data.terms))
             before = np.mean(touches.squares(touches.none, touches.registered(touches.none)))
             turning = [k for k, j in enumerate(arm.chain.moving) if j.type != "prismatic"]
-            if len(turning) > MOST_JOINTS:
+            # Of an arm with more joints all would take too long.
+            if len(turning) > 16:
                 return
             fewer = touches.fewer()
             coarse = sorted((*_coarse(fewer, k), k) for k in turning)
-            steps = [s for _, size, k in coarse[:JOINTS] for s in _steps(touches, fewer, k, size)]
-            steps = [step for step in steps if step.left < LEFT * before]
+            # The two joints that are coarsely the best; a step leaves a fourth of what there was.
+            steps = [s for _, size, k in coarse[:2] for s in _steps(touches, fewer, k, size)]
+            steps = [step for step in steps if step.left < 0.25 * before]
             for step in sorted(steps, key=lambda step: step.left)[:1]:
                 shifts = touches.shifted(step.joint, np.where(step.rows, step.size, 0.0))
                 if where := _where(touches, step):
@@ -96,16 +86,12 @@ class MissedCount(Reinterpretation):
                         tuple(_read(data.terms, shifts)),
                     )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """An inner joint reads a tenth of a turn too little in the rows where it is farthest."""
-        del values, rng
-        term: Term = data
-        q, joint = term.poses.samples.q.copy(), len(arm_of(term).joints) - 2
+        q, joint = data.poses.samples.q.copy(), len(arm_of(data).joints) - 2
         q[:, joint] -= from_deg(36.0) * (q[:, joint] > np.quantile(q[:, joint], 0.6))
-        name = arm_of(term).joints[joint]
-        return SpoiltData(
-            with_readings(term, q), np.zeros(0), f"{name} reads 36.0000 deg too little"
-        )
+        name = arm_of(data).joints[joint]
+        return SpoiltData(with_columns(data, q=q), effect=f"{name} reads 36.0000 deg too little")
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,9 +219,10 @@ def _settled(touches: _Touches, joint: int, size: float) -> tuple[float, FloatAr
     """
     rows = np.zeros(len(touches.q), dtype=np.bool_)
     x = touches.registered(touches.none)
-    for _ in range(ROUNDS):
+    for _ in range(10):
         right = touches.squares(touches.none, x)
-        tried = size + FINE
+        # So finely the step is told.
+        tried = size + np.radians(np.arange(-6.0, 6.01, 0.5))
         wrong = np.array([touches.squares(touches.shifted(joint, by), x) for by in tried])
         best = int(np.argmin(np.sum(np.minimum(wrong, right), axis=1)))
         again, before, size = wrong[best] < right, size, float(tried[best])
@@ -247,7 +234,9 @@ def _settled(touches: _Touches, joint: int, size: float) -> tuple[float, FloatAr
 
 
 def _part_of_a_turn(size: float) -> float:
-    parts = from_deg(360.0) / PARTS
+    # A turn in 24 parts at most is what a gear, or an encoder's poles, make of it: the step is such
+    # a part if it is nearer than a fourth of the way to the next.
+    parts = from_deg(360.0) / np.arange(1, 25)
     nearest = int(np.argmin(np.abs(parts - abs(size))))
     gap = parts[nearest] - parts[min(nearest + 1, len(parts) - 1)]
     if abs(parts[nearest] - abs(size)) < gap / 4.0:
@@ -259,7 +248,8 @@ def _where(touches: _Touches, step: _Step) -> str:
     """In which rows it is so, where these are beyond a reading, or follow one another."""
     in_rows = np.flatnonzero(step.rows)
     first, last = int(in_rows[0]), int(in_rows[-1])
-    doubt = IN_DOUBT * min(len(in_rows), len(step.rows) - len(in_rows))
+    # So many may stand on the wrong side of a threshold.
+    doubt = 0.05 * min(len(in_rows), len(step.rows) - len(in_rows))
     if last - first + 1 - len(in_rows) <= doubt:
         return f"from {touches.origin[first]} to {touches.origin[last]}"
     q = touches.q[:, step.joint] + np.where(step.rows, step.size, 0.0)

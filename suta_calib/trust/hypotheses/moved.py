@@ -1,11 +1,9 @@
 """A camera, a target, a tip or a post that was moved while rows were measured, or drifts."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,14 +12,20 @@ from suta_calib.geometry.numbers import tangent_of_vector
 from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.fixed_point import FixedPoint
 from suta_calib.terms.hand_eye import HandEye
-from suta_calib.terms.term import Term
 from suta_calib.terms.tracked_point import TrackedPoint
-from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
-from suta_calib.trust.rule import Rule
+from suta_calib.trust import (
+    AddedVariable,
+    Effect,
+    Evidence,
+    Examination,
+    LinearFit,
+    Rule,
+    SpoiltData,
+    Truth,
+    weigh_effects,
+)
 from suta_calib.trust.serial_correlation import correlation_length
-from suta_calib.trust.spoiling import seen_elsewhere
+from suta_calib.trust.spoiling import random_shift, seen_elsewhere
 from suta_calib.units import deg, text
 
 # Rows before and after a step, and rows (evenly spaced ones) at which it is tried.
@@ -32,7 +36,6 @@ TIMES: Final = 40
 # row, or are too few to tell, the share must be `SHARE_IF_CORRELATED`. Elsewhere `WORTH` is enough:
 # of many rows any change is significant.
 SHARE_IF_CORRELATED: Final = 0.7
-ENOUGH_TO_TELL: Final = 60
 WORTH: Final = 0.1
 
 
@@ -71,14 +74,14 @@ class Moved(AddedVariable):
     leaves of it.
     """
 
-    name: ClassVar[str] = "moved"
-    about: ClassVar[str] = "A camera, a target, a tip or a post was moved between the rows."
-    applies_to: ClassVar[tuple[type[Term], ...]] = (FixedPoint, HandEye, TrackedPoint)
-    needs_arm: ClassVar[bool] = False
-    by_itself: ClassVar[bool] = True
-    worth: ClassVar[float] = WORTH
+    name = "moved"
+    about = "A camera, a target, a tip or a post was moved between the rows."
+    applies_to = (FixedPoint, HandEye, TrackedPoint)
+    needs_arm = False
+    by_itself = True
+    worth = WORTH
     # Of the displacement or of the turn.
-    times_std: ClassVar[float] = 3.0
+    times_std = 3.0
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each unknown frame or point, with all windows."""
@@ -104,7 +107,7 @@ class Moved(AddedVariable):
         if first is None:
             return []
         ends = np.cumsum([r.line.residual.size for r in answer.rows])[:-1]
-        left = np.split(fit.settled + fit.explained(first), ends)
+        left = np.split(fit.settled + first.explained(fit), ends)
         before = np.split(fit.residual, ends)
         share = max(
             1.0 - float(b @ b) / max(float(a @ a), 1e-300)
@@ -124,11 +127,11 @@ class Moved(AddedVariable):
         effect, window = best.effect, best.window
         assert effect.windows is not None
         assert window is not None
-        white = np.split(weighed.settled + weighed.explained(best), ends)
+        white = np.split(weighed.settled + best.explained(weighed), ends)
         count = len(effect.about.numbers)
         # Neighbours that err alike are fewer than they are, and seem to change somewhere.
         length = correlation_length(np.hstack([r.reshape(count, -1) for r in white]))
-        about = replace(effect.about, correlated=length > 1.0 or count < ENOUGH_TO_TELL)
+        about = replace(effect.about, correlated=length > 1.0 or count < 60)
         tried = sum(len(each.windows or ()) for each in effects)
         return [
             replace(
@@ -170,10 +173,9 @@ class Moved(AddedVariable):
             f"moved. Use the {change.rows} before or after that alone."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """What was seen or touched is 5 mm elsewhere from the middle on."""
-        by = rng.standard_normal(3)
-        by *= 5e-3 / np.linalg.norm(by)
+        by = random_shift(rng, 5e-3)
         late = np.arange(len(data.poses)) >= len(data.poses) // 2
         size = by if isinstance(data, FixedPoint) else np.concatenate([by, np.zeros(3)])
         if isinstance(data, HandEye):

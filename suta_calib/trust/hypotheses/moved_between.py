@@ -1,10 +1,8 @@
 """An instrument, an artefact or a point that was moved between two parts of the rows."""
 
-from __future__ import annotations
-
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from typing import Any, ClassVar, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +12,8 @@ from suta_calib.measurements.samples import joined
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.terms.instrument_terms import InstrumentTerm
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
-from suta_calib.trust.spoiling import displaced
+from suta_calib.trust import Reinterpretation, SpoiltData, Truth
+from suta_calib.trust.spoiling import displaced, with_columns
 
 WHAT: Final = "the instrument, the artefact or what was touched"
 HALVES: Final = f"{WHAT} was moved after the first half of the rows"
@@ -26,11 +24,11 @@ Parts = Callable[[Samples, NDArray[np.str_] | None], NDArray[np.str_]]
 class MovedBetween(Reinterpretation):
     """What is external stands elsewhere in the second half of its rows, or in each file."""
 
-    name: ClassVar[str] = "moved between"
-    about: ClassVar[str] = "The instrument, the artefact or a point was moved half-way."
-    precedence: ClassVar[int] = 90
+    name = "moved between"
+    about = "The instrument, the artefact or a point was moved half-way."
+    precedence = 90
     # It leaves more open than any other reading.
-    tried: ClassVar = "last"
+    tried = "last"
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """Two: between the halves, and between the files."""
@@ -44,13 +42,11 @@ class MovedBetween(Reinterpretation):
             if any(term not in data.terms for term in terms):
                 yield description, tuple(terms)
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """All that is seen in the second half is 5 cm elsewhere."""
-        del rng
-        term: Term = data
-        twist = np.zeros((len(term.poses), 6))
+        twist = np.zeros((len(data.poses), 6))
         twist[len(twist) // 2 :, 0] = 0.05
-        return SpoiltData(displaced(term, values, twist), np.zeros(0), HALVES)
+        return SpoiltData(displaced(data, values, twist), effect=HALVES)
 
 
 def _divided(term: Term, parts: Parts) -> Iterator[Term]:
@@ -60,7 +56,7 @@ def _divided(term: Term, parts: Parts) -> Iterator[Term]:
     if term.place in samples.labels and term.own_parameters:
         label = joined({"": samples.labels[term.place], "part": part}, ("", "part"))
         labels = {**samples.labels, term.place: label}
-        yield term.over_poses(term.poses.with_samples(replace(samples, labels=labels)))
+        yield with_columns(term, labels=labels)
     elif isinstance(term, InstrumentTerm):
         for name in np.unique(part):
             rows = np.flatnonzero(part == name)

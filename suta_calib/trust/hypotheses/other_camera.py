@@ -5,12 +5,9 @@ distance along the axis too long by one factor. A nominal arm is too coarse to t
 is found by steps of Gauss and Newton from the fit, each with a fit anew.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import replace
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +15,10 @@ from suta_calib.errors import SutaCalibError
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term
-from suta_calib.trust.evidence import Effect, weigh_effects
-from suta_calib.trust.examination import STEP, Examination
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
+from suta_calib.trust import Effect, Examination, Reinterpretation, SpoiltData, Truth, weigh_effects
+from suta_calib.trust.examination import STEP
 from suta_calib.trust.rereading import QUICK_FIT
+from suta_calib.trust.spoiling import with_columns
 
 # Factors, less one, that are no rounding and still another camera's.
 LEAST, MOST = 5e-3, 0.7
@@ -30,10 +27,10 @@ LEAST, MOST = 5e-3, 0.7
 class OtherCamera(Reinterpretation):
     """``z → z f`` for every pose that was seen, with one factor f for all of them."""
 
-    name: ClassVar[str] = "other camera"
-    about: ClassVar[str] = "Poses were found with the file of another camera."
-    precedence: ClassVar[int] = 81
-    tried: ClassVar = "fitted"
+    name = "other camera"
+    about = "Poses were found with the file of another camera."
+    precedence = 81
+    tried = "fitted"
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """One, where poses were seen and the factor is not one."""
@@ -56,10 +53,9 @@ class OtherCamera(Reinterpretation):
             if abs(by) > LEAST:
                 yield _description(by), terms
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Everything 8 % too far."""
-        del values, rng
-        return SpoiltData(_at_depth(data, 1.08), np.zeros(0), _description(0.08)[:18])
+        return SpoiltData(_at_depth(data, 1.08), effect=_description(0.08)[:18])
 
 
 def _description(by: float) -> str:
@@ -86,5 +82,4 @@ def _at_depth(term: Term, factor: float) -> Term:
     samples = term.poses.samples
     if not _seen_as_poses(term) or samples.position is None:
         return term
-    position = np.asarray(samples.position * [1.0, 1.0, factor])
-    return term.over_poses(term.poses.with_samples(replace(samples, position=position)))
+    return with_columns(term, position=samples.position * [1.0, 1.0, factor])

@@ -1,25 +1,16 @@
 """Outliers that follow one another at the beginning or at the end: something was moved there."""
 
-from __future__ import annotations
-
-from collections.abc import Mapping
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray
-from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence
-from suta_calib.trust.examination import Examination
+from suta_calib.trust import Effect, Evidence, Examination, Hypothesis, Rule, SpoiltData, Truth
 from suta_calib.trust.hypotheses.moved import Moved
-from suta_calib.trust.hypothesis import Hypothesis, SpoiltData
-from suta_calib.trust.rule import Rule
-from suta_calib.trust.spoiling import seen_elsewhere
+from suta_calib.trust.spoiling import random_shift, seen_elsewhere
 
-# Outliers in one block that are no chance. Of the rows in the block, and of all outliers, this
-# share may be elsewhere.
+# Outliers in one block that are no chance.
 FEWEST: Final = 3
-STRAYS: Final = 0.1
 
 
 class OutlierBlock(Hypothesis):
@@ -29,11 +20,11 @@ class OutlierBlock(Hypothesis):
     them out one by one, and the fit of the others does not show the change.
     """
 
-    name: ClassVar[str] = "outliers in a block"
-    about: ClassVar[str] = "The first rows, or the last, do not agree with the others."
-    applies_to: ClassVar[tuple[type[Term], ...]] = Moved.applies_to
-    needs_arm: ClassVar[bool] = False
-    by_itself: ClassVar[bool] = True
+    name = "outliers in a block"
+    about = "The first rows, or the last, do not agree with the others."
+    applies_to = Moved.applies_to
+    needs_arm = False
+    by_itself = True
 
     def weigh(self, answer: Examination) -> list[Evidence]:
         """The first block among all rows, or among those that look at one unknown."""
@@ -58,7 +49,6 @@ class OutlierBlock(Hypothesis):
 
     def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
         """Whether it is worth a report: counting has decided, sound data have no outliers."""
-        del evidence, rule
         return True
 
     def sentence(self, evidence: Evidence) -> str:
@@ -69,13 +59,11 @@ class OutlierBlock(Hypothesis):
             f"there on (rows from 0): was {what} moved in between?"
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """What was seen is 50 mm elsewhere in the last fourth of the rows."""
-        del values
         count = len(data.poses)
-        by = rng.standard_normal(3)
         late = np.arange(count) >= count - max(FEWEST + 1, count // 4)
-        elsewhere = seen_elsewhere(data, late[:, None] * 50e-3 * by / np.linalg.norm(by))
+        elsewhere = seen_elsewhere(data, late[:, None] * random_shift(rng, 50e-3))
         return SpoiltData(elsewhere, np.array([float(np.flatnonzero(late)[0])]))
 
 
@@ -92,7 +80,8 @@ def _block(outlier: BoolArray) -> tuple[int, float] | None:
         length = int(np.argmax(excess)) + 1
         block = outlier[count - length :] if backwards else outlier[:length]
         inside = int(block.sum())
-        if inside >= FEWEST and inside >= (1.0 - STRAYS) * max(length, int(outlier.sum())):
+        # Of the rows in the block, and of all outliers, a tenth may be elsewhere.
+        if inside >= FEWEST and inside >= 0.9 * max(length, int(outlier.sum())):
             border = count - length if backwards else length
             return (border, inside / int(outlier.sum())) if border < count else None
     return None

@@ -1,19 +1,16 @@
 """Measured positions in another unit."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import Any, ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.trust.pair_readings import MisreadPairs, Pairs, Reading
-from suta_calib.trust.sample_readings import Change, MisreadSamples, scaled
+from suta_calib.trust.misreadings import Change, Misreading, PairReading, Pairs, scaled
 from suta_calib.units import from_mm, mm
 
 # Units that positions may be in where m is asked for, m.
@@ -21,12 +18,16 @@ UNITS: Final = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254}
 IN_MM = "the measured positions are in mm, not m"
 
 
-class PositionUnit(MisreadSamples):
-    """All measured positions times 1000, or divided by it."""
+class PositionUnit(Misreading):
+    """All measured positions times 1000, or divided by it.
 
-    name: ClassVar[str] = "unit of positions"
-    about: ClassVar[str] = "Measured positions are in another unit."
-    precedence: ClassVar[int] = 30
+    Of pairs, those of one side are in mm, cm or inches, those of the other in m. What is in the
+    smaller unit is left as it is, so that loops are as large as before.
+    """
+
+    name = "unit of positions"
+    about = "Measured positions are in another unit."
+    precedence = 30
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """Two, where positions were measured."""
@@ -40,30 +41,20 @@ class PositionUnit(MisreadSamples):
         samples = term.poses.samples
         return IN_MM, scaled(np.full(3, mm(1.0)), samples)
 
-
-class PairUnits(MisreadPairs):
-    """The positions of one side are in mm, cm or inches, those of the other in m.
-
-    What is in the smaller unit is left as it is, so that loops are as large as before.
-    """
-
-    name: ClassVar[str] = "units of pairs"
-    about: ClassVar[str] = "The hand's positions are in another unit than the eye's."
-
-    def readings(self, data: Any) -> Iterator[Reading]:
+    def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """Two for each unit."""
         for name, unit in UNITS.items():
             sentence = f"if {{}}'s positions are in {name}, {{}}'s in m"
             yield (
                 sentence.format("the hand", "the eye"),
-                replace(data, seen=_times(data.seen, 1.0 / unit), unit=unit),
+                replace(pairs, seen=_times(pairs.seen, 1.0 / unit), unit=unit),
             )
             yield (
                 sentence.format("the eye", "the hand"),
-                replace(data, hand=_times(data.hand, 1.0 / unit), unit=unit),
+                replace(pairs, hand=_times(pairs.hand, 1.0 / unit), unit=unit),
             )
 
-    def fault(self, pairs: Pairs) -> Pairs:
+    def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The hand's positions in mm."""
         return replace(pairs, hand=_times(pairs.hand, 1e3))
 

@@ -1,10 +1,8 @@
 """Quaternions whose numbers stand in another order."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any, ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -13,8 +11,7 @@ from suta_calib.geometry.numbers import quaternion_from_rotation, rotation_from_
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.trust.pair_readings import MisreadPairs, Pairs, Reading
-from suta_calib.trust.sample_readings import Change, MisreadSamples
+from suta_calib.trust.misreadings import Change, Misreading, PairReading, Pairs
 
 DESCRIPTION = "the quaternions' order is w x y z"
 # Whose quaternions are in the other order: of the hand, of the eye.
@@ -28,12 +25,12 @@ ORDERS: Final = {
 }
 
 
-class QuaternionOrder(MisreadSamples):
+class QuaternionOrder(Misreading):
     """Numbers that were read as x y z w are w x y z."""
 
-    name: ClassVar[str] = "order of quaternions"
-    about: ClassVar[str] = "The four numbers of quaternions stand in another order."
-    precedence: ClassVar[int] = 33
+    name = "order of quaternions"
+    about = "The four numbers of quaternions stand in another order."
+    precedence = 33
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """One, where orientations were measured."""
@@ -45,31 +42,24 @@ class QuaternionOrder(MisreadSamples):
         """Quaternions w x y z, read as x y z w."""
         samples = term.poses.samples
         assert samples.rotation is not None
-        return DESCRIPTION, replace(samples, rotation=rolled(samples.rotation, 1))
+        return DESCRIPTION, replace(samples, rotation=_rolled(samples.rotation, 1))
 
-
-class PairQuaternions(MisreadPairs):
-    """Numbers that were read as x y z w are w x y z."""
-
-    name: ClassVar[str] = "order of quaternions of pairs"
-    about: ClassVar[str] = "The four numbers of the hand's or the eye's quaternions are exchanged."
-
-    def readings(self, data: Any) -> Iterator[Reading]:
+    def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """One for the hand, one for the eye, one for both."""
         for order, sides in ORDERS.items():
-            yield order, reordered(data, *sides)
+            yield order, reordered(pairs, *sides)
 
-    def fault(self, pairs: Pairs) -> Pairs:
+    def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The eye's quaternions w x y z, read as x y z w."""
-        return replace(pairs, seen=_rolled(pairs.seen, 1))
+        return replace(pairs, seen=_rolled_poses(pairs.seen, 1))
 
 
 def reordered(pairs: Pairs, hand: bool, seen: bool) -> Pairs:
     """Pairs as they are if the quaternions of one side, or of both, are w x y z."""
     return replace(
         pairs,
-        hand=_rolled(pairs.hand, -1) if hand else pairs.hand,
-        seen=_rolled(pairs.seen, -1) if seen else pairs.seen,
+        hand=_rolled_poses(pairs.hand, -1) if hand else pairs.hand,
+        seen=_rolled_poses(pairs.seen, -1) if seen else pairs.seen,
     )
 
 
@@ -77,13 +67,13 @@ def _w_first(samples: Samples) -> Samples:
     """Numbers that stand as x y z w were w x y z."""
     if samples.rotation is None:
         return samples
-    return replace(samples, rotation=rolled(samples.rotation, -1))
+    return replace(samples, rotation=_rolled(samples.rotation, -1))
 
 
-def _rolled(poses: Poses, by: int) -> Poses:
-    return rolled(poses[0], by), poses[1]
+def _rolled_poses(poses: Poses, by: int) -> Poses:
+    return _rolled(poses[0], by), poses[1]
 
 
-def rolled(rotation: FloatArray, by: int) -> FloatArray:
+def _rolled(rotation: FloatArray, by: int) -> FloatArray:
     """Rotations whose quaternions have every number ``by`` places further on."""
     return rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), by, axis=1))

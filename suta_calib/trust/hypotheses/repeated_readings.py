@@ -1,9 +1,7 @@
 """Rows whose joints all read, to the last digit, as in others that were elsewhere."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar, Final
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,13 +9,9 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.measurements.samples import hashed, joined
 from suta_calib.terms import Term
 from suta_calib.terms.block import grouped, grouped_rows, numbered
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
+from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import may_read_alike
-from suta_calib.trust.spoiling import with_readings
-
-# Distance, m and pixels, of what is seen from one posture that no instrument's noise makes.
-APART: Final = 0.01
-APART_PX: Final = 20.0
+from suta_calib.trust.spoiling import with_columns
 
 
 class RepeatedReadings(Pattern):
@@ -27,10 +21,10 @@ class RepeatedReadings(Pattern):
     touches one place is not at another.
     """
 
-    name: ClassVar[str] = "repeated readings"
-    about: ClassVar[str] = "All joints read the same in rows that were taken elsewhere."
-    precedence: ClassVar[int] = 12
-    role: ClassVar = "cause"
+    name = "repeated readings"
+    about = "All joints read the same in rows that were taken elsewhere."
+    precedence = 12
+    role = "cause"
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for each term."""
@@ -45,12 +39,11 @@ class RepeatedReadings(Pattern):
                     "Leave them out."
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Five rows repeat the readings of the one before."""
-        del values, rng
         q = data.poses.samples.q.copy()
         q[11:16] = q[10]
-        return SpoiltData(with_readings(data, q), np.zeros(0), "read the same in all joints")
+        return SpoiltData(with_columns(data, q=q), effect="read the same in all joints")
 
 
 def _repeated(term: Term) -> BoolArray:
@@ -63,12 +56,13 @@ def _repeated(term: Term) -> BoolArray:
     group = numbered(posture)[1]
     columns = [name for name in samples.labels if name != "repeat"]
     place = grouped(joined(samples.labels, columns))[1] if columns else np.zeros_like(group)
+    # Distances, pixels and m, of what is seen from one posture that no instrument's noise makes.
     if samples.pixels is not None:
-        return _scattered(group, np.nanmean(samples.pixels, axis=1), APART_PX)
+        return _scattered(group, np.nanmean(samples.pixels, axis=1), 20.0)
     if samples.position is not None:
         # What has another label may be another target, or seen from elsewhere.
         group = grouped_rows(np.column_stack([group, place]))[0]
-        return _scattered(group, samples.position, APART)
+        return _scattered(group, samples.position, 0.01)
     if term.medium == "touch" and not samples.numbers and not may_read_alike(samples):
         return np.asarray(_extent(group, place[:, None].astype(float)) > 0)
     return none

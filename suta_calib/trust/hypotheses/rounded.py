@@ -1,27 +1,23 @@
 """Readings or positions that were rounded when they were written."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, ClassVar, Final
+from collections.abc import Iterator, Sequence
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
+from suta_calib.trust import Pattern, SpoiltData, Truth, sensitivity
 from suta_calib.trust.held_out import robust_level
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
 from suta_calib.trust.patterns import all_readings
-from suta_calib.trust.tip import sensitivity
+from suta_calib.trust.spoiling import with_columns
 from suta_calib.units import from_deg, text
 from suta_calib.words import listed
 
-# Steps that somebody who rounds would choose, rad and m; encoders divide a turn by powers of two.
+# Steps that somebody who rounds would choose, rad; encoders divide a turn by powers of two.
 STEPS: Final = tuple(unit * 10.0**k for k in (0, -1, -2, -3) for unit in (from_deg(1.0), 1.0))
-LENGTH_STEPS: Final = tuple(10.0**-k for k in (1, 2, 3, 4))
 # Residuals over what rounding alone would make of them: less, and the readings were exact.
 LEAST, MOST = 0.5, 3.0
 
@@ -29,9 +25,9 @@ LEAST, MOST = 0.5, 3.0
 class Rounded(Pattern):
     """All values are multiples of one step, and the step alone makes such residuals."""
 
-    name: ClassVar[str] = "rounded"
-    about: ClassVar[str] = "Readings or positions were rounded when they were written."
-    precedence: ClassVar[int] = 20
+    name = "rounded"
+    about = "Readings or positions were rounded when they were written."
+    precedence = 20
 
     def matches(self, answer: Solution) -> Iterator[str]:
         """One for the joints, and one for the positions of each term."""
@@ -51,17 +47,12 @@ class Rounded(Pattern):
                     f"{text(levels[0], 'm', with_unit=True)}. Write every digit."
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Positions in whole millimetres."""
-        del values, rng
-        term: Term = data
-        samples = term.poses.samples
-        assert samples.position is not None
-        coarse = replace(samples, position=np.round(samples.position, 3))
-        description = "are in steps of 1.000 mm"
-        return SpoiltData(
-            term.over_poses(term.poses.with_samples(coarse)), np.zeros(0), description
-        )
+        position = data.poses.samples.position
+        assert position is not None
+        coarse = with_columns(data, position=np.round(position, 3))
+        return SpoiltData(coarse, effect="are in steps of 1.000 mm")
 
 
 def _of_joints(answer: Solution) -> Iterator[tuple[str, str, float]]:
@@ -90,7 +81,7 @@ def _of_positions(terms: Sequence[Term]) -> Iterator[tuple[str, str, float]]:
     """The same of the positions that were measured."""
     for term in terms:
         position = term.poses.samples.position
-        if position is not None and (step := _step(position.reshape(-1), LENGTH_STEPS)):
+        if position is not None and (step := _step(position.reshape(-1), (0.1, 0.01, 1e-3, 1e-4))):
             what = f"The positions of {term.kind.replace('_', ' ')}"
             yield what, text(step, "m", with_unit=True), step / math.sqrt(12.0)
 

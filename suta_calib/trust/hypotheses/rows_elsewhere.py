@@ -1,26 +1,20 @@
 """Rows that saw another target, or saw it from another place: one displacement, in part of them."""
 
-from __future__ import annotations
-
 import math
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
-from typing import Any, ClassVar, Final
+from collections.abc import Iterator
+from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.terms.term import Term
-from suta_calib.trust.evidence import Effect, Evidence, log_ways
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
-from suta_calib.trust.rule import Rule
+from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, Rule, SpoiltData, Truth
+from suta_calib.trust.evidence import log_ways
+from suta_calib.trust.examination import samples_of
+from suta_calib.trust.spoiling import random_shift, with_columns
 
 # Rows of the smaller part: fewer are single mishaps, which a robust loss leaves out.
 FEWEST: Final = 5
-# How often rows are assigned anew, and rows from which a search begins.
-ROUNDS: Final = 20
-SEEDS: Final = 12
 
 
 class RowsElsewhere(AddedVariable):
@@ -32,8 +26,8 @@ class RowsElsewhere(AddedVariable):
     (Bonferroni): normal noise, however it is cut, never passes.
     """
 
-    name: ClassVar[str] = "rows elsewhere"
-    about: ClassVar[str] = "Some rows saw another target, or saw it from another place."
+    name = "rows elsewhere"
+    about = "Some rows saw another target, or saw it from another place."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """The likelier of the two sorts of axes, where residuals fall into two parts."""
@@ -42,10 +36,8 @@ class RowsElsewhere(AddedVariable):
             return
         best: tuple[float, str, FloatArray, BoolArray] | None = None
         for frame, axes in (("base", np.eye(3)), ("tip", answer.rotation)):
-            velocity = np.zeros((count, 6, 3))
-            velocity[:, :3] = axes
-            columns = answer.by_motion(velocity)
-            split = _two_parts(_displacements(answer, columns))
+            columns = answer.by_shift(np.broadcast_to(axes, (count, 3, 3)))
+            split = _two_parts(_displacements(answer, columns), answer.rule)
             if split is not None and (best is None or split[0] < best[0]):
                 best = split[0], frame, columns, split[1]
         if best is not None:
@@ -69,19 +61,15 @@ class RowsElsewhere(AddedVariable):
             "another place. Give these rows a label of their own, or leave them out."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """A fourth of the rows saw a point that is 4 mm off on the tip."""
-        del values
-        term: Term = data
-        samples = term.poses.samples
+        samples = data.poses.samples
         assert samples.position is not None
         assert samples.rotation is not None
-        by = rng.standard_normal(3)
-        by *= 4e-3 / np.linalg.norm(by)
+        by = random_shift(rng, 4e-3)
         elsewhere = rng.permutation(len(samples)) < len(samples) // 4
         position = samples.position + elsewhere[:, None] * (samples.rotation @ by)
-        moved = term.over_poses(term.poses.with_samples(replace(samples, position=position)))
-        return SpoiltData(moved, by, "tip")
+        return SpoiltData(with_columns(data, position=position), by, "tip")
 
 
 def _displacements(answer: Examination, columns: FloatArray) -> FloatArray:
@@ -92,15 +80,7 @@ def _displacements(answer: Examination, columns: FloatArray) -> FloatArray:
         columns: (m, 3) whitened, by displacement.
     """
     count = len(answer.position)
-    sample = np.concatenate(
-        [
-            np.repeat(
-                r.line.view.block.samples[:, 0] + r.line.view.first_sample,
-                r.line.residual.shape[1],
-            )
-            for r in answer.rows
-        ]
-    )
+    sample = samples_of(answer.rows)
     square, slope = np.zeros((count, 3, 3)), np.zeros((count, 3))
     np.add.at(square, sample, columns[:, :, None] * columns[:, None, :])
     np.add.at(slope, sample, columns * answer.fit.settled[:, None])
@@ -112,7 +92,7 @@ def _displacements(answer: Examination, columns: FloatArray) -> FloatArray:
     return displacement
 
 
-def _two_parts(points: FloatArray) -> tuple[float, BoolArray] | None:
+def _two_parts(points: FloatArray, rule: Rule) -> tuple[float, BoolArray] | None:
     """The split of points (n, 3) into two parts that chance does not make.
 
     Returns:
@@ -126,11 +106,12 @@ def _two_parts(points: FloatArray) -> tuple[float, BoolArray] | None:
     middle = np.median(cloud, axis=0)
     farthest = np.argsort(np.linalg.norm(cloud - middle, axis=1))[::-1]
     best: tuple[float, BoolArray] | None = None
-    for seed in farthest[np.linspace(0, len(cloud) // 2, SEEDS).astype(int)]:
+    # A search begins from each of some rows.
+    for seed in farthest[np.linspace(0, len(cloud) // 2, 12).astype(int)]:
         split = _split(cloud, middle, cloud[seed])
         if split is not None and (best is None or split[0] < best[0]):
             best = split
-    if best is None or best[0] > math.log(Rule().false_alarm):
+    if best is None or best[0] > math.log(rule.false_alarm):
         return None
     smaller = np.zeros(len(points), dtype=np.bool_)
     smaller[usable[best[1]]] = True
@@ -140,7 +121,7 @@ def _two_parts(points: FloatArray) -> tuple[float, BoolArray] | None:
 def _split(cloud: FloatArray, one: FloatArray, other: FloatArray) -> tuple[float, BoolArray] | None:
     """Points (n, 3) by which of two middles they are nearer to, from given middles on."""
     smaller = np.zeros(len(cloud), dtype=np.bool_)
-    for _ in range(ROUNDS):
+    for _ in range(20):
         nearer = np.linalg.norm(cloud - other, axis=1) < np.linalg.norm(cloud - one, axis=1)
         if min(nearer.sum(), (~nearer).sum()) < FEWEST:
             return None

@@ -1,29 +1,27 @@
 """Rows whose observation stands some rows too late or too early."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from functools import partial
-from typing import Any, ClassVar
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.pair_readings import MisreadPairs, Pairs, Reading
-from suta_calib.trust.sample_readings import Change, MisreadSamples, slid
+from suta_calib.trust.misreadings import Change, Misreading, PairReading, Pairs, slid
 
 
-class RowsLate(MisreadSamples):
-    """Readings of row i belong to the observation of row i + k, in all files or in one."""
+class RowsLate(Misreading):
+    """Readings of row i belong to the observation of row i + k, in all files.
 
-    name: ClassVar[str] = "rows late"
-    about: ClassVar[str] = "Observations stand some rows too late or too early, all by the same."
-    precedence: ClassVar[int] = 20
+    Pairs may also stand in the opposite order.
+    """
+
+    name = "rows late"
+    about = "Observations stand some rows too late or too early, all by the same."
+    precedence = 20
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """Two for each number of rows."""
-        del terms
         # Rows by which observations may be late: beyond a few the usual cause is a file in another
         # order, which is a hypothesis of its own.
         for rows in range(1, 20 + 1):
@@ -36,31 +34,21 @@ class RowsLate(MisreadSamples):
         samples = term.poses.samples
         return "what was seen or touched is 2 rows late", slid(-2, "", samples)
 
-
-class PairRows(MisreadPairs):
-    """The target of row i was seen from the hand of row i ± k, or of the last row but i."""
-
-    name: ClassVar[str] = "rows of pairs"
-    about: ClassVar[str] = "What the eye saw is some rows late or early, or in the opposite order."
-
-    def readings(self, data: Any) -> Iterator[Reading]:
+    def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """Two for each number of rows, and one for the opposite order."""
         # Rows by which pairs may be shifted; and pairs that must be left then, for of a few some
         # shift may always seem to fit.
         most_shift = 5
         least_pairs = 8
-        count = len(data.hand[1])
+        count = len(pairs.hand[1])
         for rows in range(1, min(most_shift, count - least_pairs) + 1):
             sentence = f"if what the eye saw is {'a row' if rows == 1 else f'{rows} rows'}"
-            yield f"{sentence} late", shifted(data, rows)
-            yield f"{sentence} early", shifted(data, -rows)
+            yield f"{sentence} late", shifted(pairs, rows)
+            yield f"{sentence} early", shifted(pairs, -rows)
         every = np.arange(count)
-        yield (
-            "if what the eye saw is in the opposite order",
-            data.rows(every, every[::-1]),
-        )
+        yield ("if what the eye saw is in the opposite order", pairs.rows(every, every[::-1]))
 
-    def fault(self, pairs: Pairs) -> Pairs:
+    def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The targets two rows late; those of the last rows stand in the first."""
         every = np.arange(len(pairs.hand[1]))
         return pairs.rows(every, np.roll(every, 2))

@@ -1,29 +1,25 @@
 """Observations that stand in the opposite order of the readings."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
-from typing import ClassVar
 
 import numpy as np
 
 from suta_calib.measurements import Samples
 from suta_calib.terms import Term
-from suta_calib.trust.sample_readings import Change, MisreadSamples, paired
+from suta_calib.trust.misreadings import Change, Misreading, paired
 
 DESCRIPTION = "what was seen or touched is in the opposite order"
 
 
-class RowsReversed(MisreadSamples):
+class RowsReversed(Misreading):
     """Readings of the first row of a file belong to the observation of its last, and so on."""
 
-    name: ClassVar[str] = "rows reversed"
-    about: ClassVar[str] = "Observations stand in the opposite order of the readings."
-    precedence: ClassVar[int] = 21
+    name = "rows reversed"
+    about = "Observations stand in the opposite order of the readings."
+    precedence = 21
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """One."""
-        del terms
         yield DESCRIPTION, backwards
 
 

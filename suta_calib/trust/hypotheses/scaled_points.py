@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
 
 import numpy as np
 
@@ -13,9 +12,17 @@ from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.terms.external_frame import pose_named
 from suta_calib.terms.tracked_point import TrackedPoint
-from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust import (
+    AddedVariable,
+    Effect,
+    Evidence,
+    Examination,
+    LinearFit,
+    SpoiltData,
+    Truth,
+    weigh_effects,
+)
+from suta_calib.trust.spoiling import with_columns
 from suta_calib.units import text
 
 
@@ -75,27 +82,29 @@ def one_by_one(answer: Examination) -> LinearFit:
     return replace(answer.fit, clusters=None, rows_per_independent_row=1.0)
 
 
+def by_scale(answer: Examination) -> FloatArray:
+    """(m, 1) columns of a scale about the middle of the placed points."""
+    return answer.by_shift((answer.position - answer.position.mean(axis=0))[:, :, None])
+
+
 class ScaledPoints(AddedVariable):
     """``seen = (1 + s) placed`` about the middle of the placed points."""
 
-    name: ClassVar[str] = "scale between two sets"
-    about: ClassVar[str] = "The points of one set are farther apart than those of the other."
-    applies_to: ClassVar[tuple[type[TrackedPoint], ...]] = (TrackedPoint,)
-    needs_arm: ClassVar[bool] = False
-    by_itself: ClassVar[bool] = True
+    name = "scale between two sets"
+    about = "The points of one set are farther apart than those of the other."
+    applies_to = (TrackedPoint,)
+    needs_arm = False
+    by_itself = True
     # One number. `PointSets.level` says from which size on it is worth a word.
-    worth: ClassVar[float] = 0.0
-    times_std: ClassVar[float] = 0.0
+    worth = 0.0
+    times_std = 0.0
     # Of six points with 0.3 mm of noise, 80 mm from their middle, 1 % is found in six of ten sets;
     # in the others ± of targets allows for it.
-    false_alarm: ClassVar[float] = 3e-4
+    false_alarm = 3e-4
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One number: the scale less one."""
-        placed = answer.position - answer.position.mean(axis=0)
-        velocity = np.zeros((len(placed), 6, 1))
-        velocity[:, :3, 0] = placed
-        yield Effect("scale", answer.by_motion(velocity), about=PointSets.of(answer))
+        yield Effect("scale", by_scale(answer), about=PointSets.of(answer))
 
     def weigh(self, answer: Examination) -> list[Evidence]:
         """The scale, by points that are measured one by one."""
@@ -118,11 +127,9 @@ class ScaledPoints(AddedVariable):
             f"{text(sets.left(size * sets.placed), 'm', with_unit=True)}."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: TrackedPoint, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """A second set that is 1 % larger or smaller."""
-        del values
-        term: TrackedPoint = data
-        samples, size = term.poses.samples, float(rng.choice([-0.01, 0.01]))
+        samples, size = data.poses.samples, float(rng.choice([-0.01, 0.01]))
         assert samples.position is not None
-        larger = replace(samples, position=(1.0 + size) * samples.position)
-        return SpoiltData(term.over_poses(term.poses.with_samples(larger)), np.array([size]))
+        larger = with_columns(data, position=(1.0 + size) * samples.position)
+        return SpoiltData(larger, np.array([size]))

@@ -1,14 +1,12 @@
 """A joint's column that was sorted by itself."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, ClassVar
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
+from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL
 from suta_calib.trust.spoiling import arm_of, middle_joint_changed
 
@@ -19,10 +17,10 @@ class SortedColumn(Pattern):
     A sweep does that too.
     """
 
-    name: ClassVar[str] = "sorted column"
-    about: ClassVar[str] = "A joint's column was sorted by itself."
-    precedence: ClassVar[int] = 30
-    role: ClassVar = "suspicion"
+    name = "sorted column"
+    about = "A joint's column was sorted by itself."
+    precedence = 30
+    role = "suspicion"
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One, of one joint."""
@@ -40,7 +38,6 @@ class SortedColumn(Pattern):
                 "of no other joint do: was its column sorted by itself?"
             )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The middle column sorted."""
-        del values, rng
         return middle_joint_changed(data, np.sort, "The readings of {} stand in order")

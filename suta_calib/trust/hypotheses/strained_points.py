@@ -4,11 +4,9 @@ A distance between slices that is not what a file says stretches all points alon
 gantry makes two axes other than square. An instrument whose axes count differently does either.
 """
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -16,10 +14,18 @@ from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level
 from suta_calib.geometry.numbers import rms_length, skew, tangent_of_vector
 from suta_calib.terms.tracked_point import TrackedPoint
-from suta_calib.trust.evidence import Effect, Evidence, LinearFit, weigh_effects
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypotheses.scaled_points import PointSets, one_by_one
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust import (
+    AddedVariable,
+    Effect,
+    Evidence,
+    Examination,
+    LinearFit,
+    SpoiltData,
+    Truth,
+    weigh_effects,
+)
+from suta_calib.trust.hypotheses.scaled_points import PointSets, by_scale, one_by_one
+from suta_calib.trust.spoiling import with_columns
 from suta_calib.units import text
 
 # Symmetric matrices without a trace (5, 3, 3), each of length one.
@@ -68,17 +74,17 @@ class StrainedPoints(AddedVariable):
     determine two of the five.
     """
 
-    name: ClassVar[str] = "strain between two sets"
-    about: ClassVar[str] = "The points of one set are longer along one axis, or skew."
-    applies_to: ClassVar[tuple[type[TrackedPoint], ...]] = (TrackedPoint,)
-    needs_arm: ClassVar[bool] = False
-    by_itself: ClassVar[bool] = True
+    name = "strain between two sets"
+    about = "The points of one set are longer along one axis, or skew."
+    applies_to = (TrackedPoint,)
+    needs_arm = False
+    by_itself = True
     # `PointSets.level` says from which size on it is worth a word; of five numbers each may be
     # small.
-    worth: ClassVar[float] = 0.0
-    times_std: ClassVar[float] = 0.0
+    worth = 0.0
+    times_std = 0.0
     # Of real fiducials more is wrong than a rule of chance allows for.
-    false_alarm: ClassVar[float] = 1e-4
+    false_alarm = 1e-4
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """The five numbers, along the axes of the second set."""
@@ -86,18 +92,14 @@ class StrainedPoints(AddedVariable):
         # Of axes of the first set, in which the poses are.
         turned = sets.turn.T @ STRAINS @ sets.turn
         placed = answer.position - answer.position.mean(axis=0)
-        velocity = np.zeros((len(placed), 6, len(STRAINS)))
-        velocity[:, :3] = np.einsum("kij,nj->nik", turned, placed)
-        yield Effect("strain", answer.by_motion(velocity), about=sets)
+        columns = answer.by_shift(np.einsum("kij,nj->nik", turned, placed))
+        yield Effect("strain", columns, about=sets)
 
     def weigh(self, answer: Examination) -> list[Evidence]:
         """The strain beside a scale that follows."""
         fit = one_by_one(answer)
-        placed = answer.position - answer.position.mean(axis=0)
-        velocity = np.zeros((len(placed), 6, 1))
-        velocity[:, :3, 0] = placed
-        scale = answer.by_motion(velocity)
-        beside = LinearFit(np.hstack([fit.jacobian, scale]), fit.residual, weight=fit.weight)
+        columns = np.hstack([fit.jacobian, by_scale(answer)])
+        beside = LinearFit(columns, fit.residual, weight=fit.weight)
         weighed = list[Evidence]()
         for evidence in weigh_effects(beside, self.effects(answer)):
             strain = _strain(answer, beside, evidence)
@@ -134,27 +136,18 @@ class StrainedPoints(AddedVariable):
             f"With these scales the rms would be {text(strain.rms, 'm', with_unit=True)}."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: TrackedPoint, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """A second set that is 2 % longer along one axis, and 1 % shorter along the others."""
-        del values
-        term: TrackedPoint = data
-        samples, axis = term.poses.samples, int(rng.integers(3))
+        samples, axis = data.poses.samples, int(rng.integers(3))
         assert samples.position is not None
         strain = 0.02 * (1.5 * np.diag(np.eye(3)[axis]) - 0.5 * np.eye(3))
         seen = samples.position + samples.position @ strain
         size = np.einsum("kij,ij->k", STRAINS, strain)
-        changed = term.poses.with_samples(replace(samples, position=seen))
-        return SpoiltData(term.over_poses(changed), size)
+        return SpoiltData(with_columns(data, position=seen), size)
 
 
 def _strain(answer: Examination, beside: LinearFit, evidence: Evidence) -> Strain:
-    """The affine transform that the linear fit finds: it is exact, affine transforms are linear.
-
-    Args:
-        answer: of points.
-        beside: its fit, with a scale as the last parameter.
-        evidence: on the strain.
-    """
+    """The affine transform that the linear fit finds: it is exact, affine transforms are linear."""
     sets: PointSets = evidence.effect.about
     symmetric = np.tensordot(evidence.size, STRAINS, axes=1)
     to_turn = sets.turn @ tangent_of_vector(answer.x[3:6])

@@ -1,24 +1,21 @@
 """Rows that show to the last digit what others show from elsewhere."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
-from typing import Any, ClassVar
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from suta_calib.measurements.samples import hashed
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Pattern, SpoiltData
+from suta_calib.trust import Pattern, SpoiltData, Truth
+from suta_calib.trust.spoiling import with_columns
 
 
 class StuckInstrument(Pattern):
     """The measured position is equal to an earlier one, though the arm had moved."""
 
-    name: ClassVar[str] = "stuck instrument"
-    about: ClassVar[str] = "The instrument repeats its last value while the arm moves."
-    precedence: ClassVar[int] = 22
+    name = "stuck instrument"
+    about = "The instrument repeats its last value while the arm moves."
+    precedence = 22
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
         """One for each term."""
@@ -41,13 +38,10 @@ class StuckInstrument(Pattern):
                     "instrument repeat its last value, or were rows copied? Leave them out."
                 )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """Three rows repeat the position of the one before."""
-        del values, rng
-        term: Term = data
-        samples = term.poses.samples
+        samples = data.poses.samples
         assert samples.position is not None
         position = samples.position.copy()
         position[11:14] = position[10]
-        stuck = term.poses.with_samples(replace(samples, position=position))
-        return SpoiltData(term.over_poses(stuck), np.zeros(0), "repeat its last value")
+        return SpoiltData(with_columns(data, position=position), effect="repeat its last value")

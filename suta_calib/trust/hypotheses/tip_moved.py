@@ -1,17 +1,12 @@
 """A tool, or a target on it, that was moved between two rows."""
 
-from __future__ import annotations
-
-from typing import ClassVar
-
-from suta_calib.trust.moved_frames import TIP, Frame, FrameInTime
+from suta_calib.trust.in_time import TipInTime
 
 
-class TipMoved(FrameInTime):
+class TipMoved(TipInTime):
     """Every tip is displaced and turned alike, along the axes of the tip, from a row on."""
 
-    name: ClassVar[str] = "tip moved"
-    about: ClassVar[str] = "The tool, or what is on it, was moved at a row."
-    sort: ClassVar[str] = "tip"
-    at_once: ClassVar[bool] = True
-    frame: ClassVar[Frame] = TIP
+    name = "tip moved"
+    about = "The tool, or what is on it, was moved at a row."
+    sort = "tip"
+    at_once = True

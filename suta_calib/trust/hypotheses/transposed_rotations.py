@@ -1,30 +1,30 @@
 """Rotation matrices that were written column by column."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any, ClassVar
 
 import numpy as np
 
+from suta_calib.terms.hand_eye import HandEye
 from suta_calib.terms.hand_eye_start import Poses
-from suta_calib.trust.pair_readings import MisreadPairs, Pairs, Reading
+from suta_calib.trust.misreadings import Misreading, PairReading, Pairs
 
 
-class TransposedRotations(MisreadPairs):
+class TransposedRotations(Misreading):
     """Rotations of the hand, or of the eye, are inverted and positions are not."""
 
-    name: ClassVar[str] = "transposed rotations"
-    about: ClassVar[str] = "The rotations of the hand or of the eye are transposed."
+    name = "transposed rotations"
+    applies_to = (HandEye,)
+    needs_arm = False
+    about = "The rotations of the hand or of the eye are transposed."
 
-    def readings(self, data: Any) -> Iterator[Reading]:
+    def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """One for the hand, one for the eye."""
         sentence = "if {}'s rotations are transposed, its positions not"
-        yield sentence.format("the hand"), replace(data, hand=_transposed(data.hand))
-        yield sentence.format("the eye"), replace(data, seen=_transposed(data.seen))
+        yield sentence.format("the hand"), replace(pairs, hand=_transposed(pairs.hand))
+        yield sentence.format("the eye"), replace(pairs, seen=_transposed(pairs.seen))
 
-    def fault(self, pairs: Pairs) -> Pairs:
+    def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The eye's rotations transposed."""
         return replace(pairs, seen=_transposed(pairs.seen))
 

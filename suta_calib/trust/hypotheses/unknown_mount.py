@@ -1,25 +1,22 @@
 """A target that sits elsewhere on the tip's link than at the tip."""
 
-from __future__ import annotations
-
-from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar
+from collections.abc import Iterator
 
 import numpy as np
 
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
-from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData
-from suta_calib.trust.spoiling import displaced
+from suta_calib.trust import Reinterpretation, SpoiltData, Truth
+from suta_calib.trust.spoiling import displaced, random_shift
 
 
 class UnknownMount(Reinterpretation):
     """Where the target sits on the tip's link is estimated (`Term.on_unknown_mount`)."""
 
-    name: ClassVar[str] = "unknown mount"
-    about: ClassVar[str] = "The target sits on the tip's link, but not at the tip."
-    precedence: ClassVar[int] = 83
-    tried: ClassVar = "fitted"
+    name = "unknown mount"
+    about = "The target sits on the tip's link, but not at the tip."
+    precedence = 83
+    tried = "fitted"
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:
         """One, where a kind knows such a mount."""
@@ -30,14 +27,10 @@ class UnknownMount(Reinterpretation):
             terms = tuple(term if other is None else other[1] for other, term in pairs)
             yield descriptions[0], terms
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The target 3 cm away from the tip."""
-        term: Term = data
-        direction = rng.standard_normal(3)
-        by = 0.03 * direction / np.linalg.norm(direction)
-        rotation, _ = term.poses.at(values)
-        twist = np.zeros((len(rotation), 6))
-        twist[:, :3] = rotation @ by
-        reading = term.on_unknown_mount
+        twist = np.zeros((len(data.poses), 6))
+        twist[:, :3] = data.poses.at(values)[0] @ random_shift(rng, 0.03)
+        reading = data.on_unknown_mount
         description = "" if reading is None else reading[0]
-        return SpoiltData(displaced(term, values, twist), np.zeros(0), description)
+        return SpoiltData(displaced(data, values, twist), effect=description)

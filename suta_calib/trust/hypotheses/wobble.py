@@ -1,18 +1,14 @@
 """A joint axis that wobbles: a bearing out of true tilts the axis with the joint's angle."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ROTATION
-from suta_calib.trust.evidence import Effect, Evidence
-from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypothesis import AddedVariable, SpoiltData
+from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.spoiling import arm_of, displaced
 from suta_calib.units import from_deg, text
 
@@ -23,8 +19,8 @@ class Wobble(AddedVariable):
     No parameter describes it, so that nothing can be freed. Its effect at the tip is stated.
     """
 
-    name: ClassVar[str] = "axis wobble"
-    about: ClassVar[str] = "The axis of a joint tilts once or twice a turn."
+    name = "axis wobble"
+    about = "The axis of a joint tilts once or twice a turn."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each revolute joint and harmonic."""
@@ -62,7 +58,7 @@ class Wobble(AddedVariable):
             "the bearing of this joint."
         )
 
-    def spoil(self, data: Any, values: Mapping[str, float], rng: np.random.Generator) -> SpoiltData:
+    def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """An axis that tilts by 0.1° twice a turn."""
         arm = arm_of(data)
         joint = str(rng.choice([j for j in arm.joints if arm.units[j] == "rad"][:-1]))

@@ -1,4 +1,4 @@
-"""A step of one joint in some rows, of a size that nobody knows, is found and named."""
+"""Readings of a size that nobody knows: a step, a factor of depths, a unit of a length."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ import pytest
 from simulated import Scene, dh_parameters
 from terms_cases import SIGMA, noises, scene
 
-from suta_calib import Problem, Samples, SolverOptions, solve
+from suta_calib import ArmPoses, Problem, Samples, Solution, SolverOptions, solve
 from suta_calib.arrays import BoolArray
 from suta_calib.terms import Term
 from suta_calib.trust.hypotheses.missed_count import MissedCount
-from suta_calib.trust.rereading import explaining_reading
+from suta_calib.trust.hypotheses.other_camera import OtherCamera
+from suta_calib.trust.rereading import Rereading, explaining_reading
 
+ONCE = SolverOptions(starts=1)
+FIFTY = SolverOptions(starts=1, max_iterations=50)
 JOINT = 4
 
 
@@ -60,9 +63,7 @@ def test_a_count_that_stays_lost_is_told_by_its_rows_and_is_the_cause() -> None:
     count = len(samples_of(s))
     rows = (np.arange(count) >= 8) & (np.arange(count) < 17)
     term = stepped(s, rows, 2 * np.pi / 6)
-    cause = explaining_reading(
-        solve(Problem([term], dh_parameters(s.arm)), SolverOptions(starts=1))
-    )
+    cause = explaining_reading(solve(Problem([term], dh_parameters(s.arm)), ONCE))
     assert cause is not None
     origin = samples_of(s).origin
     assert cause.description == (
@@ -75,9 +76,7 @@ def test_a_tool_of_no_length_does_not_hide_a_step_of_the_wrist() -> None:
     """Without a tool no turn of the wrist would change a distance: no unit makes it so short."""
     s = scene("pairwise_distance")
     term = stepped(s, beyond(s, 0.6), 2 * np.pi / 10)
-    cause = explaining_reading(
-        solve(Problem([term], dh_parameters(s.arm)), SolverOptions(starts=1))
-    )
+    cause = explaining_reading(solve(Problem([term], dh_parameters(s.arm)), ONCE))
     assert cause is not None
     assert cause.description.startswith("joint_5 reads 36.0000 deg too little in ")
 
@@ -93,3 +92,67 @@ def test_rows_without_an_order_have_no_count_that_missed_a_step() -> None:
 def test_sound_rows_have_no_step(name: str) -> None:
     s = scene(name)
     assert not [*MissedCount().readings(Problem([stepped(s, beyond(s, 0.6), 0.0)]))]
+
+
+# ── poses of another camera ──
+
+
+def fitted(s: Scene, factor: float) -> Solution:
+    samples = s.samples(SIGMA)[0]
+    assert samples.position is not None
+    samples = replace(samples, position=samples.position * [1.0, 1.0, factor])
+    return solve(Problem([s.term(samples, *noises(SIGMA, False))], dh_parameters(s.arm)), ONCE)
+
+
+@pytest.mark.parametrize("name", ["hand_eye", "tracked_point with orientation"])
+@pytest.mark.parametrize(("factor", "said"), [(1.08, "too far"), (0.9, "too near")])
+def test_the_factor_of_all_depths_is_found(name: str, factor: float, said: str) -> None:
+    s = scene(name)
+    solution = fitted(s, factor)
+    ((sentence, (term,)),) = OtherCamera().readings(solution.problem)
+    depth = s.samples(SIGMA)[0].position
+    found = term.poses.samples.position
+    assert depth is not None
+    assert found is not None
+    np.testing.assert_allclose(found, depth, rtol=1e-3, atol=1e-9)
+    cause = explaining_reading(solution)
+    assert cause is not None
+    assert cause.description == sentence
+    by, _, rest = sentence.removeprefix("what was seen is ").partition(" % ")
+    assert float(by) == pytest.approx(100 * abs(factor - 1), abs=0.05)
+    assert rest.startswith(said)
+
+
+def test_right_depths_are_left_alone() -> None:
+    solution = fitted(scene("hand_eye"), 1.0)
+    assert not [*OtherCamera().readings(solution.problem)]
+    assert not [*OtherCamera().readings(fitted(scene("tracked_point"), 1.0).problem)]
+
+
+# ── a length of the arm ──
+
+
+def cause(name: str, length: str, factor: float) -> tuple[float, Rereading | None]:
+    """Of data of an arm, one of whose lengths stands in another unit; and that length, mm."""
+    s = scene(name)
+    right = s.arm.parameters[length].nominal
+    arm = s.arm.at({length: factor * right})
+    term = s.term(s.samples(SIGMA)[0], *noises(SIGMA, False))
+    wrong = term.over_poses(ArmPoses(arm, term.poses.samples))
+    return 1e3 * right, explaining_reading(solve(Problem([wrong], dh_parameters(arm)), FIFTY))
+
+
+@pytest.mark.parametrize("name", ["tracked_point", "hand_eye"])
+@pytest.mark.parametrize("factor", [10.0, 0.01])
+def test_a_length_in_another_unit_is_named(name: str, factor: float) -> None:
+    right, found = cause(name, "joint_4.z", factor)
+    assert found is not None
+    assert found.description == (
+        f"joint_4.z is {right:.6g} mm and not {factor * right:.6g} mm: a wrong unit in the URDF"
+    )
+    assert found.after < 0.1 * found.before
+
+
+def test_a_length_in_its_own_unit_is_not() -> None:
+    _, found = cause("tracked_point", "joint_4.z", 1.0)
+    assert found is None
