@@ -265,7 +265,7 @@ def calibrate_hand_eye(
     explained: tuple[FloatArray, ...] = ()
     followed = np.zeros_like(fit.covariance)
     if far is not None and far.supported(rule):
-        change = answer.plain_fit.explained(far.evidence).reshape(len(fit.sigmas), -1, 3)
+        change = far.evidence.explained(answer.plain_fit).reshape(len(fit.sigmas), -1, 3)
         explained = tuple(-s * part for s, part in zip(fit.sigmas, change, strict=True))
         followed = fit.followed(far.evidence)
     x = fit.solution.x

@@ -203,7 +203,10 @@ class LinearFit(Displayable):
 
     def curvature(self, columns: FloatArray) -> FloatArray:
         """(k, k) of the squares by the size of columns (m, k) that all parameters follow."""
-        return np.asarray((columns * self.weights[:, None]).T @ self.followed(columns))
+        moves = self.moves(columns)
+        left = columns + self.jacobian @ moves
+        by_rows = (left * self.weights[:, None]).T @ left
+        return np.asarray(by_rows + moves.T @ (self.prior[:, None] * moves))
 
     def moves(self, columns: FloatArray) -> FloatArray:
         """(p, k) how far all parameters move per unit when they follow columns (m, k)."""
