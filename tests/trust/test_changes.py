@@ -59,7 +59,7 @@ def solved(scene: Scene, change: Callable[[Samples], Samples], seed: int = 0) ->
 
 
 def changes_of(solution: Solution) -> tuple[ChangeInTime, ...]:
-    return changes_of(solution)
+    return CalibrationExamination.of(solution).changes
 
 
 def unchanged(samples: Samples) -> Samples:

@@ -41,7 +41,7 @@ def calibrated(eccentricity: float) -> tuple[Solution, Term]:
     """Sixty postures fitted, thirty others to validate on."""
     whole = tracked_scene(arm_named("suta"), {"joint_3.ecc_c1": eccentricity}, 90)
     term = whole.term(whole.samples(Spread(position=1e-4), 0)[0], Noise())
-    fitted, held_out = term.take(slice(60)), term.take(slice(60, None))
+    fitted, held_out = term.take(np.arange(60)), term.take(np.arange(60, 90))
     return solve(Problem([fitted], unknowns()), SolverOptions(confirm=False)), held_out
 
 
