@@ -11,6 +11,7 @@ from simulated import tracked_scene
 
 from suta_calib.analysis.planning import PlanOptions, Pool, Situation, plan
 from suta_calib.analysis.tip_map import TipMapOptions, tip_map_of_solution
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
 from suta_calib.simulation import read_simulation, simulate
@@ -25,6 +26,13 @@ def arm_of(joints: int, folder: Path) -> ArmModel:
     path = folder / "arm.urdf"
     path.write_text(few_joints(joints))
     return ArmModel.from_urdf(path, "tip")
+
+
+def made(folder: Path, joints: int, kind: str) -> tuple[FloatArray, FloatArray]:
+    """Orientations and places of the tip in the first file that is simulated of an arm."""
+    arm_of(joints, folder)
+    found = simulate(read_simulation(simulation(folder, kind)))
+    return found.arm.forward(found.files[0].samples.q, found.values)
 
 
 @pytest.mark.parametrize(
@@ -49,26 +57,21 @@ def test_joints_in_one_plane_are_fewer_than_they_are(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("joints", [3, 4, 5, 7])
 def test_a_point_is_touched_as_the_arm_can(tmp_path: Path, joints: int) -> None:
-    (tmp_path / "arm.urdf").write_text(few_joints(joints))
-    found = simulate(read_simulation(simulation(tmp_path, "fixed_point")))
-    _, position = found.arm.forward(found.files[0].samples.q, found.values)
+    _, position = made(tmp_path, joints, "fixed_point")
     np.testing.assert_allclose(position, np.tile([0.35, 0.05, 0.25], (6, 1)), atol=1e-9)
 
 
 def test_how_the_tip_sits_is_asked_only_where_it_is_looked_at(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(few_joints(4))
     (tmp_path / "artefact.yaml").write_text(ARTEFACT)
-    found = simulate(read_simulation(simulation(tmp_path, "pairwise_distance")))
-    _, position = found.arm.forward(found.files[0].samples.q, found.values)
+    _, position = made(tmp_path, 4, "pairwise_distance")
     np.testing.assert_allclose(position[1] - position[0], [0.1, 0, 0], atol=1e-9)
     with pytest.raises(JobError, match=r"an arm of 4 joints.*leave rotation_rpy_deg"):
-        simulate(read_simulation(simulation(tmp_path, "landmark")))
+        made(tmp_path, 4, "landmark")
 
 
 def test_an_arm_that_gets_nowhere_is_told_to_be_seen(tmp_path: Path) -> None:
-    (tmp_path / "arm.urdf").write_text(few_joints(2))
     with pytest.raises(JobError, match=r"an arm of 2 joints.*see it with an instrument"):
-        simulate(read_simulation(simulation(tmp_path, "fixed_point")))
+        made(tmp_path, 2, "fixed_point")
 
 
 @pytest.mark.parametrize("joints", [2, 4, pytest.param(8, marks=pytest.mark.slow)])
@@ -91,9 +94,7 @@ def test_plans_and_maps(tmp_path: Path, joints: int) -> None:
 
 def test_the_drawn_arm_is_that_of_the_readings(tmp_path: Path) -> None:
     """Also where the base is another link than the root, and the chain climbs."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(few_joints(5))
-    up, down = ArmModel.from_urdf(path, "tip"), ArmModel.from_urdf(path, "l0", "tip")
+    up, down = arm_of(5, tmp_path), ArmModel.from_urdf(tmp_path / "arm.urdf", "l0", "tip")
     q = np.array([0.3, -0.4, 0.5, 0.6, -0.7])
     drawn, inverted = up.skeleton(q).points, down.skeleton(q[::-1]).points
     R, p = up.forward(q)

@@ -162,12 +162,9 @@ def test_a_placement_out_of_reach_is_named(folder: Folder) -> None:
 
 
 def test_a_point_out_of_reach_is_named(folder: Folder) -> None:
+    far = EXACT.replace("[400, 0, 100]", "[1400, 0, 100]")
     with pytest.raises(JobError, match=r"sets\.fixed_point\.points\.F1: found 0 directions"):
-        folder.simulate(
-            EXACT.replace("[400, 0, 100]", "[1400, 0, 100]").replace(
-                "directions: 12", "directions: 1"
-            )
-        )
+        folder.simulate(far.replace("directions: 12", "directions: 1"))
 
 
 @pytest.mark.parametrize(
@@ -221,12 +218,7 @@ def test_the_data_in_the_repository_are_what_the_simulation_makes(
             assert kept.is_file()
             continue
         assert kept.read_text().splitlines()[0] == path.read_text().splitlines()[0]
-        _same_readings(kept, path)
-
-
-def _same_readings(kept: Path, made: Path) -> None:
-    """Equal but for a step of the encoder, which another processor's rounding may tip over."""
-    one, other = (
-        np.genfromtxt(file, delimiter=",", skip_header=1, usecols=range(6)) for file in (kept, made)
-    )
-    np.testing.assert_allclose(one, other, atol=1.01 * 2 * np.pi / 2**22, rtol=0)
+        # Equal but for a step of the encoder, which another processor's rounding may tip over.
+        columns = {"delimiter": ",", "skip_header": 1, "usecols": range(6)}
+        one, other = (np.genfromtxt(file, **columns) for file in (kept, path))
+        np.testing.assert_allclose(one, other, atol=1.01 * 2 * np.pi / 2**22, rtol=0)

@@ -42,10 +42,6 @@ SETS = {
 }
 
 
-def made_of(folder: Folder, body: str, header: str = HEADER) -> Simulation:
-    return folder.simulate(header + body)
-
-
 def all_samples(made: Simulation) -> Samples:
     return Samples.concatenate([file.samples for file in made.files])
 
@@ -64,7 +60,7 @@ def folder(tmp_path: Path, suta_urdf: Path) -> Folder:
 def test_truth_has_the_poses_that_a_calibration_of_the_true_arm_finds(
     folder: Folder, kind: str
 ) -> None:
-    made = made_of(folder, f"    kind: {kind}\n{SETS[kind]}")
+    made = folder.simulate(HEADER + f"    kind: {kind}\n{SETS[kind]}")
     written = told(made, folder.path / "out")["external_poses"]["seen"]
     (plan,) = made.spec.sets
     poses = ArmPoses(made.arm.at(made.values), all_samples(made))
@@ -85,7 +81,7 @@ def test_truth_has_the_poses_that_a_calibration_of_the_true_arm_finds(
 
 def test_distances_know_of_no_pose(folder: Folder) -> None:
     body = f"    kind: pairwise_distance\n{SETS['landmark']}"
-    assert "external_poses" not in told(made_of(folder, body), folder.path / "out")
+    assert "external_poses" not in told(folder.simulate(HEADER + body), folder.path / "out")
 
 
 def test_the_tip_may_be_that_of_a_probe(folder: Folder) -> None:
@@ -94,7 +90,7 @@ def test_the_tip_may_be_that_of_a_probe(folder: Folder) -> None:
         HEADER.replace("tip: tip}", "tip: tip, tip_offset_mm: [20, -10, 90]}"),
     )
     body = f"    kind: fixed_point\n{SETS['fixed_point']}"
-    made = made_of(folder, body, header)
+    made = folder.simulate(header + body)
     plain = ArmModel.from_urdf(folder.urdf, "tip")
     bent = {name: value for name, value in made.values.items() if name.endswith(".offset")}
     samples = all_samples(made)
@@ -114,7 +110,7 @@ def test_the_tip_may_be_that_of_a_probe(folder: Folder) -> None:
 def test_a_probe_on_a_link_that_moves_is_refused(folder: Folder) -> None:
     header = HEADER.replace("tip: tip}", "tip: joint_6, tip_offset_mm: [0, 0, 90]}")
     with pytest.raises(JobError, match=r"simulation\.yaml: arm\.tip_offset_mm: found .* joint_6"):
-        made_of(folder, f"    kind: fixed_point\n{SETS['fixed_point']}", header)
+        folder.simulate(header + f"    kind: fixed_point\n{SETS['fixed_point']}")
 
 
 @pytest.mark.parametrize(("noise", "lengths"), [(0.0, "300"), (0.2, "300"), (0.2, "[200, 400]")])
@@ -125,7 +121,7 @@ def test_an_instrument_scatters_whether_or_not_somebody_reads_it(
         f"    kind: range\n    anchors: {{A: {POINT}}}\n    length_mm: {lengths}\n"
         f"    directions: 150\n    noise: {{instrument_mm: {noise}}}\n"
     )
-    made = made_of(folder, body)
+    made = folder.simulate(HEADER + body)
     samples = all_samples(made)
     _, tip = made.arm.forward(samples.q, made.values)
     distance = np.linalg.norm(tip - [0.4, -0.05, 0.03], axis=1)
