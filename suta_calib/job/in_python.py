@@ -6,15 +6,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, Final
 
-import numpy as np
-
 from suta_calib.errors import InputError, ParameterError, did_you_mean
 from suta_calib.job.schema import ObservationSpec
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import (
     GEOMETRIC,
     OFFSET,
-    ROTATION,
     ParameterSet,
     Selection,
     with_usual_priors,
@@ -68,14 +65,8 @@ def unknowns_of(arm: ArmModel, free: Free) -> tuple[tuple[Selection, ...], Param
     if given != [GEOMETRIC]:
         return tuple(rows), with_usual_priors(arm.select(*rows).values())
     rows.append(Selection(f"*.{OFFSET}"))
-    # To turn a joint's origin about the joint's axis is what its offset does.
-    again = {
-        f"{joint.name}.{ROTATION[np.argmax(np.abs(joint.axis))]}"
-        for joint in arm.chain.joints
-        if joint.type in ("revolute", "continuous") and np.max(np.abs(joint.axis)) == 1.0
-    }
     chosen = arm.select(*rows)
-    return tuple(rows), with_usual_priors(p for n, p in chosen.items() if n not in again)
+    return tuple(rows), with_usual_priors(p for n, p in chosen.items() if n not in arm.like_offsets)
 
 
 def row_of(term: Term) -> ObservationSpec:

@@ -6,30 +6,52 @@ import csv
 import io
 import os
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from suta_calib.errors import JobError, OutputError
+from suta_calib.job.arm_grade import ArmGrade, arm_grade, finds_places, guessed_grade
 from suta_calib.measurements import write_text
 from suta_calib.measurements.csv_table import rotation_columns
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
-from suta_calib.terms import KINDS, first_kind
+from suta_calib.model.urdf_tree import read_tree
+from suta_calib.terms import KINDS
 
-DEFAULT_KINDS: Final = tuple(first_kind(artefact=on_it).kind for on_it in (True, False))
-_ARTEFACT: Final = """\
-# The artefact's landmarks as certified; the numbers below are an example: put in your own.
+_LANDMARKS: Final = """\
 # position_mm: where the tip's origin is when it is seated there, in the artefact's frame.
 # Optional: rotation_rpy_deg (the tip frame's orientation in the artefact when seated, roll pitch
 # yaw as in URDF) and sigma_mm (standard deviation of each coordinate).
-name: my artefact
-landmarks:
-  A: {position_mm: [0, 0, 40], sigma_mm: 0.01}
-  B: {position_mm: [100, 0, 40], sigma_mm: 0.01}
-  C: {position_mm: [0, 120, 60], sigma_mm: 0.01}
-  D: {position_mm: [90, 110, 20], sigma_mm: 0.01}
+# grade: certified (by a laboratory), machined or printed. It says how far all lengths may be wrong
+# by one factor, which no residual shows: every ± includes it.
 """
+_ARTEFACT: Final = f"""\
+# The artefact's landmarks as certified; the numbers below are an example: put in your own.
+{_LANDMARKS}name: my artefact
+grade: certified
+landmarks:
+  A: {{position_mm: [0, 0, 40], sigma_mm: 0.01}}
+  B: {{position_mm: [100, 0, 40], sigma_mm: 0.01}}
+  C: {{position_mm: [0, 120, 60], sigma_mm: 0.01}}
+  D: {{position_mm: [90, 110, 20], sigma_mm: 0.01}}
+"""
+_SHEET: Final = f"""\
+# The crosses of a printed sheet; the numbers below are an example: put in your own.
+{_LANDMARKS}name: my sheet
+grade: printed
+# A printer makes a sheet up to 1 % too long or too short, along x and along y by different factors:
+# both are estimated, with a standard deviation of 0.5 %. Measure the sheet along both sides with a
+# steel ruler, put what it says into the positions, and say how good the ruler was: 1000 ppm are
+# 0.2 mm over 200 mm. Nothing else makes the lengths of the arm so much better.
+stretch: free
+# scale_ppm: 1000
+landmarks:
+""" + "".join(
+    f"  {row}{k}: {{position_mm: [{80 * n}, {50 * (k - 3)}, 0], sigma_mm: 0.1}}\n"
+    for n, row in enumerate("ABC")
+    for k in range(1, 6)
+)
 
 
 class Template(NamedTuple):
@@ -40,31 +62,29 @@ class Template(NamedTuple):
 
 
 def new_job(
-    urdf: Path,
-    tip: str,
+    arm: ArmModel,
     folder: Path,
     *,
-    base: str | None = None,
-    kinds: Sequence[str] = DEFAULT_KINDS,
+    kinds: Sequence[str] = (),
+    grade: str | None = None,
 ) -> tuple[Template, ...]:
     """Files of a job for an arm; nothing is written yet.
 
     Args:
-        urdf: of the arm.
-        tip: link or frame to calibrate.
+        arm: at nominal, from a file.
         folder: where the job will be.
-        base: link the chain starts from; the root link by default.
-        kinds: of observation, each once.
+        kinds: of observation, each once; those that suit the grade by default.
+        grade: how the arm was made, of `ARM_GRADES`; guessed by default.
 
     Returns:
         ``calibration.yaml``, ``artefact.yaml`` and what else a kind needs, and empty samples files.
 
     Raises:
-        UrdfError: the URDF has no usable chain to the tip.
-        JobError: a kind is not known or given twice.
+        JobError: a kind or a grade is not known, or a kind is given twice.
         SamplesError: a joint is called as a column of one of the kinds.
     """
-    arm = ArmModel.from_urdf(urdf, tip, base)
+    made, reason = guessed_grade(arm) if grade is None else (arm_grade(grade), "")
+    kinds = kinds or made.kinds
     for kind in kinds:
         if kind not in KINDS:
             raise JobError(f"kind '{kind}'", f"one of {', '.join(KINDS)}", where="--kind")
@@ -74,9 +94,9 @@ def new_job(
     first, *further = kinds
     folders: dict[str, tuple[str, str | None]] = {first: ("calibration", "validation")}
     folders |= {kind: (kind, None) for kind in further}
-    files = [Template(folder / "calibration.yaml", _job(arm, urdf, folder, base, folders))]
+    files = [Template(folder / "calibration.yaml", _job(arm, made, reason, folder, folders))]
     if any(KINDS[kind].needs_artefact for kind in kinds):
-        files.append(Template(folder / "artefact.yaml", _ARTEFACT))
+        files.append(Template(folder / "artefact.yaml", _SHEET if made.sheet else _ARTEFACT))
     begun = {name: text for kind in kinds for name, text in KINDS[kind].files.items()}
     files += [Template(folder / name, text) for name, text in begun.items()]
     for kind, ends in folders.items():
@@ -123,45 +143,79 @@ def write_job(files: Sequence[Template]) -> None:
 
 def _job(
     arm: ArmModel,
-    urdf: Path,
+    grade: ArmGrade,
+    reason: str,
     folder: Path,
-    base: str | None,
     folders: dict[str, tuple[str, str | None]],
 ) -> str:
-    rows = "\n".join(_row(kind, fitted, explain=True) for kind, (fitted, _) in folders.items())
-    held_out = "\n".join(_row(k, v, explain=False) for k, (_, v) in folders.items() if v)
-    start = "" if base is None else f", base: {_quoted(base)}"
+    root = read_tree(*arm.urdf).root
+    start = "" if arm.chain.base == root else f", base: {_quoted(arm.chain.base)}"
+    guessed = f", as guessed: {reason}" if reason else ""
     return _JOB.format(
-        urdf=_quoted(Path(os.path.relpath(urdf, folder)).as_posix()),
+        urdf=_quoted(Path(os.path.relpath(arm.chain.path, folder)).as_posix()),
         tip=_quoted(arm.tip),
         base=start,
-        joints=", ".join(arm.joints),
-        offsets="\n".join(f"      - {_quoted(name)}" for name in arm.offsets),
-        rows=rows,
-        held_out=held_out,
+        made=grade.made,
+        joints=_wrapped(", ".join(arm.joints), "#   "),
+        grade=_wrapped(f"Its grade is {grade.name} ({grade.about}){guessed}.", "# "),
+        parameters="\n".join(_parameters(arm, grade)),
+        rows="\n".join(_row(kind, fitted, grade) for kind, (fitted, _) in folders.items()),
+        held_out="\n".join(_row(k, v) for k, (_, v) in folders.items() if v),
     )
 
 
-def _row(kind: str, folder: str, *, explain: bool) -> str:
-    artefact = ", artefact: artefact.yaml" if KINDS[kind].needs_artefact else ""
-    named = "".join(f", {Path(name).stem}: {name}" for name in KINDS[kind].files)
-    huber = f", {f'huber_{KINDS[kind].unit}'.rstrip('_')}: 1.35" if explain else ""
-    row = f"  - {{kind: {kind}{artefact}{named}, samples: '{folder}/*.csv'{huber}}}"
-    width = 100
-    comment = textwrap.wrap(
-        f"{kind}: {KINDS[kind].about}",
-        width,
-        initial_indent="  # ",
-        subsequent_indent="  # ",
-        break_on_hyphens=False,
+def _parameters(arm: ArmModel, grade: ArmGrade) -> Iterator[str]:
+    """The rows of the job's ``parameters``: offsets, placements, and what would say both twice."""
+    units = {arm.parameters[name].unit for name in arm.offsets}
+    yield "  - select:"
+    yield from (f"      - {_quoted(name)}" for name in arm.offsets)
+    if "rad" in units:
+        yield f"    prior_deg: {grade.offset_deg:g}"
+    if "m" in units:
+        yield f"    prior_mm: {grade.length_mm:g}"
+    yield (
+        f"  - {{select: geometric, prior_mm: {grade.length_mm:g}, prior_deg: {grade.tilt_deg:g}}}"
     )
-    return "\n".join([*comment, row]) if explain else row
+    if arm.like_offsets:
+        yield "  # To turn a joint's frame about the joint's axis is what its offset does."
+        yield "  - select:"
+        yield from (f"      - {_quoted(name)}" for name in arm.like_offsets)
+        yield "    fixed: true"
+
+
+def _row(kind: str, folder: str, grade: ArmGrade | None = None) -> str:
+    """A row of samples: fitted ones, of an arm of a grade, are explained."""
+    term = KINDS[kind]
+    artefact = {"artefact": "artefact.yaml"} if term.needs_artefact else {}
+    named = {Path(name).stem: name for name in term.files}
+    row = {"kind": kind, **artefact, **named, "samples": f"'{folder}/*.csv'"}
+    if grade is None:
+        return f"  - {{{', '.join(f'{key}: {value}' for key, value in row.items())}}}"
+    row[f"huber_{term.unit}".rstrip("_")] = "1.35"
+    lines = [f"{key}: {value}" for key, value in row.items()]
+    text = [_wrapped(f"{kind}: {term.about}", "  # "), f"  - {lines[0]}"]
+    text += [f"    {line}" for line in lines[1:]]
+    if finds_places(term):
+        text.append(_POSE)
+    return "\n".join(text)
+
+
+def _wrapped(text: str, start: str) -> str:
+    """Text as lines of a comment."""
+    return textwrap.fill(
+        text, 100, initial_indent=start, subsequent_indent=start, break_on_hyphens=False
+    )
 
 
 def _quoted(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+_POSE: Final = """\
+    # Where the artefact lay in the arm's base frame, as a ruler says: without it all but the place
+    # of the base is found. Uncomment it, with your own labels, numbers, and standard deviations.
+    # pose:
+    #   P1: {position_mm: [170, 0, 0], rotation_rpy_deg: [0, 0, 0], prior_mm: 2, prior_deg: 1}"""
 _JOB: Final = """\
 # One calibration job. Fill in the samples (and the artefact), then run
 #   suta-calib observe calibration.yaml     what these data can and cannot determine
@@ -170,22 +224,23 @@ _JOB: Final = """\
 
 # The arm: a URDF, and the link or frame whose pose matters. Every samples file needs one column
 # per joint, in rad (m for prismatic joints), as the encoders report it:
-#   {joints}
-arm: {{urdf: {urdf}, tip: {tip}{base}}}
+{joints}
+{grade}
+# suta-calib init --grade writes such a job for another grade. The key grade is that of the parts:
+# it says how far what no row below frees may be from the drawing (certified, machined, printed).
+arm: {{urdf: {urdf}, tip: {tip}{base}, grade: {made}}}
 
 # What is unknown: names or globs; later rows win. The word geometric stands for every placement
-# (x, y, z in m, rx, ry, rz in rad) of every moving joint and of the tip. bound_*: how far from
-# nominal a value may be. prior_mm, prior_deg: how far it is likely to be (standard deviation); the
-# data correct it, unless fixed: true stands beside it.
-# What the data cannot determine is held at nominal and reported.
+# (x, y, z in m, rx, ry, rz in rad) of every moving joint and of the tip. prior_mm, prior_deg: how
+# far a value is likely to be from nominal (standard deviation), by the grade. They are a guess: the
+# data correct it, unless fixed: true stands beside it. bound_mm, bound_deg: how far it may be.
+# What the data do not determine stays near nominal, and is reported.
 parameters:
-  - select:
-{offsets}
-    bound_deg: 15
-  - {{select: geometric, bound_mm: 30, bound_deg: 5}}
+{parameters}
 
 # What was measured: any number of rows, of any kinds, solved together. huber_*: errors beyond it
-# are believed less and less; leave it out for plain least squares.
+# are believed less and less; leave it out for plain least squares. Samples tell most where the same
+# place is met in different postures: tilt and turn the tool from one time to the next.
 observations:
 {rows}
 
@@ -193,6 +248,6 @@ observations:
 validation:
 {held_out}
 
-# starts: the first is nominal, the others are drawn within the bounds (seed: reproducible).
+# starts: the first is nominal, the others are drawn as the priors say (seed: reproducible).
 solver: {{starts: 8, seed: 0}}
 """

@@ -19,6 +19,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
+from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.model.chain import Chain, chain_of
 from suta_calib.model.gravity import Load, beyond
@@ -30,6 +31,7 @@ from suta_calib.model.parameters import (
     LINKS,
     OFFSET,
     POSITION,
+    ROTATION,
     Parameter,
     ParameterSet,
     Selection,
@@ -196,6 +198,20 @@ class ArmModel(Displayable):
     def offsets(self) -> tuple[str, ...]:
         """Names of the offsets of `movers`: what moves the tip as their motion does."""
         return tuple(name for s in self.movers for name in s.names(OFFSET))
+
+    @cached_property
+    def like_offsets(self) -> tuple[str, ...]:
+        """Names of what moves a joint's origin along or about the joint's axis, as its offset does.
+
+        Only of joints whose axis is one of the axes in which the origin is moved.
+        """
+        names = []
+        for joint in (joint for joint in self.chain.joints if joint.moving):
+            slides = joint.type == "prismatic"
+            axis = np.abs(rotation_from_rpy(joint.rpy) @ joint.axis if slides else joint.axis)
+            if axis.max() > 1.0 - 1e-9:
+                names.append(f"{joint.name}.{(POSITION if slides else ROTATION)[axis.argmax()]}")
+        return tuple(names)
 
     @cached_property
     def gearing(self) -> FloatArray:

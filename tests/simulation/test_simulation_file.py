@@ -19,6 +19,7 @@ from suta_calib.cli.simulate import simulate as command
 from suta_calib.errors import InputError, JobError, OutputError
 from suta_calib.job import CalibrationJob
 from suta_calib.job.new_job import new_job, write_job
+from suta_calib.model.arm import ArmModel
 from suta_calib.registry import shipped
 from suta_calib.simulation import read_simulation, simulate, write_simulation
 from suta_calib.terms import KINDS
@@ -112,10 +113,11 @@ def test_the_sets_of_the_guide_can_be_rehearsed(repository: Path, tmp_path: Path
     guide = (repository / "docs/guides/your_own_arm.md").read_text()
     sets = re.findall(r"^  calibration: (\{kind: (\w+).*\})$", guide, re.MULTILINE)
     assert {kind for _, kind in sets} == {*shipped(KINDS)}
+    suta = ArmModel.from_urdf(SUTA_URDF, "tip")
     arm = f"{{urdf: {SUTA_URDF}, tip: tip}}"
     for row, kind in sets:
         out, sheet = tmp_path / kind, tmp_path / "simulation.yaml"
-        write_job(new_job(SUTA_URDF, "tip", out, kinds=[kind]))
+        write_job(new_job(suta, out, kinds=[kind]))
         row = row.replace("rehearsal/", f"{kind}/")
         sheet.write_text(f"arm: {arm}\nsets:\n  calibration: {row}\n  validation: {row}\n")
         write_simulation(simulate(read_simulation(sheet)), out)

@@ -103,8 +103,8 @@ def test_a_kind_is_described(kind: type[Term]) -> None:
 
 @each_kind
 def test_a_job_of_any_kind_can_be_begun(kind: type[Term], tmp_path: Path) -> None:
-    urdf = arm_named("suta").chain.path
-    for file in new_job(urdf, "tip", tmp_path, kinds=[kind.kind]):
+    arm = arm_named("suta")
+    for file in new_job(arm, tmp_path, kinds=[kind.kind]):
         file.path.parent.mkdir(parents=True, exist_ok=True)
         file.path.write_text(file.text)
     (row,) = read_job(tmp_path / "calibration.yaml").observations
