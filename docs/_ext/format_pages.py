@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from markdown_pieces import anchor, sentence, table
 
 from suta_calib.exchange import export_formats, import_formats
-from suta_calib.exchange.description import Described
+from suta_calib.exchange.option import Described
 from suta_calib.registry import shipped
 
 TITLES = {"import": "What can be imported", "export": "What can be exported"}

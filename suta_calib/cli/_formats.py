@@ -8,8 +8,7 @@ from typing import Any, TypeVar
 
 import click
 
-from suta_calib.exchange.description import Described, options_of
-from suta_calib.exchange.option import options_from_file
+from suta_calib.exchange.option import Described, options_from_file, options_of
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 

@@ -1,20 +1,25 @@
-"""Bodies and markers that an instrument followed, and the poses CSV of some of them."""
+"""Bodies and markers that an instrument followed, its files, and the poses CSV of some of them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
-from suta_calib.exchange.imported import ImportedRows, distance_note, pose_columns
+from suta_calib.exchange.cells import TableRow, numbers_of, read_foreign_text, rows_of_text
+from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
+from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
 from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.rotations import rotations_from
 from suta_calib.words import listed
 
 BODY: Final = Option(
@@ -30,6 +35,8 @@ REFERENCE: Final = Option(
 PREFIX: Final = Option("prefix", "In front of the pose's columns: a_ or b_ for hand-eye.", "TEXT")
 INVERT: Final = Option("invert", "The poses are those of the instrument in the tool.", flag=True)
 BODY_OPTIONS: Final = (BODY, REFERENCE, PREFIX, INVERT)
+# In front of the columns of poses of hand-eye files, which stand side by side.
+PAIR: Final = ("a_", "b_")
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,15 +74,12 @@ class Body:
     def inverse(self) -> Body:
         """``T_body_instrument`` of ``T_instrument_body``."""
         assert self.rotation is not None
-        return Body(np.zeros_like(self.position), _identity(len(self.position))).relative_to(self)
+        back = np.swapaxes(self.rotation, 1, 2)
+        return Body((back @ (0.0 - self.position)[..., None])[..., 0], back)
 
 
 def _bare(name: str) -> str:
     return name.rstrip("_. :/").lower()
-
-
-def _identity(n: int) -> FloatArray:
-    return np.broadcast_to(np.eye(3), (n, 3, 3))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,33 +101,20 @@ class Recording:
     beside: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
     def imported(self, form: str, given: Given, prefix: str = "") -> ImportedRows:
-        """The poses CSV that the options ask for.
-
-        Args:
-            form: name of the format.
-            given: `BODY_OPTIONS`.
-            prefix: in front of the pose's columns where the options do not say.
-
-        Raises:
-            ForeignFileError: no such body, several and none was named, a marker where a pose is
-                needed, or no row in which all was seen.
-        """
+        """The poses CSV that the options ask for."""
         reference = self._one(given.text(REFERENCE)) if REFERENCE in given else None
-        names = self._chosen(given.text(BODY), reference)
-        names = [name for name in names if name != reference]
+        names = [name for name in self._chosen(given.text(BODY), reference) if name != reference]
         if not names:
-            raise given.refuse(
-                REFERENCE, f"{reference!r}, the body itself", "another body than --body"
-            )
+            problem = f"{reference!r}, the body itself"
+            raise given.refuse(REFERENCE, problem, "another body than --body")
         prefix, parts, dropped = given.text(PREFIX, prefix), list[dict[str, NDArray[Any]]](), 0
         for name in names:
             body, observed = self.bodies[name], self.bodies[name].observed
             if reference is not None:
                 frame = self._posed(reference, "a reference")
                 observed = observed & frame.observed
-                body = body.take(observed).relative_to(frame.take(observed))
-            else:
-                body = body.take(observed)
+                body = body.relative_to(frame)
+            body = body.take(observed)
             if INVERT in given:
                 self._posed(name, "what is inverted")
                 body = body.inverse()
@@ -147,6 +138,22 @@ class Recording:
             remarks=(f"The pose of {of}; lengths are {self.unit}.",),
         )
 
+    def pairs(self, form: str) -> ImportedRows:
+        """Rows of a hand-eye problem: two bodies of as many poses, and what stands beside them."""
+        columns = dict(self.beside)
+        prefixes = self.bodies if set(self.bodies) == set(PAIR) else PAIR
+        for prefix, body in zip(prefixes, self.bodies.values(), strict=True):
+            columns |= pose_columns(body.position, body.rotation, prefix)
+        asked = [distance_note(body.position, self.unit) for body in self.bodies.values()]
+        remarks = (f"Lengths are {self.unit}.",)
+        return ImportedRows(
+            source=self.path,
+            form=form,
+            columns=columns,
+            notes=tuple(filter(None, asked)),
+            remarks=remarks,
+        )
+
     def _chosen(self, pattern: str, reference: str | None) -> list[str]:
         if not pattern:
             bodies = [name for name in self.bodies if name != reference]
@@ -168,20 +175,80 @@ class Recording:
 
     def _one(self, name: str) -> str:
         # Of a table they are what stands in front of the columns' names: Tool of Tool.x.
-        candidates = [body for body in self.bodies if _bare(body) == _bare(name)]
-        if name not in self.bodies and len(candidates) == 1:
-            return candidates[0]
-        if name not in self.bodies:
-            raise ForeignFileError(
-                f"no body or marker {name!r}",
-                f"one of {listed(list(self.bodies), 12)}",
-                file=self.path,
-                hint=did_you_mean(name, self.bodies),
-            )
-        return name
+        same = [body for body in self.bodies if _bare(body) == _bare(name)]
+        if name in self.bodies or len(same) == 1:
+            return name if name in self.bodies else same[0]
+        problem, hint = f"no body or marker {name!r}", did_you_mean(name, self.bodies)
+        expected = f"one of {listed(list(self.bodies), 12)}"
+        raise ForeignFileError(problem, expected, file=self.path, hint=hint)
 
     def _posed(self, name: str, as_what: str) -> Body:
         if self.bodies[name].rotation is None:
             problem = f"{name!r}, a marker, as {as_what}"
             raise ForeignFileError(problem, "a body with an orientation", file=self.path)
         return self.bodies[name]
+
+
+class InstrumentReader(Reader):
+    """A text file of an instrument: bodies and markers in columns, a frame in each row.
+
+    Attributes:
+        separator: between cells.
+    """
+
+    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, COMPLETE)
+    separator: ClassVar[str] = ","
+
+    def read(self, path: Path, given: Given) -> ImportedRows:
+        """The pose of the body that is asked for, in m; frames without it are left out."""
+        text = read_foreign_text(path)
+        separator = self.separator_of(text)
+        check_end_of_rows(path, text, separator, given)
+        rows = rows_of_text(path, text, separator)
+        if not rows:
+            raise self.strange(path, "nothing but comments", "frames")
+        return self.recording(path, rows, given).imported(self.name, given)
+
+    def separator_of(self, text: str) -> str:
+        """What stands between the cells of a text."""
+        del text
+        return self.separator
+
+    @abstractmethod
+    def recording(self, path: Path, rows: Sequence[TableRow], given: Given) -> Recording:
+        """Everything the file holds."""
+
+    def strange(
+        self, path: Path, problem: str, expected: str, line: int | None = None
+    ) -> Exception:
+        """Error that a file is not what it seems, to be raised by the caller."""
+        hint = f"is it {self.summary}? another --format, or table, may fit"
+        return ForeignFileError(problem, expected, file=path, line=line, hint=hint)
+
+
+def body_of(
+    path: Path,
+    rows: Sequence[TableRow],
+    position: Sequence[int],
+    rotation: Sequence[int],
+    form: str,
+    scale: float,
+    angle: float = 1.0,
+) -> Body:
+    """A body in some columns; none of a rotation for a marker.
+
+    ``scale`` is in m per unit of the position, ``angle`` in rad per unit of angles.
+    """
+    lines = [row.line for row in rows]
+    places = checked_places(path, lines, scale * numbers_of(path, rows, position))
+    if not rotation:
+        return Body(places)
+    return Body(places, rotations_from(form, angle * numbers_of(path, rows, rotation), path, lines))
+
+
+def column_of_time(path: Path, rows: Sequence[TableRow], column: int | None) -> FloatArray | None:
+    """(n,) s in a column, or None where there is none or a time is missing."""
+    if column is None:
+        return None
+    time = numbers_of(path, rows, [column])[:, 0]
+    return time if np.isfinite(time).all() else None

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import errno
+import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from suta_calib.errors import ForeignFileError
 from suta_calib.inputs import read_input
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
+from suta_calib.units import from_mm
 
 # Half a million rows of two bodies; what is larger does not fit a table that people look at, and a
 # device or a pipe never ends.
@@ -26,18 +28,25 @@ MISSING: Final = frozenset(
     {"", "-", "--", "missing", "nan", "na", "n/a", "#n/a", "null", "none", "no data", "disabled"}
 )
 
+# m per unit, by what instruments call it.
+LENGTH_UNITS: Final[dict[str, float]] = {
+    **dict.fromkeys(("m", "meters", "metres", "meter", "metre"), 1.0),
+    **dict.fromkeys(("cm", "centimeters", "centimetres"), from_mm(10.0)),
+    **dict.fromkeys(("mm", "millimeters", "millimetres"), from_mm(1.0)),
+}
+
 
 @dataclass(frozen=True)
 class TableRow:
-    """One row of a foreign table.
-
-    Attributes:
-        line: its line, from 1; of a spreadsheet its row.
-        cells: stripped of blanks around them.
-    """
+    """One row of a foreign table: its line (of a spreadsheet its row), and stripped cells."""
 
     line: int
     cells: tuple[str, ...]
+
+    def without(self, start: int, stop: int) -> TableRow:
+        """The row with nothing in some of its cells."""
+        blank = ("",) * len(self.cells[start:stop])
+        return TableRow(self.line, (*self.cells[:start], *blank, *self.cells[stop:]))
 
 
 def is_folder(path: Path) -> bool:
@@ -72,12 +81,9 @@ def read_bounded(path: Path) -> bytes:
     except (OSError, ValueError) as problem:
         reason = getattr(problem, "strerror", None) or str(problem)
         if getattr(problem, "errno", None) == errno.EFBIG:
-            raise ForeignFileError(
-                reason,
-                "a recording of a few hundred thousand rows",
-                file=path,
-                hint="cut it, or record less often: averages over rests carry as much",
-            ) from None
+            expected = "a recording of a few hundred thousand rows"
+            hint = "cut it, or record less often: averages over rests carry as much"
+            raise ForeignFileError(reason, expected, file=path, hint=hint) from None
         description = f"an unreadable file ({reason})"
         raise ForeignFileError(description, "a readable file", file=path) from None
     if not data.strip(b"\0 \t\r\n"):
@@ -105,16 +111,26 @@ def read_foreign_text(path: Path) -> str:
         return data.decode("latin-1")
 
 
+def read_json(path: Path) -> dict[str, Any]:
+    """The one JSON object in a file, with something in it; one error for whatever is wrong."""
+    try:
+        data = json.loads(read_foreign_text(path))
+    except json.JSONDecodeError as problem:
+        reason = f"text that is not JSON ({problem.msg})"
+        raise ForeignFileError(reason, "a JSON object", file=path, line=problem.lineno) from None
+    except (RecursionError, ValueError) as problem:
+        reason = f"JSON that cannot be read ({type(problem).__name__})"
+        raise ForeignFileError(reason, "a JSON object", file=path) from None
+    if not isinstance(data, dict) or not data:
+        description = "an empty JSON object" if data == {} else f"a JSON {type(data).__name__}"
+        raise ForeignFileError(description, "a JSON object with something in it", file=path)
+    return data
+
+
 def split_lines(path: Path, text: str, separator: str) -> Iterator[tuple[int, list[str]]]:
-    """Line and cells of every line that holds anything; what begins with ``#`` or ``%`` does not.
+    """Line and cells of every line that holds anything but a comment (``#`` or ``%``).
 
-    Args:
-        path: for messages.
-        text: of the file.
-        separator: between cells; a blank stands for any number of blanks and tabs.
-
-    Raises:
-        ForeignFileError: a line with a quote that never ends.
+    A blank as the separator stands for any number of blanks and tabs.
     """
     for number, line in enumerate(lines_of(text), 1):
         content = line.rstrip("\r\n")
@@ -148,11 +164,7 @@ def is_missing(cell: str) -> bool:
 
 
 def numbers_of(path: Path, rows: Sequence[TableRow], columns: Sequence[int]) -> FloatArray:
-    """Numbers (rows, columns) in some columns; NaN where a cell is missing.
-
-    Raises:
-        ForeignFileError: a cell that is neither a finite number nor missing, with its line.
-    """
+    """Numbers (rows, columns) in some columns; NaN where a cell is missing."""
     numbers = np.full((len(rows), len(columns)), np.nan)
     for k, row in enumerate(rows):
         for j, column in enumerate(columns):

@@ -52,23 +52,15 @@ def usual_names(names: Sequence[str]) -> list[str]:
     matches = {name: _WITH_FRAMES.fullmatch(name) for name in names}
     if len({match[2] or match[3] for match in matches.values() if match}) != 1:
         return list(names)
-    plain = []
-    for name, match in matches.items():
-        if match is None:
-            plain.append(name)
-        elif match[2]:
-            plain.append(match[4] + (match[5] or ""))
-        else:
-            plain.append("q" + match[4])
+    plain = [
+        name if match is None else match[4] + (match[5] or "") if match[2] else "q" + match[4]
+        for name, match in matches.items()
+    ]
     return plain if len(set(plain)) == len(plain) else list(names)
 
 
 def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
-    """Refuse positions with a number behind their names: whose they are only the user knows.
-
-    Raises:
-        ForeignFileError: there are columns such as x1, y1, z1.
-    """
+    """Refuse positions with a number behind their names: whose they are only the user knows."""
     numbered = dict.fromkeys(name[1:] for name in names if name[:1] == "x" and name[1:].isdigit())
     for number in numbered:
         if {f"{axis}{number}" for axis in "xyz"} <= {*names}:
@@ -81,20 +73,12 @@ def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
             if len(angle_columns) == len(_ANGLES):
                 renamed += [f"{a}={b}" for a, b in zip(angle_columns, _ANGLES, strict=True)]
                 angles = f" {UNIT.switch} rad --rotation xyz"
+            problem = f"columns {', '.join(columns)}, which are no names of a pose"
+            expected = "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw"
+            hint = f"say {COLUMNS.switch} {','.join(renamed)}{angles}, or what else they are"
             raise ForeignFileError(
-                f"columns {', '.join(columns)}, which are no names of a pose",
-                "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw",
-                file=sheet.path,
-                line=max(1, sheet.lines[0] - 1),
-                hint=f"say {COLUMNS.switch} {','.join(renamed)}{angles}, or what else they are",
+                problem, expected, file=sheet.path, line=max(1, sheet.lines[0] - 1), hint=hint
             )
-
-
-def _is_number(text: str) -> bool:
-    """Whether a text may be the number of a column: not one of thousands of digits."""
-    # Digits of a column's number.
-    longest_number = 6
-    return text.isascii() and text.isdigit() and len(text) <= longest_number
 
 
 def renamed(sheet: Sheet, given: Given) -> list[str]:
@@ -103,15 +87,14 @@ def renamed(sheet: Sheet, given: Given) -> list[str]:
     for source, target in given.pairs(COLUMNS).items():
         if source in sheet.names:
             k = sheet.names.index(source)
-        elif _is_number(source) and 1 <= int(source) <= len(names):
+        elif source in map(str, range(1, len(names) + 1)):
             k = int(source) - 1
         else:
+            problem = f"no column {source!r}"
+            expected = f"one of {listed(list(sheet.names), 16)}, or a number from 1 to {len(names)}"
+            hint = did_you_mean(source, sheet.names)
             raise ForeignFileError(
-                f"no column {source!r}",
-                f"one of {listed(list(sheet.names), 16)}, or a number from 1 to {len(names)}",
-                file=sheet.path,
-                where=COLUMNS.switch,
-                hint=did_you_mean(source, sheet.names),
+                problem, expected, file=sheet.path, where=COLUMNS.switch, hint=hint
             )
         names[k] = target
     for name, times in Counter(names).items():

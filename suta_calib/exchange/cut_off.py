@@ -22,15 +22,10 @@ from suta_calib.measurements.files import lines_of
 COMPLETE: Final = Option(
     "whole", "The file is complete, although its end looks cut off.", flag=True
 )
-# More decimals than programs write where their number is fixed; the shortest text that gives a
-# number back has up to 17, and as many as it happens to need.
-_MOST_DECIMALS: Final = 12
 _FIXED: Final = re.compile(r"[+-]?\d*[.,](\d+)((?:[eE][+-]\d+)?)", re.ASCII)
 _NUMBER: Final = re.compile(r"[+-]?[\d.,]+([eE][+-]?\d+)?", re.ASCII)
-# Text from the end of a file that tells how its last row should look.
-_TAIL: Final = 100_000
-_LAST_OF_MATRIX: Final = (0.0, 0.0, 0.0, 1.0)
 _OPENING, _CLOSING = "([{", ")]}"
+_LONGEST: Final = 40
 
 
 def check_end_of_rows(
@@ -40,21 +35,12 @@ def check_end_of_rows(
 
     The last row is complete where its line has an end, or where it has as many cells as the row
     before and its last cell cannot be the beginning of a longer one.
-
-    Args:
-        path: for messages.
-        text: of the whole file.
-        separator: between cells; a blank stands for any number of blanks and tabs.
-        given: `COMPLETE`.
-        fixed_width: whether all rows' last cells have the same number of characters.
-
-    Raises:
-        ForeignFileError: the last row may be cut off.
     """
     if COMPLETE in given or text.endswith(("\n", "\r")):
         return
     # Of a long file its end is enough; blank lines in front keep the numbers of the lines.
-    start = text.find("\n", max(0, len(text) - _TAIL)) + 1 if len(text) > _TAIL else 0
+    enough = 100_000
+    start = text.find("\n", len(text) - enough) + 1 if len(text) > enough else 0
     tail = "\n" * text.count("\n", 0, start) + text[start:]
     before, line = ["", *lines_of(tail)][-2:]
     # Blanks are no row, unless rows begin with them.
@@ -75,8 +61,8 @@ def check_end_of_rows(
     blanks = before.rstrip("\r\n").endswith(" ") <= line.endswith(" ")
     if blanks and _is_complete(line, separator, last.cells, earlier, fixed_width=fixed_width):
         return
-    problem = f"{last.cells[-1][-_LONGEST:]!r} at the end of the file, without a line break"
-    raise cut_off(path, last.line, problem, "a line break after it, as in all other lines")
+    expected = "a line break after it, as in all other lines"
+    raise _open_end(path, last.line, last.cells[-1], expected)
 
 
 def _is_complete(
@@ -87,15 +73,7 @@ def _is_complete(
     *,
     fixed_width: bool,
 ) -> bool:
-    """Whether the last cell of the last row is no beginning of a longer one.
-
-    Args:
-        line: the last one.
-        separator: between its cells.
-        last: its cells.
-        earlier: cells of the rows before, as many in each, the nearest first.
-        fixed_width: whether all rows' last cells have the same number of characters.
-    """
+    """Whether the last cell of the last row is no beginning of a longer one."""
     if not earlier:
         return False
     if line.endswith('"') or (separator == " " and line[-1].isspace()):
@@ -119,7 +97,10 @@ def _is_complete(
 def _form(cell: str) -> tuple[int, int] | None:
     """Decimals, and length of the exponent, of a number that may be of a fixed format."""
     match = _FIXED.fullmatch(cell)
-    if match is None or len(match[1]) > _MOST_DECIMALS:
+    # More decimals than programs write where their number is fixed; the shortest text that gives a
+    # number back has up to 17, and as many as it happens to need.
+    most_decimals = 12
+    if match is None or len(match[1]) > most_decimals:
         return None
     return len(match[1]), len(match[2])
 
@@ -129,33 +110,19 @@ def _ends_matrix(cells: Sequence[str], rows: int) -> bool:
     if len(cells) != 16 and (len(cells) != 4 or rows % 4):
         return False
     decimals = {len(cell.partition(".")[2]) for cell in cells[-4:]}
-    return len(decimals) == 1 and tuple(map(number_in, cells[-4:])) == _LAST_OF_MATRIX
+    return len(decimals) == 1 and [*map(number_in, cells[-4:])] == [0, 0, 0, 1]
 
 
 def check_end_of_program(
     path: Path,
     text: str,
     given: Given,
-    *,
     comment: str,
     opening: re.Pattern[str],
     closing: re.Pattern[str],
     last_word: re.Pattern[str],
 ) -> None:
-    """Refuse a program that was cut off: an open block, bracket or statement at its end.
-
-    Args:
-        path: for messages.
-        text: of the program.
-        given: `COMPLETE`.
-        comment: begins a comment.
-        opening: matches a line that begins a block, such as a module.
-        closing: matches a line that ends one.
-        last_word: matches such a line that is no beginning of another word.
-
-    Raises:
-        ForeignFileError: the program has no end.
-    """
+    """Refuse a program that was cut off: an open block, bracket or statement at its end."""
     if COMPLETE in given:
         return
     lines = [line.partition(comment)[0].strip() for line in lines_of(text)]
@@ -169,42 +136,25 @@ def check_end_of_program(
         return
     balance = sum(last.count(sign) for sign in _OPENING) - sum(map(last.count, _CLOSING))
     if balance > 0 or not last.endswith((";", *_CLOSING)):
-        problem = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
-        raise cut_off(path, len(lines), problem, "a complete statement")
+        raise _open_end(path, len(lines), last, "a complete statement")
 
 
 def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
-    """Refuse YAML whose last line has no end, unless it closes a list or a mapping.
-
-    Args:
-        path: for messages.
-        text: of the file.
-        given: `COMPLETE`.
-
-    Raises:
-        ForeignFileError: the last line may be cut off.
-    """
+    """Refuse YAML whose last line has no end, unless it closes a list or a mapping."""
     last = lines_of(text)[-1].rstrip(" ")
     if COMPLETE not in given and not last.endswith(("\n", "\r", *_CLOSING)):
-        problem = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
-        raise cut_off(path, len(lines_of(text)), problem, "a line break after it")
+        raise _open_end(path, len(lines_of(text)), last, "a line break after it")
 
 
 def check_count(path: Path, count: int, stated: float, what: str, given: Given) -> None:
-    """Refuse fewer rows than the file says that it has.
-
-    Args:
-        path: for messages.
-        count: how many there are.
-        stated: how many the file says; NaN where it does not.
-        what: they are.
-        given: `COMPLETE`.
-
-    Raises:
-        ForeignFileError: there are fewer.
-    """
+    """Refuse fewer rows than the file says that it has."""
     if COMPLETE not in given and count < stated:
         raise cut_off(path, None, f"{count} {what}", f"{stated:.0f}, as the file says")
+
+
+def _open_end(path: Path, line: int, last: str, expected: str) -> ForeignFileError:
+    problem = f"{last[-_LONGEST:]!r} at the end of the file, without a line break"
+    return cut_off(path, line, problem, expected)
 
 
 def cut_off(path: Path, line: int | None, problem: str, expected: str) -> ForeignFileError:
@@ -216,6 +166,3 @@ def cut_off(path: Path, line: int | None, problem: str, expected: str) -> Foreig
     if line is not None:
         hint += ", or add a line break at its end"
     return ForeignFileError(problem, expected, file=path, line=line, hint=hint)
-
-
-_LONGEST: Final = 40

@@ -5,15 +5,14 @@ from __future__ import annotations
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
 from dataclasses import replace
-from itertools import islice
+from functools import partial
+from itertools import islice, product
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
-import numpy as np
-
-from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import (
     MOST_BYTES,
@@ -40,49 +39,29 @@ SHEET: Final = Option("sheet", "Sheet of a spreadsheet, by name.", "NAME")
 DELIMITED_OPTIONS: Final = (SEPARATOR, DECIMAL, HEADER, SKIP, SHEET, COMPLETE)
 SPREADSHEETS: Final = (".xlsx", ".xlsm")
 _DECIMAL_COMMA: Final = re.compile(r"[+-]?\d*,\d+(?:[eE][+-]?\d+)?", re.ASCII)
-# Characters in which the comments above the rows are.
-_LONGEST_HEAD: Final = 100_000
-_MOST_ROWS: Final = 2_000_000
 # Of a table; what has more is a matrix, or its rows are its columns.
 _MOST_COLUMNS: Final = 10_000
 
 
 def read_sheet(path: Path, given: Given) -> Sheet:
-    """Read delimited text or a spreadsheet.
-
-    Args:
-        path: the file; ``.xlsx`` is a spreadsheet.
-        given: `DELIMITED_OPTIONS`.
-
-    Raises:
-        ForeignFileError: unreadable, no table, a row of another length, or a file that may be
-            taken apart in several ways that give different numbers.
-        MissingExtraError: a spreadsheet, without the package that reads them.
-    """
-    text = separator = decimal = ""
+    """Read delimited text, or a spreadsheet, which ``.xlsx`` is."""
+    text, separator, remarks = "", "", tuple[str, ...]()
+    everything: Callable[[], Iterator[RawRow]]
     if path.suffix.lower() in SPREADSHEETS:
-        cells = _spreadsheet(path, given.text(SHEET))
-        remarks: tuple[str, ...] = ()
-
-        def everything() -> Iterator[RawRow]:
-            return iter(cells)
-
+        everything = _spreadsheet(path, given.text(SHEET)).__iter__
     else:
         text = read_foreign_text(path)
-        separator, decimal = _signs(path, text, given)
-        check_end_of_rows(path, text, _SEPARATORS[separator], given)
-        skipped = _skipped(given)
-        remarks = (f"Cells between {separator}s, decimal {decimal}.",)
-
-        def everything() -> Iterator[RawRow]:
-            return _split(path, text, separator, decimal, skipped)
-
+        name, decimal = _signs(path, text, given)
+        separator = _SEPARATORS[name]
+        check_end_of_rows(path, text, separator, given)
+        remarks = (f"Cells between {name}s, decimal {decimal}.",)
+        everything = partial(_split, path, text, name, decimal, _skipped(given))
     head = [(line, tuple(cell.strip() for cell in row)) for line, row in islice(everything(), 2)]
     if not head:
         raise ForeignFileError("no row with anything in it", "a table", file=path)
-    headed = {"yes": True, "no": False}.get(given.text(HEADER)) if HEADER in given else None
-    if headed is None:
-        headed = _is_header([row for _, row in head])
+    headed = _is_header([row for _, row in head])
+    if HEADER in given:
+        headed = given.text(HEADER) == "yes"
     line, first = head[0]
     if len(first) > _MOST_COLUMNS:
         raise _too_wide(path, line, len(first))
@@ -91,27 +70,23 @@ def read_sheet(path: Path, given: Given) -> Sheet:
         raise ForeignFileError("a header and no data", "at least one row", file=path)
 
     def data() -> Iterator[RawRow]:
-        rows = everything()
-        return _even(path, len(names), islice(rows, int(headed), None), headed=headed)
+        return _even(path, len(names), islice(everything(), int(headed), None), headed=headed)
 
-    header = "The first row names the columns." if headed else "No row names the columns."
-    _check_names(path, line, names)
-    begin, numbers = head[int(headed)][0], None
-    if text and decimal == "point":
-        numbers = _plain_numbers(text, _SEPARATORS[separator], begin, len(names))
-    if numbers is not None:
-        lines = range(begin, begin + len(numbers))
-        sheet = Sheet(path, names, lines, tuple(numbers.T), data, headed, (*remarks, header))
-    else:
-        sheet = sheet_of(path, names, data, headed=headed, remarks=(*remarks, header))
+    remarks += ("The first row names the columns." if headed else "No row names the columns.",)
+    for column, times in Counter(names).items():
+        if column and times > 1:
+            hint = "an instrument's own file? suta-calib import --list names those with bodies"
+            problem = f"the column {column!r} more than once"
+            raise ForeignFileError(problem, "each column once", file=path, line=line, hint=hint)
+    sheet = sheet_of(path, names, data, headed=headed, remarks=remarks)
     if headed or not text or HEADER in given:
         return sheet
-    return replace(sheet, comment=_comment(text, begin, _SEPARATORS[separator], len(names)))
+    return replace(sheet, comment=_comment(text, line, separator, len(names)))
 
 
 def _comment(text: str, begin: int, separator: str, width: int) -> tuple[str, ...]:
     """Cells of the comment right above line ``begin``, if they are names of so many columns."""
-    above = [line.strip() for line in lines_of(text[:_LONGEST_HEAD])[: begin - 1]]
+    above = [line.strip() for line in lines_of(text[:100_000])[: begin - 1]]
     line = next((line for line in reversed(above) if line), "")
     if not line.startswith(("#", "%")):
         return ()
@@ -131,33 +106,8 @@ def _too_wide(path: Path, line: int, columns: int) -> ForeignFileError:
     return ForeignFileError(problem, expected, file=path, line=line, hint=hint)
 
 
-def _plain_numbers(text: str, separator: str, begin: int, width: int) -> FloatArray | None:
-    """Numbers (n, width) of a text of which every line from ``begin`` on is a row of them.
-
-    Programs write such files of a million rows. None where there is anything else.
-    """
-    text = text.replace("\r\n", "\n")
-    if "\r" in text:
-        return None
-    lines = text.removesuffix("\n").split("\n")[begin - 1 :]
-    # Blank lines, which the parser leaves out, would make the others' numbers wrong.
-    if not all(lines):
-        return None
-    delimiter = None if separator == " " else separator
-    try:
-        numbers = np.loadtxt(lines, delimiter=delimiter, comments=None, ndmin=2)
-    except ValueError:
-        return None
-    complete = numbers.shape == (len(lines), width) and not np.isinf(numbers).any()
-    return numbers if complete else None
-
-
 def _even(path: Path, width: int, rows: Iterator[RawRow], *, headed: bool) -> Iterator[RawRow]:
-    """Rows of as many cells as there are columns.
-
-    Raises:
-        ForeignFileError: a row with more or fewer.
-    """
+    """Rows of as many cells as there are columns."""
     for line, cells in rows:
         if len(cells) == width:
             yield line, cells
@@ -168,13 +118,10 @@ def _even(path: Path, width: int, rows: Iterator[RawRow], *, headed: bool) -> It
             count -= 1
         if count != width:
             last = next(rows, None) is None
-            raise ForeignFileError(
-                f"{count} {'cell' if count == 1 else 'cells'}",
-                f"{width}, as in {'the header' if headed else 'the first row'}",
-                file=path,
-                line=line,
-                hint=_why_uneven(count, width, last=last),
-            )
+            problem = f"{count} {'cell' if count == 1 else 'cells'}"
+            expected = f"{width}, as in {'the header' if headed else 'the first row'}"
+            hint = _why_uneven(count, width, last=last)
+            raise ForeignFileError(problem, expected, file=path, line=line, hint=hint)
         yield line, cells[:count]
 
 
@@ -191,12 +138,7 @@ def _why_uneven(cells: int, width: int, *, last: bool) -> str:
 
 
 def _skipped(given: Given) -> int:
-    text = given.text(SKIP, "0")
-    # Digits of a number of lines.
-    longest_count = 9
-    if not (text.isascii() and text.isdigit() and len(text) <= longest_count):
-        raise given.refuse(SKIP, repr(text), "a number of lines")
-    return int(text)
+    return given.whole(SKIP, "0", 0, 10**9, "a number of lines")
 
 
 def _split(path: Path, text: str, separator: str, decimal: str, skip: int) -> Iterator[RawRow]:
@@ -221,28 +163,24 @@ def _signs(path: Path, text: str, given: Given) -> tuple[str, str]:
     separators = [given.text(SEPARATOR)] if SEPARATOR in given else list(_SEPARATORS)
     decimals = [given.text(DECIMAL)] if DECIMAL in given else list(_DECIMALS)
     ranked: list[tuple[tuple[float, float], tuple[str, str], list[tuple[float, ...]]]] = []
-    for separator in separators:
-        for decimal in decimals:
-            try:
-                rows = [row for _, row in _split(path, head, separator, decimal, skip)]
-            except ForeignFileError:
-                continue
-            if not rows:
-                continue
-            numbers = [tuple(map(number_in, row)) for row in rows[1:] or rows]
-            flat = [n == n for row in numbers for n in row]
-            usual = Counter(map(len, numbers)).most_common(1)[0]
-            regular = usual[1] / len(numbers)
-            if usual[0] >= 2 or len(separators) == 1:
-                share = sum(flat) / max(len(flat), 1)
-                ranked.append(((round(regular, 2), round(share, 3)), (separator, decimal), numbers))
+    for signs in product(separators, decimals):
+        rows = list[Sequence[str]]()
+        with suppress(ForeignFileError):
+            rows = [row for _, row in _split(path, head, *signs, skip)]
+        if not rows:
+            continue
+        numbers = [tuple(map(number_in, row)) for row in rows[1:] or rows]
+        flat = [n == n for row in numbers for n in row]
+        usual, times = Counter(map(len, numbers)).most_common(1)[0]
+        if usual >= 2 or len(separators) == 1:
+            share = sum(flat) / max(len(flat), 1)
+            rank = round(times / len(numbers), 2), round(share, 3)
+            ranked.append((rank, signs, numbers))
     if not ranked:
-        raise ForeignFileError(
-            "no rows of cells",
-            f"a table with {listed(list(_SEPARATORS))} between its cells",
-            file=path,
-            hint="say what is between cells with --separator",
-        )
+        problem = "no rows of cells"
+        expected = f"a table with {listed(list(_SEPARATORS))} between its cells"
+        hint = "say what is between cells with --separator"
+        raise ForeignFileError(problem, expected, file=path, hint=hint)
     best = max(ranked, key=lambda candidate: (candidate[0][1], candidate[0][0]))
     rivals = [
         signs
@@ -270,74 +208,61 @@ def _is_header(rows: Sequence[Sequence[str]]) -> bool:
     )
 
 
-def _check_names(path: Path, line: int, names: Sequence[str]) -> None:
-    for name, times in Counter(names).items():
-        if name and times > 1:
-            raise ForeignFileError(
-                f"the column {name!r} more than once",
-                "each column once",
-                file=path,
-                line=line,
-                hint="an instrument's own file? suta-calib import --list names those with bodies",
-            )
+@contextmanager
+def _read_errors(path: Path, what: str) -> Iterator[None]:
+    """The readers of spreadsheets raise whatever they meet."""
+    try:
+        yield
+    except ForeignFileError:
+        raise
+    except Exception as problem:  # noqa: BLE001
+        description = f"{what} ({type(problem).__name__})"
+        raise ForeignFileError(description, "an .xlsx file", file=path) from None
 
 
 def _spreadsheet(path: Path, sheet: str) -> list[RawRow]:
     """Rows of one sheet, formulas as the values that were last computed."""
     openpyxl = load("openpyxl", "formats")
     read_bounded(path)
-    try:
+    with _read_errors(path, "a file that is no spreadsheet"):
         with zipfile.ZipFile(path) as archive:
             # Its few bytes may unpack to as many as one likes.
             if sum(entry.file_size for entry in archive.infolist()) > 4 * MOST_BYTES:
-                raise ForeignFileError(
-                    f"a spreadsheet of more than {4 * MOST_BYTES / 1e6:.0f} MB unpacked",
-                    "a table of a few hundred thousand rows",
-                    file=path,
-                )
+                problem = f"a spreadsheet of more than {4 * MOST_BYTES / 1e6:.0f} MB unpacked"
+                expected = "a table of a few hundred thousand rows"
+                raise ForeignFileError(problem, expected, file=path)
         book = openpyxl.load_workbook(path, read_only=True, data_only=True)
-    except ForeignFileError:
-        raise
-    except Exception as problem:  # noqa: BLE001 (its readers raise whatever they meet)
-        description = f"a file that is no spreadsheet ({type(problem).__name__})"
-        raise ForeignFileError(description, "an .xlsx file", file=path) from None
-    # Of a spreadsheet, empty ones between others included.
-    most_cells = 10_000_000
-    try:
+    # Sheets are read when they are asked for.
+    with closing(book), _read_errors(path, "a damaged spreadsheet"):
         if not sheet and len(book.sheetnames) > 1:
-            raise ForeignFileError(
-                f"{len(book.sheetnames)} sheets: {listed(book.sheetnames)}",
-                "one, or the name of one",
-                file=path,
-                hint="say which with --sheet NAME",
-            )
+            problem = f"{len(book.sheetnames)} sheets: {listed(book.sheetnames)}"
+            hint = "say which with --sheet NAME"
+            raise ForeignFileError(problem, "one, or the name of one", file=path, hint=hint)
         name = sheet or book.sheetnames[0]
         if name not in book.sheetnames:
-            description = f"no sheet {name!r}"
-            raise ForeignFileError(description, f"one of {listed(book.sheetnames)}", file=path)
-        rows, count = list[RawRow](), 0
-        sheet_ = book[name]
-        # The size that the file states may be anything: its cells are read as they come.
-        sheet_.reset_dimensions()
-        for number, values in enumerate(sheet_.iter_rows(values_only=True), 1):
-            count += len(values)
-            if len(values) > _MOST_COLUMNS:
-                raise _too_wide(path, number, len(values))
-            if number > _MOST_ROWS or count > most_cells:
-                description = f"more than {_MOST_ROWS:,} rows or {most_cells:,} cells"
-                raise ForeignFileError(description, "fewer", file=path)
-            cells = tuple("" if value is None else str(value).strip() for value in values)
-            if any(cells):
-                rows.append((number, cells))
-        # Empty cells at the end of a row are not in the file.
-        width = max((len(cells) for _, cells in rows), default=0)
-        if width * len(rows) > most_cells:
-            raise ForeignFileError(f"{width} columns in {len(rows)} rows", "fewer", file=path)
-        return [(number, (*cells, *[""] * (width - len(cells)))) for number, cells in rows]
-    except ForeignFileError:
-        raise
-    except Exception as problem:  # noqa: BLE001 (as above: sheets are read when they are asked for)
-        description = f"a damaged spreadsheet ({type(problem).__name__})"
-        raise ForeignFileError(description, "an .xlsx file", file=path) from None
-    finally:
-        book.close()
+            expected = f"one of {listed(book.sheetnames)}"
+            raise ForeignFileError(f"no sheet {name!r}", expected, file=path)
+        return _rows_of_sheet(path, book[name])
+
+
+def _rows_of_sheet(path: Path, sheet: Any) -> list[RawRow]:
+    rows, count = list[RawRow](), 0
+    # Of a spreadsheet, empty cells between others included.
+    most_rows, most_cells = 2_000_000, 10_000_000
+    # The size that the file states may be anything: its cells are read as they come.
+    sheet.reset_dimensions()
+    for number, values in enumerate(sheet.iter_rows(values_only=True), 1):
+        count += len(values)
+        if len(values) > _MOST_COLUMNS:
+            raise _too_wide(path, number, len(values))
+        if number > most_rows or count > most_cells:
+            description = f"more than {most_rows:,} rows or {most_cells:,} cells"
+            raise ForeignFileError(description, "fewer", file=path)
+        cells = tuple("" if value is None else str(value).strip() for value in values)
+        if any(cells):
+            rows.append((number, cells))
+    # Empty cells at the end of a row are not in the file.
+    width = max((len(cells) for _, cells in rows), default=0)
+    if width * len(rows) > most_cells:
+        raise ForeignFileError(f"{width} columns in {len(rows)} rows", "fewer", file=path)
+    return [(number, (*cells, *[""] * (width - len(cells)))) for number, cells in rows]

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.option import Given, Option
 from suta_calib.units import from_deg, from_mm
@@ -58,10 +59,6 @@ class ExternalAxes:
         """Axes that are not zero in all positions.
 
         Where more names are given, also some that are zero: the seventh joint of an arm may be.
-
-        Args:
-            names: of joints, as the user gave them.
-            count: of the arm's own axes.
         """
         moved = [name for name, values in self.values.items() if np.any(np.nan_to_num(values))]
         still = [
@@ -74,55 +71,39 @@ class ExternalAxes:
     def columns(
         self, axes: Sequence[str], names: Sequence[str], given: Given, *, required: bool
     ) -> tuple[dict[str, FloatArray], list[str]]:
-        """Columns of axes in m or rad by name, and what the user must know of them.
-
-        Args:
-            axes: that are used.
-            names: of joints for these axes, as the user gave them; empty where there are none.
-            given: `EXTERNAL_UNIT`.
-            required: whether rows mean nothing without these axes.
-
-        Raises:
-            ForeignFileError: an axis whose unit nobody says, or that some positions do not have.
-            InputError: a unit that is none, or of an axis that there is not.
-        """
+        """Columns of axes in m or rad by name, and what the user must know of them."""
         units = self._units(given)
         columns, notes = dict[str, FloatArray](), list[str]()
-        # Degrees that a joint of an arm reaches; a track's millimetres are soon more.
-        most_degrees = 360.0
-        for k, axis in enumerate(axes):
+        for axis, name in zip_longest(axes, names[: len(axes)], fillvalue=""):
             values, unit = self.values[axis], units.get(axis, "")
-            finite = values[np.isfinite(values)]
-            extent = f"{finite.min():g} to {finite.max():g}"
             if unit == "unused":
                 continue
-            named = bool(names)
-            if not unit and named and np.abs(finite).max() <= most_degrees:
+            finite = values[np.isfinite(values)]
+            extent = f"{finite.min():g} to {finite.max():g}"
+            # A joint of an arm reaches so many degrees; a track's millimetres are soon more.
+            if not unit and name and np.abs(finite).max() <= 360.0:
                 unit = "deg"
                 notes.append(
-                    f"{names[k]} is the external axis {axis} ({extent}); its numbers are taken "
+                    f"{name} is the external axis {axis} ({extent}); its numbers are taken "
                     f"as degrees. If they are mm, give {EXTERNAL_UNIT.switch} {axis}=mm."
                 )
             hint = (
                 f"say {EXTERNAL_UNIT.switch} {axis}=mm, {axis}=deg, or {axis}=unused where it does "
                 "not move the arm"
             )
+            if not unit and not required:
+                notes.append(f"The external axis {axis}, {extent}, is left out: {hint}.")
+                continue
             if not unit:
-                if not required:
-                    notes.append(f"The external axis {axis}, {extent}, is left out: {hint}.")
-                    continue
+                line = self._first(np.nan_to_num(values) != 0.0)
                 problem = f"the external axis {axis}, {extent}, in mm or degrees"
-                raise ForeignFileError(
-                    problem, "its unit", file=self.path, line=self._line(axis), hint=hint
-                )
+                raise ForeignFileError(problem, "its unit", file=self.path, line=line, hint=hint)
             if len(finite) < len(values):
-                line = self.lines[int(np.flatnonzero(np.isnan(values))[0])]
+                line, expected = self._first(np.isnan(values)), "the same axes in all positions"
                 problem = f"a position without the external axis {axis}, which other positions have"
-                raise ForeignFileError(
-                    problem, "the same axes in all positions", file=self.path, line=line, hint=hint
-                )
-            columns[names[k] if named else axis] = (from_mm if unit == "mm" else from_deg)(values)
-            if not named:
+                raise ForeignFileError(problem, expected, file=self.path, line=line, hint=hint)
+            columns[name or axis] = (from_mm if unit == "mm" else from_deg)(values)
+            if not name:
                 notes.append(
                     f"The external axis {axis} moves ({extent} {unit}). Either the arm's URDF "
                     f"needs a joint {axis}, or the base of the arm stands at several places in "
@@ -143,6 +124,6 @@ class ExternalAxes:
             units |= dict.fromkeys([axis] if equals else self.values, unit)
         return units
 
-    def _line(self, axis: str) -> int:
-        """Of the first position in which an axis is not zero."""
-        return self.lines[int(np.flatnonzero(np.nan_to_num(self.values[axis]))[0])]
+    def _first(self, rows: BoolArray) -> int:
+        """Line of the first of some rows."""
+        return self.lines[int(np.flatnonzero(rows)[0])]

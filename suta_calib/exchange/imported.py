@@ -30,8 +30,6 @@ from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
 from suta_calib.words import listed
 
-# Columns that a sentence names.
-_MOST_NAMES: Final = 24
 FIRST_POINT: Final = "first"
 ORIGIN: Final = Option(
     "origin",
@@ -52,7 +50,7 @@ class Imported(Displayable, ABC):
         source: the file or folder it came from.
         form: name of the format it was read as.
         notes: what must be known of it, one sentence each.
-        seen: what was found in it and taken for granted, one sentence each.
+        remarks: what was found in it and taken for granted, one sentence each.
     """
 
     source: Path
@@ -119,7 +117,7 @@ class ImportedRows(Imported):
     def sentence(self) -> str:
         """How many rows, of what."""
         rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
-        summary = f"{rows}: {listed(list(self.columns), _MOST_NAMES)}"
+        summary = f"{rows}: {listed(list(self.columns), 24)}"
         return summary + (
             f"; {self.dropped} with something missing left out" if self.dropped else ""
         )
@@ -171,13 +169,7 @@ class ImportedRows(Imported):
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ImportedFile(Imported):
-    """A file that is no table, such as a URDF or a ``device.yaml``.
-
-    Attributes:
-        content: of the file.
-        what: it is, in a sentence.
-        kind: suffix that files of it have.
-    """
+    """A file that is no table, such as a URDF: its content, what it is, and its suffix."""
 
     content: str
     what: str
@@ -206,15 +198,7 @@ def pose_columns(
 
 
 def origin_of(given: Given, position: FloatArray) -> FloatArray | None:
-    """The origin (3,), m, that `ORIGIN` says; None where it says none.
-
-    Args:
-        given: the options.
-        position: (n, 3), m, whose first row that is whole may be the origin.
-
-    Raises:
-        InputError: neither three numbers nor ``first``.
-    """
+    """The origin (3,), m, that `ORIGIN` says, or None: the first whole row of (n, 3) may be it."""
     if ORIGIN not in given:
         return None
     finite = position[np.isfinite(position).all(axis=1)]
@@ -226,27 +210,22 @@ def origin_of(given: Given, position: FloatArray) -> FloatArray | None:
     return numbers
 
 
-def origin_told(origin: FloatArray) -> str:
-    """A sentence that says what was subtracted, with all its digits."""
-    return (
-        f"The origin {', '.join(map(repr, origin.tolist()))} m was subtracted from all positions."
-    )
+def from_origin(
+    path: Path, lines: Sequence[int], position: FloatArray, given: Given
+) -> tuple[FloatArray, tuple[str, ...]]:
+    """Positions (n, 3), m, from the origin that the options say, and what was subtracted."""
+    origin, remarks = origin_of(given, position), tuple[str, ...]()
+    if origin is not None:
+        position = position - origin
+        numbers = ", ".join(map(repr, origin.tolist()))
+        remarks = (f"The origin {numbers} m was subtracted from all positions.",)
+    return checked_places(path, lines, position, GRID_HINT), remarks
 
 
 def checked_places(
     path: Path, lines: Sequence[int], position: FloatArray, hint: str = ""
 ) -> FloatArray:
-    """Positions (n, 3), m, none of which is farther than anything is; NaN stays.
-
-    Args:
-        path: the file, for messages.
-        lines: (n,) in it.
-        position: as it was read.
-        hint: what to do about one that is.
-
-    Raises:
-        ForeignFileError: one is, with its line.
-    """
+    """Positions (n, 3), m, none of which is farther than anything is; NaN stays."""
     for row in np.flatnonzero((np.abs(position) > FARTHEST).any(axis=1)):
         problem = f"a position {np.nanmax(np.abs(position[row])):.3g} m away"
         expected = f"one within {FARTHEST:g} m"
@@ -255,12 +234,7 @@ def checked_places(
 
 
 def distance_note(position: FloatArray, unit: str) -> str:
-    """A question where lengths (n, 3), m, look like another unit; empty where they do not.
-
-    Args:
-        position: as it was understood.
-        unit: in which unit the source has it, and who says so.
-    """
+    """A question where lengths (n, 3), m, look like another unit; empty where they do not."""
     distance = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
     if distance > FAR:
         return f"Positions some {distance:.0f} m away, with {unit}: are they millimetres?"

@@ -42,22 +42,12 @@ class Readings:
 
     @classmethod
     def of(cls, given: Given, unit: str) -> Readings:
-        """As the options say.
-
-        Args:
-            given: `READING_OPTIONS`.
-            unit: of the numbers.
-
-        Raises:
-            InputError: ticks without how many make a turn, a sign that is none, a ratio of 0.
-        """
-        counts = 0.0
+        """As the options say."""
+        counts, expected = 0.0, "a whole number, such as 4096"
         if unit == "ticks":
-            text = given.text(COUNTS)
-            counts = float(text) if text.isascii() and text.isdigit() else 0.0
-            if not 1 <= counts < math.inf:
-                problem = repr(text) if text else "ticks, and not how many make a turn"
-                raise given.refuse(COUNTS, problem, "a whole number, such as 4096")
+            if COUNTS not in given:
+                raise given.refuse(COUNTS, "ticks, and not how many make a turn", expected)
+            counts = given.whole(COUNTS, "", 1, 10**12, expected)
         sign, ratio = given.numbers(SIGN), given.numbers(RATIO)
         for name, value in sign.items():
             if value not in (-1.0, 1.0):

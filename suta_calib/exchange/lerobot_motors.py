@@ -6,7 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.json_input import read_json
+from suta_calib.exchange.cells import read_json
+from suta_calib.exchange.joint_readings import COUNTS
 from suta_calib.exchange.option import Given, Option
 
 MOTORS: Final = Option(
@@ -15,9 +16,6 @@ MOTORS: Final = Option(
     "shoulder_pan=joint_1,…",
     several=True,
 )
-COUNTS: Final = Option("counts_per_turn", "Ticks of one turn of an encoder.", "N")
-# Of the servos that LeRobot's arms have.
-_FEETECH: Final = "4096"
 LINES: Final = "lines"
 FEETECH: Final = "feetech"
 DYNAMIXEL: Final = "dynamixel"
@@ -28,49 +26,31 @@ _LARGEST: Final = 1 << 31
 
 
 def read_motors(path: Path) -> dict[str, dict[str, Any]]:
-    """Motors by name, each with whole numbers for `KEYS`.
-
-    Raises:
-        ForeignFileError: no such file, no JSON, an old file with lists, a motor without one
-            of these numbers, or without a range.
-    """
+    """Motors by name, each with whole numbers for `KEYS`."""
     data = read_json(path)
     if OLD_NAMES in data:
-        raise ForeignFileError(
-            f"a calibration with lists by {OLD_NAMES}, as LeRobot wrote it until mid 2025",
-            f"one with {', '.join(KEYS)} of each motor",
-            file=path,
-            hint="its zeros differ from those of today: calibrate the arm again with a current "
-            "LeRobot",
+        problem = f"a calibration with lists by {OLD_NAMES}, as LeRobot wrote it until mid 2025"
+        expected = f"one with {', '.join(KEYS)} of each motor"
+        hint = (
+            "its zeros differ from those of today: calibrate the arm again with a current LeRobot"
         )
+        raise ForeignFileError(problem, expected, file=path, hint=hint)
     for name, motor in data.items():
         if not isinstance(motor, dict):
             raise ForeignFileError(repr(motor)[:40], "a motor", file=path, where=name)
         for key in KEYS:
-            number = motor.get(key)
+            number, where = motor.get(key), f"{name}.{key}"
             if not isinstance(number, int) or isinstance(number, bool) or abs(number) > _LARGEST:
-                where = f"{name}.{key}"
-                problem = repr(number)[:40]
-                raise ForeignFileError(problem, "a whole number", file=path, where=where)
+                raise ForeignFileError(repr(number)[:40], "a whole number", file=path, where=where)
         least, most = motor["range_min"], motor["range_max"]
         if least >= most:
-            raise ForeignFileError(
-                f"a range from {least} to {most}",
-                "range_min less than range_max: the zero is in their middle",
-                file=path,
-                where=name,
-                hint="calibrate it again, and move the motor while LeRobot records its range",
-            )
+            problem = f"a range from {least} to {most}"
+            expected = "range_min less than range_max: the zero is in their middle"
+            hint = "calibrate it again, and move the motor while LeRobot records its range"
+            raise ForeignFileError(problem, expected, file=path, where=name, hint=hint)
     return data
 
 
 def counts_of(given: Given) -> int:
-    """Ticks of one turn.
-
-    Raises:
-        InputError: no whole number above 1.
-    """
-    text = given.text(COUNTS, _FEETECH)
-    if not (text.isascii() and text.isdigit() and 1 < int(text[:12]) < _LARGEST):
-        raise given.refuse(COUNTS, repr(text), "a whole number, such as 4096")
-    return int(text)
+    """Ticks of one turn: of the servos that LeRobot's arms have where nobody says."""
+    return given.whole(COUNTS, "4096", 2, _LARGEST - 1, "a whole number, such as 4096")

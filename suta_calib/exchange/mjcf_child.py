@@ -16,10 +16,6 @@ import numpy as np
 
 from suta_calib.confined import answer
 
-# Postures in which the URDF must agree with MuJoCo, and how far joints without limits go, rad or m.
-_POSTURES: Final = 3
-_RANGE: Final = 2.0
-_MOST_BODIES: Final = 5000
 _SHAPES: Final = (
     *("keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "tuples"),
     *("numerics", "texts", "skins", "flexes", "geoms", "cameras", "lights", "hfields"),
@@ -31,8 +27,9 @@ def _compiled(path: str) -> tuple[Any, bool]:
     """The model, and whether it couples joints or bodies, which its kinematics does not heed."""
     spec = mujoco.MjSpec.from_file(path)
     bodies = spec.bodies
-    if len(bodies) > _MOST_BODIES:
-        raise ValueError(f"{len(bodies)} bodies; expected at most {_MOST_BODIES}")
+    most_bodies = 5000
+    if len(bodies) > most_bodies:
+        raise ValueError(f"{len(bodies)} bodies; expected at most {most_bodies}")
     coupled = bool(spec.equalities)
     # Where the file asks for it a floating body is moved into its centre of mass: shapes matter.
     aligned = spec.compiler.alignfree or any(joint.align == 1 for joint in spec.joints)
@@ -59,62 +56,61 @@ def _read(path: str) -> dict[str, Any]:
     # MuJoCo raises ValueError, but what a file makes of it may raise anything.
     except Exception as problem:  # noqa: BLE001
         return {"refused": " ".join(str(problem).split())}
-    names = {kind: [_name(model, k, kind) for k in range(n)] for kind, n in _counts(model).items()}
     return {
         "model": model.names[: model.names.index(b"\0")].decode(errors="replace"),
         "version": mujoco.__version__,
         "coupled": coupled,
-        "bodies": [
-            {
-                "name": names["body"][k],
-                "parent": int(model.body_parentid[k]),
-                "pos": model.body_pos[k].tolist(),
-                "quat": model.body_quat[k].tolist(),
-                "mocap": bool(model.body_mocapid[k] >= 0),
-            }
-            for k in range(model.nbody)
-        ],
-        "joints": [
-            {
-                "name": names["joint"][k],
-                "body": int(model.jnt_bodyid[k]),
-                "kind": int(model.jnt_type[k]),
-                "pos": model.jnt_pos[k].tolist(),
-                "axis": model.jnt_axis[k].tolist(),
-                "ref": float(model.qpos0[model.jnt_qposadr[k]]),
-                "pose": model.qpos0[model.jnt_qposadr[k] :][:7].tolist(),
-                "range": model.jnt_range[k].tolist() if model.jnt_limited[k] else None,
-            }
-            for k in range(model.njnt)
-        ],
-        "sites": [
-            {
-                "name": names["site"][k],
-                "body": int(model.site_bodyid[k]),
-                "pos": model.site_pos[k].tolist(),
-                "quat": model.site_quat[k].tolist(),
-            }
-            for k in range(model.nsite)
-        ],
+        "bodies": _elements(
+            *(model, "body", model.nbody),
+            parent=model.body_parentid,
+            pos=model.body_pos,
+            quat=model.body_quat,
+            mocap=model.body_mocapid >= 0,
+        ),
+        "joints": _elements(
+            *(model, "joint", model.njnt),
+            body=model.jnt_bodyid,
+            kind=model.jnt_type,
+            pos=model.jnt_pos,
+            axis=model.jnt_axis,
+            ref=model.qpos0[model.jnt_qposadr],
+            pose=[model.qpos0[at:][:7] for at in model.jnt_qposadr],
+            range=[
+                ends if limited else None
+                for ends, limited in zip(model.jnt_range, model.jnt_limited, strict=True)
+            ],
+        ),
+        "sites": _elements(
+            *(model, "site", model.nsite),
+            body=model.site_bodyid,
+            pos=model.site_pos,
+            quat=model.site_quat,
+        ),
         "postures": list(_postures(model)),
     }
 
 
-def _counts(model: Any) -> dict[str, int]:
-    return {"body": model.nbody, "joint": model.njnt, "site": model.nsite}
-
-
-def _name(model: Any, k: int, kind: str) -> str:
-    name = mujoco.mj_id2name(model, getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}"), k)
-    return str(name or "")
+def _elements(model: Any, kind: str, count: int, /, **fields: Any) -> list[dict[str, Any]]:
+    """The name, and some fields, of each body, joint or site."""
+    number = getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+    fields["name"] = [mujoco.mj_id2name(model, number, k) or "" for k in range(count)]
+    rows = zip(*fields.values(), strict=True)
+    return [
+        {
+            field: value.tolist() if isinstance(value, np.ndarray | np.generic) else value
+            for field, value in zip(fields, row, strict=True)
+        }
+        for row in rows
+    ]
 
 
 def _postures(model: Any) -> Iterator[dict[str, Any]]:
     """Where MuJoCo has every body and site with joints of one axis anywhere in their range."""
     data, random = mujoco.MjData(model), np.random.default_rng(0)
     single = model.jnt_type >= int(mujoco.mjtJoint.mjJNT_SLIDE)
-    lower, upper = np.where(model.jnt_limited[:, None], model.jnt_range, [-_RANGE, _RANGE]).T
-    for _ in range(_POSTURES):
+    # Joints without limits go so far, rad or m.
+    lower, upper = np.where(model.jnt_limited[:, None], model.jnt_range, [-2.0, 2.0]).T
+    for _ in range(3):
         readings = random.uniform(lower, upper)
         data.qpos[model.jnt_qposadr[single]] = readings[single]
         mujoco.mj_kinematics(model, data)

@@ -14,16 +14,16 @@ from suta_calib.exchange.plausible_units import (
     plausible_readings,
     quaternion_order,
 )
-from suta_calib.exchange.rotations import NUMBERS, is_rotation
+from suta_calib.exchange.rotations import are_quaternions, is_rotation
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.exchange.table_roles import (
     ANGLES,
     FIRST,
     GUESS,
     LENGTHS,
+    OF_THREE,
     ROTATION,
     UNIT,
-    UNIT_LENGTH,
     PoseColumns,
     open_units,
     settled,
@@ -36,17 +36,7 @@ def nameless_pose(sheet: Sheet, given: Given) -> tuple[PoseColumns | None, Sheet
     Three numbers are a position; six are one with angles; seven are one with a quaternion; twelve
     and sixteen are the rows of a transform, one below the other or side by side; four are rows of
     4x4 matrices stacked in a column. Numbers in front, such as a row's own, are not looked for.
-
-    Args:
-        sheet: without a header.
-        given: `ROLE_OPTIONS`.
-
-    Returns:
-        The columns, and the sheet they are of: that of stacked matrices has a row for each. None
-        where so many numbers are no pose.
-
-    Raises:
-        ForeignFileError: numbers that leave open what they are, or cells that are none.
+    The sheet returned is the one that the pose is of: stacked matrices have a row for each.
     """
     count = len(sheet.names)
     if count not in (3, 4, 6, 7, 12, 16):
@@ -68,15 +58,11 @@ def _position_and_rotation(
     ahead, behind = tuple(range(count)), tuple(range(3, 3 + count))
     orders = {"position": behind, "rotation": ahead}
     if count == 4:
-        lengths = {name: np.linalg.norm(numbers[:, k], axis=1) for name, k in orders.items()}
-        fitting = [name for name, one in lengths.items() if np.all(np.abs(one - 1.0) < UNIT_LENGTH)]
+        fitting = [name for name, k in orders.items() if are_quaternions(numbers[:, k])]
         if not fitting:
             problem = "seven numbers a row, no four of which, first or last, are a quaternion"
-            raise sheet.refuse(
-                problem,
-                "a position and a quaternion",
-                hint="say which columns are what with --columns 1=x,2=y,…",
-            )
+            hint = "say which columns are what with --columns 1=x,2=y,…"
+            raise sheet.refuse(problem, "a position and a quaternion", hint=hint)
         content = "seven numbers a row, of which the first and the last four may be a quaternion"
         first = settled(sheet, given, FIRST, fitting, content, likeliest=fitting[0])
         content = (
@@ -89,36 +75,24 @@ def _position_and_rotation(
         content = "six numbers a row, of which three are a position and three may be any angles"
         if GUESS in given:
             return _guessed_pose(sheet, numbers, content, given)
-        asked = [form_name for form_name, numbers_ in NUMBERS.items() if numbers_ == 3]
-        form = settled(sheet, given, ROTATION, asked, content, likeliest=RPY)
+        form = settled(sheet, given, ROTATION, OF_THREE, content, likeliest=RPY)
         first = given.text(FIRST, "position")
     position = (0, 1, 2) if first == "position" else tuple(range(count, count + 3))
     return PoseColumns("", position, orders[first], form)
 
 
 def _guessed_pose(sheet: Sheet, numbers: FloatArray, content: str, given: Given) -> PoseColumns:
-    """The only reading of six numbers a row that is plausible.
-
-    Args:
-        sheet: for messages.
-        numbers: (n, 6), of rows in which none is missing.
-        content: what leaves the reading open.
-        given: what the options settle.
-
-    Raises:
-        ForeignFileError: several readings are plausible, or none is.
-    """
+    """The only reading of six numbers a row that is plausible."""
     firsts = [given.text(FIRST)] if FIRST in given else ["position", "rotation"]
     forms = [given.text(ROTATION)] if ROTATION in given else open_forms()
     units = open_units(given, LENGTHS), open_units(given, ANGLES)
     readings = plausible_readings(numbers, firsts, forms, *units) if len(numbers) else []
     if len(readings) != 1:
         choices = "; ".join(map(str, readings)) or "none for an arm or a tracker"
-        raise sheet.refuse(
-            f"{content}; plausible readings: {choices}",
-            "exactly one plausible reading",
-            hint=f"say {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg",
-        )
+        problem = f"{content}; plausible readings: {choices}"
+        expected = "exactly one plausible reading"
+        hint = f"say {FIRST.switch}, {ROTATION.switch} and {UNIT.switch} mm,deg"
+        raise sheet.refuse(problem, expected, hint=hint)
     first, form, length, angle = readings[0]
     for option, value in ((FIRST, first), (ROTATION, form), (UNIT, f"{length},{angle}")):
         if option not in given:
@@ -151,10 +125,9 @@ def _matrix(sheet: Sheet, numbers: FloatArray, given: Given) -> PoseColumns:
         last = {"rows": (12, 13, 14, 15), "columns": (3, 7, 11, 15)}
         fitting = [n for n in fitting if np.allclose(numbers[:, last[n]], [0, 0, 0, 1], atol=1e-6)]
     if not fitting:
-        raise sheet.refuse(
-            f"{4 * width} numbers a row, which are no transform by rows or by columns",
-            "a rotation matrix with a position",
-        )
+        problem = f"{4 * width} numbers a row, which are no transform by rows or by columns"
+        expected = "a rotation matrix with a position"
+        raise sheet.refuse(problem, expected)
     same = {name: numbers[:, arranged[name][0] + arranged[name][1]].tobytes() for name in fitting}
     if ROTATION in given and given.text(ROTATION) == "rows" and "rows" not in fitting:
         fitting = [name for name in fitting if name == "rotation-position"] or fitting

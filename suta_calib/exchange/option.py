@@ -1,15 +1,17 @@
-"""Options that a format declares of itself, and what the user gave for them."""
+"""Options that a format declares, what the user gave for them, and what a format says of itself."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar, TypeVar
 
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
+from suta_calib.registry import Group, all_classes
 
 
 @dataclass(frozen=True)
@@ -61,11 +63,10 @@ class Given:
                 continue
             if name not in self._known:
                 takes = ", ".join(option.switch for option in self._known.values())
-                raise InputError(
-                    f"the option {name.replace('_', '-')!r} for the format {who}",
-                    f"one of {takes}" if takes else "no options",
-                    hint=did_you_mean(name, self._known),
-                )
+                problem = f"the option {name.replace('_', '-')!r} for the format {who}"
+                expected = f"one of {takes}" if takes else "no options"
+                hint = did_you_mean(name, self._known)
+                raise InputError(problem, expected, hint=hint)
             listed = value if isinstance(value, list | tuple) else (value,)
             self._values[name] = tuple(str(text) for text in listed)
             self._check(self._known[name])
@@ -101,11 +102,7 @@ class Given:
         return Path(self.text(option)) if option in self else None
 
     def pairs(self, option: Option) -> dict[str, str]:
-        """``a=b,c=d`` as a mapping.
-
-        Raises:
-            InputError: a part without ``=``, or a name twice.
-        """
+        """``a=b,c=d`` as a mapping."""
         pairs: dict[str, str] = {}
         for part in self.texts(option):
             name, equals, value = (text.strip() for text in part.partition("="))
@@ -117,17 +114,21 @@ class Given:
         return pairs
 
     def numbers(self, option: Option) -> dict[str, float]:
-        """``a=1,b=2`` as numbers by name.
-
-        Raises:
-            InputError: as `pairs`, or a value that is no finite number.
-        """
+        """``a=1,b=2`` as numbers by name."""
         numbers = {name: number_in(value) for name, value in self.pairs(option).items()}
         largest = 1e12
         for name, number in numbers.items():
             if not abs(number) < largest:
                 raise self.refuse(option, f"no number for {name!r}", "a finite number")
         return numbers
+
+    def whole(self, option: Option, default: str, least: int, most: int, expected: str) -> int:
+        """The value as a whole number within bounds."""
+        text = self.text(option, default)
+        # Not one of thousands of digits.
+        if text.isascii() and text.isdigit() and len(text) <= 12 and least <= int(text) <= most:
+            return int(text)
+        raise self.refuse(option, repr(text), expected)
 
     @staticmethod
     def refuse(option: Option, problem: str, expected: str, hint: str = "") -> InputError:
@@ -140,20 +141,59 @@ def options_from_file(path: Path) -> dict[str, Any]:
 
     A value may be a text, a number, a list of them, or, for options such as ``columns``, a
     mapping.
-
-    Raises:
-        InputError: unreadable, not YAML, or a value of another shape.
     """
     top = YamlSection(read_yaml(path), InputError)
     options: dict[str, Any] = {}
     for key, value in top.data.items():
-        listed = value if isinstance(value, list) else [value]
+        items = value if isinstance(value, list) else [value]
         if isinstance(value, dict):
-            listed = list(value.values())
-        if any(isinstance(item, dict | list) or item is None for item in listed):
+            items = list(value.values())
+        if any(isinstance(item, dict | list) or item is None for item in items):
             raise top.refuse("a nested value", "a text, a number or a list of them", at=(key,))
-        texts = [("yes" if item else "no") if isinstance(item, bool) else item for item in listed]
+        texts = [("yes" if item else "no") if isinstance(item, bool) else item for item in items]
         if isinstance(value, dict):
             texts = [f"{name}={item}" for name, item in zip(value, texts, strict=True)]
         options[key.replace("-", "_")] = texts if isinstance(value, dict | list) else texts[0]
     return options
+
+
+class Described:
+    """A format that tells users what it is.
+
+    Attributes:
+        name: what ``--format`` calls it.
+        summary: what it reads or writes, in a line.
+        example: how it is used: what stands behind ``suta-calib import`` or ``export``.
+        options: those it takes.
+        extra: the optional extra of this package that it needs; empty for none.
+    """
+
+    name: ClassVar[str]
+    summary: ClassVar[str]
+    example: ClassVar[str]
+    options: ClassVar[tuple[Option, ...]] = ()
+    extra: ClassVar[str] = ""
+
+
+Kind = TypeVar("Kind", bound=Described)
+
+
+@cache
+def formats_of(group: Group, package: str, base: type[Kind]) -> dict[str, Kind]:
+    """The formats of a package of ours, and of other packages' entry points, by name."""
+    classes = all_classes(group, base, package)
+    return {name: form() for name, form in sorted(classes.items())}
+
+
+def named(formats: dict[str, Kind], name: str) -> Kind:
+    """The format of a name."""
+    if name not in formats:
+        names = ", ".join(formats)
+        problem = f"the format {name!r}"
+        raise InputError(problem, f"one of {names}", hint=did_you_mean(name, formats))
+    return formats[name]
+
+
+def options_of(formats: Iterable[Described]) -> list[Option]:
+    """Every option of these formats, each once, in the order of the formats."""
+    return list({option.name: option for form in formats for option in form.options}.values())

@@ -28,13 +28,9 @@ _TURNS: Final = {"rad": math.tau, "deg": 360.0}
 
 
 class Interpretation(NamedTuple):
-    """How six numbers may be read.
+    """How six numbers may be read: what stands ``first``, position or rotation; form and units.
 
-    Attributes:
-        first: ``position`` or ``rotation``.
-        form: ``vector``, or an order of Euler angles.
-        length: ``m`` or ``mm``.
-        angle: ``rad`` or ``deg``.
+    The form is ``vector`` or an order of Euler angles.
     """
 
     first: str
@@ -76,11 +72,6 @@ def plausible_rotations(
 
     Of several orders of Euler angles the first that is left stands for all; degrees are none where
     they are so few that they may be rad, and of rotation vectors only where Euler angles are none.
-
-    Args:
-        numbers: of the rotation in each row.
-        forms: that are to be considered, in their order of preference.
-        units: the same.
     """
     most, norm = np.abs(numbers).max(), np.linalg.norm(numbers, axis=1).max()
     plausible = list[tuple[str, str]]()
@@ -105,11 +96,9 @@ def _fitting_neighbours(numbers: FloatArray, forms: Sequence[str], unit: str) ->
     """
     # A form of rotation fits its neighbours worse than another where its largest step from row to
     # row is so many times as large, and larger than steps of recorded motions are, rad.
-    worse = 3.0
-    step = 0.5
-    # Rows that are looked at for steps, and that tell something.
-    rows = 2000
-    least_rows = 5
+    worse, step = 3.0, 0.5
+    # Rows that tell something, and that are looked at for steps.
+    least_rows, rows = 5, 2000
     if len(numbers) < least_rows or len(forms) < 2:
         return list(forms)
     angles = from_deg(numbers[:rows]) if unit == "deg" else numbers[:rows]
@@ -120,10 +109,8 @@ def _fitting_neighbours(numbers: FloatArray, forms: Sequence[str], unit: str) ->
 
 def _largest_step(form: str, angles: FloatArray) -> float:
     """Angle, rad, of the largest turn between neighbouring rows of angles (n, 3), rad."""
-    if form == VECTOR:
-        rotation = Rotation.from_rotvec(angles)
-    else:
-        rotation = Rotation.from_euler(form, angles)
+    vector = form == VECTOR
+    rotation = Rotation.from_rotvec(angles) if vector else Rotation.from_euler(form, angles)
     return float((rotation[:-1].inv() * rotation[1:]).magnitude().max())
 
 
@@ -134,15 +121,7 @@ def plausible_readings(
     lengths: Sequence[str],
     angles: Sequence[str],
 ) -> list[Interpretation]:
-    """Readings of six numbers (n, 6) a row that are plausible, the likeliest first.
-
-    Args:
-        numbers: rows in which none is missing, at least one.
-        firsts: whether the first three may be the ``position`` or the ``rotation``.
-        forms: what the rotation may be.
-        lengths: units of the position that are possible.
-        angles: units of the rotation that are possible.
-    """
+    """Readings of six numbers (n, 6) a row that are plausible, the likeliest first."""
     readings = list[Interpretation]()
     for first in firsts:
         position, rotation = numbers[:, :3], numbers[:, 3:]

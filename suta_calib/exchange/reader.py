@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import stat
 from abc import ABC, abstractmethod
 from pathlib import Path
@@ -9,9 +10,8 @@ from typing import Any, ClassVar, Final
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import is_folder
-from suta_calib.exchange.description import Described, formats_of, named
 from suta_calib.exchange.imported import Imported
-from suta_calib.exchange.option import Given
+from suta_calib.exchange.option import Described, Given, formats_of, named
 from suta_calib.inputs import read_input
 
 # Endings of files that hold no rows of cells.
@@ -28,18 +28,16 @@ class Reader(Described, ABC):
 
     Attributes:
         suffixes: of files it may be, in small letters; any where none is listed.
+        signature: found in the first few thousand characters of such files, and of no others.
     """
 
     suffixes: ClassVar[tuple[str, ...]] = ()
+    signature: ClassVar[re.Pattern[str]] = re.compile(r"(?!)")
 
-    @abstractmethod
     def recognises(self, path: Path, head: str) -> bool:
-        """Whether a file is of this format.
-
-        Args:
-            path: the file or folder.
-            head: the first few thousand characters of a file; empty for a folder.
-        """
+        """Whether a file, or a folder, is of this format."""
+        del path
+        return self.signature.search(head) is not None
 
     @abstractmethod
     def read(self, path: Path, given: Given) -> Imported:
@@ -78,11 +76,7 @@ def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> I
 
 
 def recognised(path: Path) -> Reader:
-    """The format that a file is of: a table where no other recognises it.
-
-    Raises:
-        ForeignFileError: there is no such file, or several formats recognise it.
-    """
+    """The format that a file is of: a table where no other recognises it."""
     head = _head(path)
     readers = import_formats()
     recognising = [
@@ -101,21 +95,15 @@ def recognised(path: Path) -> Reader:
         hint = "suta-calib import --list names them"
         raise ForeignFileError(problem, "a file, or a recording's folder", file=path, hint=hint)
     if not recognising and path.suffix.lower() in _NO_TABLES:
-        raise ForeignFileError(
-            f"a {path.suffix.lower()} file of an unknown format",
-            "a table, or a file of one of the formats",
-            file=path,
-            hint="suta-calib import --list names them; cameras, boards and arms need no import",
-        )
+        problem = f"a {path.suffix.lower()} file of an unknown format"
+        expected = "a table, or a file of one of the formats"
+        hint = "suta-calib import --list names them; cameras, boards and arms need no import"
+        raise ForeignFileError(problem, expected, file=path, hint=hint)
     return recognising[0] if recognising else readers[TABLE]
 
 
 def _refuse_pipe(path: Path) -> None:
-    """Refuse what cannot be read twice: its beginning says of which format it is.
-
-    Raises:
-        ForeignFileError: a pipe, or a socket.
-    """
+    """Refuse what cannot be read twice: its beginning says of which format it is."""
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):

@@ -40,12 +40,7 @@ RECORD: Final = "result.json"
 
 @dataclass(frozen=True, eq=False)
 class Transform(Displayable):
-    """A pose that does not move: ``T_parent_child``.
-
-    Attributes:
-        parent, child: names of the frames.
-        matrix: (4, 4), m.
-    """
+    """A pose (4, 4), m, that does not move: ``T_parent_child``, by the names of the frames."""
 
     parent: str
     child: str
@@ -71,12 +66,7 @@ class Step:
 
 @dataclass(frozen=True, eq=False)
 class CalibratedArm:
-    """An arm with the values that a calibration found.
-
-    Attributes:
-        model: the arm at nominal.
-        calibration: values, covariance and what was held, as ``result.json`` has them.
-    """
+    """An arm at nominal with the values, and their covariance, that a calibration found."""
 
     model: ArmModel
     calibration: CalibrationUncertainty
@@ -139,27 +129,23 @@ class Result(Displayable):
         return says_usable(self.data)
 
     def need_arm(self, form: str) -> CalibratedArm:
-        """The arm, for a format that is nothing without one.
-
-        Raises:
-            InputError: it is no calibration of an arm.
-        """
+        """The arm, for a format that is nothing without one."""
         if self.arm is None:
             problem = f"no calibrated arm, which {form} is a format of"
             raise InputError(problem, "the result of suta-calib calibrate", file=self.path)
         return self.arm
 
-    def need_transforms(self, form: str) -> tuple[Transform, ...]:
-        """Every pose, that of the arm's tool included, for a format of poses.
+    @property
+    def every_transform(self) -> tuple[Transform, ...]:
+        """`transforms`, and that of the arm's tool."""
+        return (*self.transforms, *(() if self.arm is None else (self.arm.tool,)))
 
-        Raises:
-            InputError: it holds none.
-        """
-        transforms = (*self.transforms, *(() if self.arm is None else (self.arm.tool,)))
-        if not transforms:
+    def need_transforms(self, form: str) -> tuple[Transform, ...]:
+        """`every_transform`, at least one, for a format of poses."""
+        if not self.every_transform:
             problem = f"no pose of a tool, camera or instrument, which {form} is a format of"
             raise InputError(problem, "a result that holds one", file=self.path)
-        return transforms
+        return self.every_transform
 
 
 def read_result(

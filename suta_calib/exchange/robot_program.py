@@ -77,11 +77,7 @@ class ProgramReader(Reader):
     def poses(
         self, numbers: FloatArray, path: Path, lines: Sequence[int]
     ) -> tuple[FloatArray, FloatArray]:
-        """Numbers of poses (n, …) as rotations (n, 3, 3) and positions (n, 3), m.
-
-        Raises:
-            ForeignFileError: numbers that are no orientation.
-        """
+        """Numbers of poses (n, …) as rotations (n, 3, 3) and positions (n, 3), m."""
 
     def external(self, position: str) -> Mapping[str, float]:
         """External axes by name in the text behind the numbers of a position."""
@@ -105,15 +101,8 @@ class ProgramReader(Reader):
         if what not in there:
             problem = f"no {what or 'positions'}"
             raise ForeignFileError(problem, f"positions as {self.summary} has them", file=path)
-        check_end_of_program(
-            path,
-            text,
-            given,
-            comment=self.comment,
-            opening=self.opening,
-            closing=self.closing,
-            last_word=self.last_word or self.closing,
-        )
+        ends = self.comment, self.opening, self.closing, self.last_word or self.closing
+        check_end_of_program(path, text, given, *ends)
         lines, labels, numbers, external = by_kind[what]
         axes = ExternalAxes.of(path, lines, external)
         beside: dict[str, NDArray[Any]] = {"line": np.array(lines)}
@@ -133,24 +122,19 @@ class ProgramReader(Reader):
             expected = f"{count} different ones{with_them}"
             raise given.refuse(NAMES, f"{len(names)} names", expected)
         more, notes = axes.columns(used, names[count:], given, required=True)
-        angles = self.joints(numbers)
-        return ImportedRows(
-            source=path,
-            form=self.name,
-            columns={**dict(zip(names[:count], angles.T, strict=True)), **more, **beside},
-            notes=tuple(notes),
-        )
+        angles = dict(zip(names[:count], self.joints(numbers).T, strict=True))
+        columns = {**angles, **more, **beside}
+        return ImportedRows(source=path, form=self.name, columns=columns, notes=tuple(notes))
 
     def _positions(self, path: Path, text: str, pattern: re.Pattern[str]) -> _Positions:
-        """Each match; all must have as many numbers."""
+        """Each match: a pattern takes as many numbers from each."""
         lines, names, rows = list[int](), list[str](), list[list[float]]()
         external = list[Mapping[str, float]]()
         longest = 20_000
         for number, line in enumerate(lines_of(text), 1):
             if len(line) > longest:
-                raise ForeignFileError(
-                    f"a line of {len(line)} characters", "a program", file=path, line=number
-                )
+                problem = f"a line of {len(line)} characters"
+                raise ForeignFileError(problem, "a program", file=path, line=number)
             content = line.partition(self.comment)[0]
             if self.settings is not None:
                 content = self.settings.sub("", content)
@@ -159,10 +143,6 @@ class ProgramReader(Reader):
                 if not np.isfinite(row).all():
                     problem = repr(match[1][:40])
                     raise ForeignFileError(problem, "finite numbers", file=path, line=number)
-                if rows and len(row) != len(rows[0]):
-                    problem = f"{len(row)} numbers"
-                    expected = f"{len(rows[0])}, as in line {lines[0]}"
-                    raise ForeignFileError(problem, expected, file=path, line=number)
                 name = _NAME.search(content[: match.start()])
                 lines.append(number)
                 names.append("" if name is None else name[1])

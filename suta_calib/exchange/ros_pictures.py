@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
@@ -39,12 +40,7 @@ _MAGIC: Final = {b"\xff\xd8\xff": ".jpg", b"\x89PNG\r\n\x1a\n": ".png"}
 
 
 def picture_of(path: Path, topic: str, message: Any) -> RecordedPicture:
-    """A message's picture: a compressed one as it is, any other as PNG.
-
-    Raises:
-        ForeignFileError: an encoding that is none of a picture, or too few bytes.
-        MissingExtraError: OpenCV is not installed.
-    """
+    """A message's picture: a compressed one as it is, any other as PNG."""
     if not hasattr(message, "encoding"):
         data = bytes(message.data)
         suffix = next((s for magic, s in _MAGIC.items() if data.startswith(magic)), None)
@@ -84,44 +80,30 @@ def pictures_at(
 ) -> list[RecordedPicture | None]:
     """The picture nearest to the middle of each rest; None where none was taken during it.
 
-    Args:
-        path: of the recording, for messages.
-        topic: of the pictures.
-        rests: in order.
-        messages: time, s, and the message, in the order of the recording.
-
-    Raises:
-        ForeignFileError: a picture that cannot be read, or more than fit into memory.
+    Rests are in order; messages have their time, s, and come in the order of the recording.
     """
     best: dict[int, tuple[float, Any]] = {}
     pictures: list[RecordedPicture | None] = [None] * len(rests)
     total, first = 0, 0
-
-    def keep(until: float) -> int:
-        total = 0
-        for k in [k for k in best if rests[k].end < until]:
-            picture = pictures[k] = picture_of(path, topic, best.pop(k)[1])
-            total += len(picture.data)
-        return total
-
     # Of all pictures of a recording together; more would not be held at once.
     most_bytes = 1_000_000_000
     # Messages come a little out of order, s.
     late = 2.0
-    for at, message in messages:
+    for at, message in chain(messages, [(np.inf, None)]):
         while first < len(rests) and rests[first].end < at - late:
+            if first in best:
+                picture = pictures[first] = picture_of(path, topic, best.pop(first)[1])
+                total += len(picture.data)
             first += 1
-        for k in range(first, len(rests)):
-            if rests[k].begin > at:
-                break
-            off = abs(at - (rests[k].begin + rests[k].end) / 2)
-            if at <= rests[k].end and (k not in best or off < best[k][0]):
-                best[k] = off, message
-        total += keep(at - late)
         if total > most_bytes:
             problem = f"pictures of more than {most_bytes / 1e6:.0f} MB"
             raise ForeignFileError(problem, "a shorter recording", file=path)
-    keep(np.inf)
+        for k, rest in enumerate(rests[first:], first):
+            if rest.begin > at:
+                break
+            off = abs(at - (rest.begin + rest.end) / 2)
+            if at <= rest.end and (k not in best or off < best[k][0]):
+                best[k] = off, message
     return pictures
 
 

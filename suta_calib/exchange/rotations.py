@@ -31,21 +31,13 @@ _ROUNDED: Final = 0.01
 
 
 def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[int]) -> FloatArray:
-    """Rotation matrices of numbers in one of the `NUMBERS` forms.
+    """Rotation matrices (n, 3, 3) of numbers (n, …) in one of the `NUMBERS` forms, angles in rad.
 
-    Args:
-        form: ``xyzw``, ``wxyz`` (quaternions), ``vector`` (rotation vector, rad), ``rows``,
-            ``columns`` (a matrix), or an order of Euler angles, rad, as SciPy names it.
-        numbers: (n, numbers of the form); rows with NaN stay NaN.
-        path: the file, for messages.
-        lines: (n,) in it.
-
-    Returns:
-        (n, 3, 3), rotations to rounding: what was rounded when written is made one.
+    Rows with NaN stay NaN. What was rounded when written is made a rotation to rounding.
 
     Raises:
         ForeignFileError: a quaternion that is not of length 1, a matrix that is no rotation, or an
-            angle of thousands of turns.
+            angle of thousands of turns; with the line.
     """
     matrices = np.full((len(numbers), 3, 3), np.nan)
     complete = np.asarray(np.isfinite(numbers).all(axis=1))
@@ -74,6 +66,11 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
 
         matrices[complete] = Rotation.from_euler(form, values).as_matrix()
     return matrices
+
+
+def are_quaternions(numbers: FloatArray) -> bool:
+    """Whether all of (n, 4) numbers have together the length one but for rounding."""
+    return bool(np.all(np.abs(np.linalg.norm(numbers, axis=1) - 1.0) < _ROUNDED))
 
 
 def is_rotation(matrix: FloatArray) -> bool:

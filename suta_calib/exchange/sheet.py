@@ -76,11 +76,7 @@ class Sheet:
         return [cells[self.ahead + column].strip() for _, cells in self.rows()]
 
     def numbers(self, columns: Iterable[int]) -> FloatArray:
-        """Numbers (n, columns) in some columns; NaN where a cell is missing.
-
-        Raises:
-            ForeignFileError: a cell that is neither a finite number nor missing, with its line.
-        """
+        """Numbers (n, columns) in some columns; NaN where a cell is missing."""
         return np.stack([self._numbers(column) for column in columns], axis=1)
 
     def _numbers(self, column: int) -> FloatArray:
@@ -103,11 +99,7 @@ def sheet_of(
     headed: bool,
     remarks: tuple[str, ...],
 ) -> Sheet:
-    """A sheet of rows that all have as many cells as there are names.
-
-    Raises:
-        ForeignFileError: as ``rows`` does.
-    """
+    """A sheet of rows that all have as many cells as there are names."""
     lines = array("q")
     parts: list[list[FloatArray] | None] = [[] for _ in names]
     given = rows()

@@ -19,7 +19,7 @@ from suta_calib.exchange.plausible_units import (
     plausible_rotations,
     quaternion_order,
 )
-from suta_calib.exchange.rotations import NUMBERS
+from suta_calib.exchange.rotations import NUMBERS, are_quaternions
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.measurements.csv_table import SIGMAS
 
@@ -48,48 +48,33 @@ ANGLES: Final = ("rad", "deg")
 ROLE_OPTIONS: Final = (ROTATION, FIRST, GUESS)
 # A unit behind a name: x_mm, x [mm], x (mm).
 _UNIT: Final = re.compile(r"(.+?)(?:_|\s*[\[(]|\s)(mm|cm|m|deg|°|rad)[\])]?", re.IGNORECASE)
-_POSITIONS: Final = (
-    ("x", "y", "z"),
-    ("tx", "ty", "tz"),
-    ("px", "py", "pz"),
-    ("pos_x", "pos_y", "pos_z"),
-    ("posx", "posy", "posz"),
-    ("position_x", "position_y", "position_z"),
-    ("position.x", "position.y", "position.z"),
-    ("translation.x", "translation.y", "translation.z"),
-)
+
+
+def _spelt(letters: str, spellings: str) -> tuple[tuple[str, ...], ...]:
+    """Names of the numbers of something: each spelling with a letter in place of ``?``."""
+    return tuple(
+        tuple(spelling.replace("?", letter) for letter in letters) for spelling in spellings.split()
+    )
+
+
+_POSITIONS: Final = _spelt("xyz", "? t? p? pos_? pos? position_? position.? translation.?")
 _QUATERNIONS: Final = (
-    ("qx", "qy", "qz", "qw"),
+    *_spelt("xyzw", "q? quat_? rot_? orientation_? orientation.? rotation.?"),
     ("qx", "qy", "qz", "q0"),
-    ("quat_x", "quat_y", "quat_z", "quat_w"),
-    ("rot_x", "rot_y", "rot_z", "rot_w"),
-    ("orientation_x", "orientation_y", "orientation_z", "orientation_w"),
-    ("orientation.x", "orientation.y", "orientation.z", "orientation.w"),
-    ("rotation.x", "rotation.y", "rotation.z", "rotation.w"),
 )
 # Names that only count: the scalar is the first of them or the last, or they are no quaternion.
-_COUNTED: Final = (
-    ("q0", "q1", "q2", "q3"),
-    ("q1", "q2", "q3", "q4"),
-    ("quat_0", "quat_1", "quat_2", "quat_3"),
-    ("quat_1", "quat_2", "quat_3", "quat_4"),
-)
-_ANGLES: Final = (
-    ("rx", "ry", "rz"),
-    ("roll", "pitch", "yaw"),
-    ("a", "b", "c"),
-    ("phix", "phiy", "phiz"),
+_COUNTED: Final = (*_spelt("0123", "q? quat_?"), *_spelt("1234", "q? quat_?"))
+_ANGLES: Final = tuple(
+    tuple(names.split()) for names in ("rx ry rz", "roll pitch yaw", "a b c", "phix phiy phiz")
 )
 _MATRICES: Final = tuple(
     tuple(f"{letter}{row}{column}" for row in range(k, k + 3) for column in range(k, k + 3))
-    for letter in ("r", "m", "t")
+    for letter in "rmt"
     for k in (0, 1)
 )
 # Where the position stands in such a matrix, if it is one of a transform.
 _FOURTH: Final = tuple(
-    tuple(f"{letter}{row}{k + 3}" for row in range(k, k + 3))
-    for letter in ("r", "m", "t")
-    for k in (0, 1)
+    tuple(f"{letter}{row}{k + 3}" for row in range(k, k + 3)) for letter in "rmt" for k in (0, 1)
 )
 # The columns of a rotation as robotics calls them: normal, orientation, approach.
 _AXES: Final = (tuple(letter + axis for letter in "noa" for axis in "xyz"),)
@@ -98,9 +83,8 @@ _ORIENTATIONS: Final = (*_QUATERNIONS, *_MATRICES, *_AXES, *_ANGLES)
 _SPREADS: Final = ("sigma_", "std_")
 # Forms of angles of these names: KUKA's A turns about Z; rx, ry, rz may be any.
 _USUAL_ANGLES: Final = {"roll": (RPY,), "a": ("ZYX",)}
-# How far the length of a quaternion may be from one.
-UNIT_LENGTH: Final = 0.01
-_MOST_CHOICES: Final = 8
+# Forms of three numbers.
+OF_THREE: Final = [form for form, count in NUMBERS.items() if count == 3]
 # Numbers of a transform, which may have names that say nothing.
 OF_MATRIX: Final = (12, 16)
 
@@ -136,16 +120,7 @@ def plain_name(name: str) -> tuple[str, str]:
 
 
 def named_poses(sheet: Sheet, names: Sequence[str], given: Given) -> list[PoseColumns]:
-    """The poses that columns are named as, in the order of their prefixes.
-
-    Args:
-        sheet: for messages.
-        names: of the columns, as they are to be understood.
-        given: `ROLE_OPTIONS`.
-
-    Raises:
-        ForeignFileError: orientations whose names leave open what they are.
-    """
+    """The poses that columns are named as, in the order of their prefixes."""
     plain: dict[str, tuple[int, str]] = {}
     for k, name in enumerate(names):
         bare, unit = plain_name(name)
@@ -205,34 +180,29 @@ def _numbers(
 
 def _refused(sheet: Sheet, problem: str) -> ForeignFileError:
     """Error about names that contradict each other, to be raised by the caller."""
-    return sheet.refuse(
-        problem,
-        "each number of a pose once, all of a kind in one unit",
-        hint="name the columns that are meant with --columns 1=x,2=qx,…, and others by other names",
-    )
+    expected = "each number of a pose once, all of a kind in one unit"
+    hint = "name the columns that are meant with --columns 1=x,2=qx,…, and others by other names"
+    return sheet.refuse(problem, expected, hint=hint)
 
 
 def _named_rotation(
     sheet: Sheet, plain: Mapping[str, tuple[int, str]], prefix: str, given: Given
 ) -> tuple[tuple[int, ...], str, str]:
+    """Columns of the orientation with a prefix, the unit of its angles, and its form."""
     kinds = ((_QUATERNIONS, "xyzw"), (_MATRICES, "rows"), (_AXES, "columns"), (_ANGLES, ""))
-    for sets, form in kinds:
-        for names in sets:
-            present = [prefix + name for name in names]
-            if not all(name in plain for name in present):
-                continue
-            columns, angle = _numbers(sheet, plain, present)
-            if form:
-                return columns, angle, form
-            content = (
-                f"orientations in columns {', '.join(present)}, which may be any of many angles"
-            )
-            asked = [name_of_form for name_of_form, count in NUMBERS.items() if count == 3]
-            if GUESS in given and ROTATION not in given:
-                form, angle = _guessed_angles(sheet, columns, angle, names, given)
-                given.note_guess(ROTATION, form, content)
-                return columns, angle, form
-            return columns, angle, settled(sheet, given, ROTATION, asked, content, likeliest=RPY)
+    for names, form in ((names, form) for sets, form in kinds for names in sets):
+        present = [prefix + name for name in names]
+        if not all(name in plain for name in present):
+            continue
+        columns, angle = _numbers(sheet, plain, present)
+        if form:
+            return columns, angle, form
+        content = f"orientations in columns {', '.join(present)}, which may be any of many angles"
+        if GUESS in given and ROTATION not in given:
+            form, angle = _guessed_angles(sheet, columns, angle, names, given)
+            given.note_guess(ROTATION, form, content)
+            return columns, angle, form
+        return columns, angle, settled(sheet, given, ROTATION, OF_THREE, content, likeliest=RPY)
     for names in _COUNTED:
         present = [prefix + name for name in names]
         if not all(name in plain for name in present) or not _is_quaternion(sheet, plain, present):
@@ -241,59 +211,45 @@ def _named_rotation(
             f"a quaternion in columns {', '.join(present)}, whose scalar may be the first or last"
         )
         columns, angle = _numbers(sheet, plain, present)
-        numbers = sheet.numbers(columns)
-        likeliest = quaternion_order(numbers[np.isfinite(numbers).all(axis=1)])
+        likeliest = quaternion_order(_whole_rows(sheet.numbers(columns)))
         order = settled(sheet, given, ROTATION, ["wxyz", "xyzw"], content, likeliest=likeliest)
         return columns, angle, order
     for names in _QUATERNIONS:
         gone = [prefix + name for name in names if prefix + name not in plain]
         if len(gone) == 1:
             there = ", ".join(prefix + name for name in names if prefix + name in plain)
-            raise sheet.refuse(
-                f"columns {there} and no {gone[0]}",
-                "all four numbers of a quaternion, or none",
-                hint=f"name it with --columns NAME={gone[0]}",
-            )
+            problem = f"columns {there} and no {gone[0]}"
+            expected = "all four numbers of a quaternion, or none"
+            hint = f"name it with --columns NAME={gone[0]}"
+            raise sheet.refuse(problem, expected, hint=hint)
     return (), "", ""
+
+
+def _whole_rows(numbers: FloatArray) -> FloatArray:
+    """Rows in which no number is missing."""
+    return numbers[np.isfinite(numbers).all(axis=1)]
 
 
 def _guessed_angles(
     sheet: Sheet, columns: Sequence[int], unit: str, names: Sequence[str], given: Given
 ) -> tuple[str, str]:
-    """Form and unit of angles, by their names and numbers.
-
-    Args:
-        sheet: that they are in.
-        columns: of the three angles.
-        unit: that their names give; empty for none.
-        names: what they are called, without a prefix.
-        given: the options.
-
-    Raises:
-        ForeignFileError: several forms are plausible, or none is.
-    """
-    numbers = sheet.numbers(columns)
-    finite = numbers[np.isfinite(numbers).all(axis=1)]
+    """Form and unit of angles, by their names and numbers."""
+    finite = _whole_rows(sheet.numbers(columns))
     forms = _USUAL_ANGLES.get(names[0], open_forms())
     units = open_units(given, ANGLES, unit)
     readings = plausible_rotations(finite, forms, units) if len(finite) else []
     if len(readings) == 1:
         return readings[0]
     choices = " or ".join(f"{form} in {angle}" for form, angle in readings)
-    raise sheet.refuse(
-        f"columns {', '.join(names)}, which may be {choices or 'no angles of a usual form'}",
-        "one form that their numbers allow",
-        hint=f"say {ROTATION.switch} vector or an order of Euler angles, and {UNIT.switch} rad|deg",
-    )
+    problem = f"columns {', '.join(names)}, which may be {choices or 'no angles of a usual form'}"
+    expected = "one form that their numbers allow"
+    hint = f"say {ROTATION.switch} vector or an order of Euler angles, and {UNIT.switch} rad|deg"
+    raise sheet.refuse(problem, expected, hint=hint)
 
 
 def guessed_length(sheet: Sheet, position: FloatArray, given: Given) -> str:
-    """Unit of positions (n, 3) of which nothing says it.
-
-    Raises:
-        ForeignFileError: no unit is plausible.
-    """
-    finite = position[np.isfinite(position).all(axis=1)]
+    """Unit of positions (n, 3) of which nothing says it."""
+    finite = _whole_rows(position)
     if not len(finite):
         return "m"
     distance = float(np.median(np.linalg.norm(finite, axis=1)))
@@ -306,12 +262,8 @@ def guessed_length(sheet: Sheet, position: FloatArray, given: Given) -> str:
 
 
 def guessed_angle(sheet: Sheet, form: str, numbers: FloatArray, given: Given) -> str:
-    """Unit of angles (n, 3) of which nothing says it.
-
-    Raises:
-        ForeignFileError: no unit is plausible.
-    """
-    finite = numbers[np.isfinite(numbers).all(axis=1)]
+    """Unit of angles (n, 3) of which nothing says it."""
+    finite = _whole_rows(numbers)
     if not len(finite):
         return "rad"
     most = float(np.abs(finite).max())
@@ -329,10 +281,8 @@ def _no_guess(sheet: Sheet, problem: str, choices: str) -> ForeignFileError:
 
 def open_units(given: Given, units: Sequence[str], stated: str = "") -> Sequence[str]:
     """Those of some units that the options, or else a name, leave open."""
-    stated_units = [unit for unit in given.texts(UNIT) if unit in units] or [stated] * (
-        stated in units
-    )
-    return stated_units or units
+    asked = [unit for unit in given.texts(UNIT) if unit in units]
+    return asked or ([stated] if stated in units else units)
 
 
 def _is_quaternion(
@@ -342,9 +292,8 @@ def _is_quaternion(
     columns = [plain[name][0] for name in names]
     if any(sheet.values[k] is None for k in columns):
         return False
-    length = np.linalg.norm(sheet.numbers(columns), axis=1)
-    finite = length[np.isfinite(length)]
-    return bool(len(finite) and np.all(np.abs(finite - 1.0) < UNIT_LENGTH))
+    numbers = _whole_rows(sheet.numbers(columns))
+    return bool(len(numbers)) and are_quaternions(numbers)
 
 
 def settled(
@@ -356,19 +305,7 @@ def settled(
     *,
     likeliest: str = "",
 ) -> str:
-    """What an option says, or the only choice; with ``--guess`` the likeliest, if there is one.
-
-    Args:
-        sheet: for messages.
-        given: the options.
-        option: that settles it.
-        choices: that the file allows.
-        content: what was found that leaves them open.
-        likeliest: of the choices; empty where none is likelier than the others.
-
-    Raises:
-        ForeignFileError: several are left, and nobody says which.
-    """
+    """What an option says, or the only choice; with ``--guess`` the likeliest, if there is one."""
     if option in given:
         chosen = given.text(option)
         if chosen not in choices:
@@ -381,9 +318,7 @@ def settled(
     if GUESS in given and likeliest:
         given.note_guess(option, likeliest, content)
         return likeliest
-    shown = choices if len(choices) <= _MOST_CHOICES else (*choices[:_MOST_CHOICES], "…")
-    raise sheet.refuse(
-        content,
-        "that it be said which",
-        hint=f"say {option.switch} {'|'.join(shown)}" + (", or --guess" if likeliest else ""),
-    )
+    shown = choices if len(choices) <= 8 else (*choices[:8], "…")
+    expected = "that it be said which"
+    hint = f"say {option.switch} {'|'.join(shown)}" + (", or --guess" if likeliest else "")
+    raise sheet.refuse(content, expected, hint=hint)

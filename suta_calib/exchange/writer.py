@@ -11,8 +11,7 @@ from typing import Any, ClassVar, Final
 
 from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import exchange_files
-from suta_calib.exchange.description import Described, formats_of, named
-from suta_calib.exchange.option import Given
+from suta_calib.exchange.option import Described, Given, formats_of, named
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
 from suta_calib.showing import Displayable
 from suta_calib.words import listed

@@ -8,7 +8,7 @@ from copy import copy
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pinocchio as pin
@@ -41,12 +41,9 @@ from suta_calib.model.segments import geometric_parameters, nongeometric_paramet
 from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
 from suta_calib.model.urdf_tree import read_tree
+from suta_calib.plotting.scene import Scene
 from suta_calib.showing import Displayable
 from suta_calib.units import Unit
-
-if TYPE_CHECKING:
-    from suta_calib.model.skeleton import Skeleton
-    from suta_calib.plotting.scene import Scene
 
 
 class ArmModel(Displayable):
@@ -174,6 +171,11 @@ class ArmModel(Displayable):
         """Names of the joints that have a reading, base → tip: the columns of a samples file."""
         return tuple(joint.name for joint in self.chain.moving)
 
+    @property
+    def _moving(self) -> tuple[str, ...]:
+        """Names of all joints that move, those without a reading of their own included."""
+        return tuple(joint.name for joint in self.chain.joints if joint.moving)
+
     @cached_property
     def units(self) -> dict[str, Unit]:
         """Of the reading of each of `joints`: rad, or m."""
@@ -231,8 +233,8 @@ class ArmModel(Displayable):
         """Readings (joints,) as a configuration of `model`, continuous joints included."""
         moved = self.gearing @ np.asarray(q, dtype=float) + [s.shift for s in self.movers]
         tangent = np.zeros(self.model.nv)
-        for joint, amount in zip((j for j in self.chain.joints if j.moving), moved, strict=True):
-            tangent[self.model.joints[self.model.getJointId(joint.name)].idx_v] = amount
+        for joint, amount in zip(self._moving, moved, strict=True):
+            tangent[self.model.joints[self.model.getJointId(joint)].idx_v] = amount
         return np.asarray(pin.integrate(self.model, pin.neutral(self.model), tangent))
 
     @property
@@ -262,9 +264,8 @@ class ArmModel(Displayable):
     @cached_property
     def loads(self) -> tuple[Load, ...]:
         """The masses on the moving joints, base → tip, as the URDF has them."""
-        names = [joint.name for joint in self.chain.joints if joint.moving]
-        bodies = [self.model.inertias[self.model.getJointId(name)] for name in names]
-        pairs = zip(names, bodies, strict=True)
+        bodies = [self.model.inertias[self.model.getJointId(name)] for name in self._moving]
+        pairs = zip(self._moving, bodies, strict=True)
         return tuple(Load(name, float(body.mass), body.lever.copy()) for name, body in pairs)
 
     def select(self, *rows: Selection | str) -> ParameterSet:
@@ -343,10 +344,9 @@ class ArmModel(Displayable):
         if all(value == self.offered[name].nominal for name, value in arm_values.items()):
             arm_values = {}
         rows = np.atleast_2d(readings)
-        if rows.shape[1] != len(self.joints):
-            raise ParameterError(
-                f"readings of {rows.shape[1]} joints", f"{len(self.joints)}: {self.joints}"
-            )
+        if rows.shape[1] != (count := len(self.joints)):
+            given = f"readings of {rows.shape[1]} joints"
+            raise ParameterError(given, f"{count}: {self.joints}")
         beside_readings = conditions or {}
         batch = Batched(self.function(list(arm_values), beside_readings, 0), len(rows), shared=[0])
         inputs = (np.array([*arm_values.values()]), rows, *beside_readings.values())
@@ -360,9 +360,8 @@ class ArmModel(Displayable):
 
     def skeleton(self, q: ArrayLike) -> Skeleton:
         """Joints and tip for readings (joints,), rad or m, in the base: the nominal geometry."""
-        moving = tuple(joint.name for joint in self.chain.joints if joint.moving)
-        tip = self.forward(q)[1]
-        return Skeleton.of(self.model, self.chain.base, moving, self.configuration(q), tip)
+        ends = self.chain.base, self._moving
+        return Skeleton.of(self.model, *ends, self.configuration(q), self.forward(q)[1])
 
     def scene(self, q: ArrayLike | None = None) -> Scene:
         """The arm in one posture, to be drawn.

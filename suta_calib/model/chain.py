@@ -11,7 +11,7 @@ that is above both, against the direction of the joints, and descends from there
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -21,7 +21,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
 from suta_calib.model.kinematic_urdf import notes
-from suta_calib.model.transmissions import coupled_joints
 from suta_calib.model.urdf_tree import (
     Element,
     TreeJoint,
@@ -33,19 +32,15 @@ from suta_calib.model.urdf_tree import (
     read_tree,
     refusal,
     suggestion,
+    tag_of,
     unexpanded,
 )
 from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 from suta_calib.words import listed
 
-# Of a robot's chains so many are named by their ends.
-_MOST_ENDS: Final = 12
 _MOVING_TYPES: Final = ("revolute", "continuous", "prismatic")
 _SUPPORTED_TYPES: Final = (*_MOVING_TYPES, "fixed")
-# Couplings of every two joints are offered: of 200 joints 40,000, for which a second is enough.
-_MOST_JOINTS: Final = 250
-_SHORTEST_AXIS: Final = 1e-12
 
 
 @dataclass(frozen=True)
@@ -162,10 +157,8 @@ def chain_of(tree: UrdfTree, tip: str, base: str | None = None) -> Chain:
     inside = {joint.element for joint in (*climbed, *descended)}
     if problem := unexpanded(tree.path, [e for e in tree.leftover if e.getparent() in inside]):
         raise problem
-    joints = (
-        *(_chain_joint(tree, joint, climbed=True) for joint in climbed),
-        *(_chain_joint(tree, joint) for joint in descended),
-    )
+    joints = tuple(_chain_joint(tree, joint, climbed=True) for joint in climbed)
+    joints += tuple(_chain_joint(tree, joint) for joint in descended)
     if not any(joint.moving for joint in joints):
         description = f"only fixed joints between {quoted(base or base_link)} and {quoted(tip)}"
         raise UrdfError(description, "at least one joint that moves", file=tree.path, where="tip")
@@ -173,17 +166,15 @@ def chain_of(tree: UrdfTree, tip: str, base: str | None = None) -> Chain:
     by_name = {joint.name: joint for joint in joints}
     read = dict.fromkeys(j.mimic.joint if j.mimic else j.name for j in joints if j.moving)
     moving = tuple(by_name.get(name) or _chain_joint(tree, tree.joints[name]) for name in read)
-    if len(moving) > _MOST_JOINTS:
-        description = (
-            f"{len(moving)} joints that move between {quoted(base_link)} and {quoted(tip)}"
-        )
-        raise UrdfError(description, f"at most {_MOST_JOINTS}", file=tree.path, where="tip")
-    coupled = coupled_joints(tree.element)
-    remarks = notes(tree, [*climbed, *descended])
-    robot = tree.robot or tree.path.stem
+    # Couplings of every two joints are offered: of 200 joints 40,000, for which a second is enough.
+    most_joints = 250
+    if len(moving) > most_joints:
+        ends_named = f"{quoted(base_link)} and {quoted(tip)}"
+        excess = f"{len(moving)} joints that move between {ends_named}"
+        raise UrdfError(excess, f"at most {most_joints}", file=tree.path, where="tip")
     return Chain(
-        *(tree.path, tree.data, robot, base_link, tip, tip_link, top),
-        *(joints, moving, coupled, remarks),
+        *(tree.path, tree.data, tree.robot or tree.path.stem, base_link, tip, tip_link, top),
+        *(joints, moving, coupled_joints(tree.element), notes(tree, [*climbed, *descended])),
     )
 
 
@@ -209,7 +200,7 @@ def ends(tree: UrdfTree) -> str:
         return sum(joint.moves for joint in tree.path_to_root(link))
 
     links = sorted(tree.leaves, key=moving, reverse=True)
-    return f"its chains end at {listed([quoted(link) for link in links], _MOST_ENDS)}"
+    return f"its chains end at {listed([quoted(link) for link in links], 12)}"
 
 
 def _joints_between(tree: UrdfTree, base: str, tip: str) -> tuple[list[TreeJoint], list[TreeJoint]]:
@@ -289,7 +280,7 @@ def _axis(path: Path, element: Element, where: str) -> FloatArray:
         place = f"{where}: <axis>"
         vector = _numbers(path, axis, "xyz", place, (1.0, 0.0, 0.0))
         largest = np.abs(vector).max()
-        if largest < _SHORTEST_AXIS:
+        if largest < 1e-12:
             raise refusal(path, axis, f"xyz={quoted(axis.get('xyz'))}", "a direction", place)
         # Scaled first, so that the squares of very large numbers do not overflow.
         scaled = vector / largest
@@ -325,3 +316,49 @@ def _numbers(
     expected = "a finite number" if len(default) == 1 else f"{len(default)} finite numbers"
     hint = "run xacro first" if "${" in text or "$(" in text else ""
     raise refusal(path, element, f"{key}={quoted(text)}", expected, where, hint)
+
+
+# Roles of the joints that are moved too, each with the role of the one whose motor does it.
+MOVED: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
+    "DifferentialTransmission": (("joint1", "joint2"), ("joint2", "joint1")),
+    # The first bar turns the frame in which the second one's motor stands.
+    "FourBarLinkageTransmission": (("joint2", "joint1"),),
+}
+
+
+def coupled_joints(robot: Element) -> dict[str, tuple[str, ...]]:
+    """By joint: those whose motors move it too.
+
+    A transmission of another type, or one that names no two joints, couples nothing: what a
+    controller would refuse is nothing to a chain.
+    """
+    coupled: dict[str, tuple[str, ...]] = {}
+    for transmission in _transmissions(robot):
+        kind = _text(transmission, "type", "plugin").rpartition("/")[2]
+        joints = _by_role(transmission)
+        for moved, by in MOVED.get(kind, ()):
+            if moved in joints and by in joints and joints[moved] != joints[by]:
+                before = coupled.get(joints[moved], ())
+                coupled[joints[moved]] = tuple(dict.fromkeys([*before, joints[by]]))
+    return coupled
+
+
+def _transmissions(robot: Element) -> Iterator[Element]:
+    yield from children(robot, "transmission")
+    for control in children(robot, "ros2_control"):
+        yield from children(control, "transmission")
+
+
+def _by_role(transmission: Element) -> dict[str, str]:
+    """Names of the joints by role: an element of ROS 1, an attribute of ROS 2; else their order."""
+    return {
+        joint.get("role") or _text(joint, "role") or f"joint{place}": joint.get("name")
+        for place, joint in enumerate(children(transmission, "joint"), 1)
+        if joint.get("name")
+    }
+
+
+def _text(element: Element, *tags: str) -> str:
+    """The text of the first child that is called so, or nothing."""
+    texts = (child.text for child in element if tag_of(child) in tags)
+    return (next(texts, "") or "").strip()

@@ -28,14 +28,9 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import UrdfError
-from suta_calib.geometry.numbers import (
-    homogeneous,
-    rotation_from_rpy,
-    rotation_from_vector,
-    rpy_from_rotation,
-    wrap,
-)
+from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy, rotation_from_vector, wrap
 from suta_calib.model.arm import ArmModel
+from suta_calib.model.urdf import joint_text
 from suta_calib.showing import Displayable
 
 Convention = Literal["classic", "modified"]
@@ -148,35 +143,19 @@ class DhTable(Displayable):
             behind = _screw(2, 0.0, row.d) if classic and turn else np.eye(4)
             placed = before @ (np.eye(4) if classic else along_x) @ along_z @ np.linalg.inv(behind)
             child = f"{row.joint}_link"
-            motion = "continuous" if turn else "prismatic"
-            parts.append(_joint_text(row.joint, motion, parent, child, placed))
+            motion, limits = ("continuous", None) if turn else ("prismatic", (-10.0, 10.0))
+            ends = row.joint, motion, parent, child
+            parts.append(joint_text(*ends, placed, axis="0 0 1", limits=limits, number=_number))
             parts.append(f"  <link name={quoteattr(child)}/>")
             before, parent = behind @ (along_x if classic else np.eye(4)), child
-        parts.append(_joint_text("tip_joint", "fixed", parent, "tip", before))
+        parts.append(joint_text("tip_joint", "fixed", parent, "tip", before, number=_number))
         parts.append('  <link name="tip"/>\n</robot>\n')
         return "\n".join(parts)
 
 
-def _joint_text(name: str, motion: str, parent: str, child: str, placed: FloatArray) -> str:
-    # What multiplying matrices makes of a zero, m and rad.
-    rounding = 1e-15
-    xyz, rpy = (
-        " ".join(repr(0.0 if abs(v) < rounding else float(v)) for v in numbers)
-        for numbers in (placed[:3, 3], rpy_from_rotation(placed[:3, :3]))
-    )
-    lines = [
-        f"  <joint name={quoteattr(name)} type={quoteattr(motion)}>",
-        f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
-        f"    <parent link={quoteattr(parent)}/>",
-        f"    <child link={quoteattr(child)}/>",
-    ]
-    if motion != "fixed":
-        lines.append('    <axis xyz="0 0 1"/>')
-    # A slide has no limits in a table, and URDF asks for some, m.
-    slide = 10.0
-    if motion == "prismatic":
-        lines.append(f'    <limit lower="{-slide}" upper="{slide}" effort="0" velocity="1"/>')
-    return "\n".join([*lines, "  </joint>"])
+def _number(value: float) -> str:
+    # What multiplying matrices makes of a zero is smaller, m and rad.
+    return repr(0.0 if abs(value) < 1e-15 else float(value))
 
 
 def dh_table(
@@ -212,14 +191,12 @@ def dh_table(
     start, x = lines[0].point, lines[0].x
     theta, d, a, alpha = (np.zeros(last + 1) for _ in range(4))
     for k, line in enumerate(lines):
+        normal = _CommonNormal(line.x, line.point, line.point, 0.0, 0.0)
         if k < last:
             normal = _normal(line, lines[k + 1], start, x, lines[last] if k == last - 1 else None)
-            if (twist := twists.get(line.name)) is not None and abs(
-                wrap(normal.alpha - twist)
-            ) > abs(wrap(-normal.alpha - twist)):
+            twist = twists.get(line.name, normal.alpha)
+            if abs(wrap(normal.alpha - twist)) > abs(wrap(-normal.alpha - twist)):
                 normal = normal.reversed()
-        else:
-            normal = _CommonNormal(line.x, line.point, line.point, 0.0, 0.0)
         theta[k] = math.atan2(float(np.cross(x, normal.x) @ line.z), float(x @ normal.x))
         d[k] = float((normal.foot - start) @ line.z)
         a[k], alpha[k] = normal.a, normal.alpha
@@ -243,11 +220,9 @@ def _wanted_twists(like: DhTable, names: Sequence[str]) -> dict[str, float]:
     """The angle between each row's line and the next one's in another table, by the row's name."""
     moving = list(names[1:-1])
     if list(like.joints) != moving:
-        raise UrdfError(
-            f"a table of the joints {', '.join(like.joints)}",
-            f"one of the same joints as the arm's: {', '.join(moving)}",
-            where="like",
-        )
+        problem = f"a table of the joints {', '.join(like.joints)}"
+        expected = f"one of the same joints as the arm's: {', '.join(moving)}"
+        raise UrdfError(problem, expected, where="like")
     twists = [row.alpha for row in like.rows]
     if like.convention == "modified":
         twists = [*twists[1:], 0.0]
@@ -298,15 +273,7 @@ def _lines(arm: ArmModel, values: Mapping[str, float]) -> list[_Line]:
 def _normal(
     line: _Line, following: _Line, start: FloatArray, x: FloatArray, tip: _Line | None
 ) -> _CommonNormal:
-    """The common normal of two lines.
-
-    Args:
-        line: the one it starts from.
-        following: the one it ends on.
-        start: (3,) where the normal before landed on ``line``.
-        x: (3,) that normal's direction.
-        tip: the tip, if ``following`` is its z axis: then x is free where the two lines are one.
-    """
+    """The common normal of two lines."""
     cross = np.cross(line.z, following.z)
     sine, between = float(np.linalg.norm(cross)), following.point - line.point
     if sine > _PARALLEL:

@@ -24,12 +24,9 @@ from suta_calib.geometry.symbols import Symbol
 
 @dataclass(frozen=True, eq=False)
 class Load:
-    """What hangs on one moving joint, and what its placement is.
+    """The mass, kg, that moves with one joint, before the next one, and its centre (3,), m.
 
-    Attributes:
-        joint: its name.
-        mass: of everything that moves with it, before the next moving joint, kg.
-        centre: (3,) of that mass in the joint's frame, m.
+    The centre is in the joint's frame.
     """
 
     joint: str
@@ -57,12 +54,7 @@ class MovingFrame:
 
 
 def beyond(climbed: Sequence[bool], joint: int) -> slice:
-    """Which of a chain's moving joints, base → tip, hang on one of them, itself included.
-
-    Args:
-        climbed: of every moving joint, whether the chain passes it from child to parent.
-        joint: the number of the one in question, from 0.
-    """
+    """Which of a chain's moving joints, base → tip, hang on one of them, itself included."""
     return slice(0, joint + 1) if climbed[joint] else slice(joint, None)
 
 
@@ -71,10 +63,8 @@ def gravity_torques(
 ) -> dict[str, Symbol]:
     """Torque of gravity about each joint's axis, N·m (for a prismatic one it means nothing).
 
-    Args:
-        frames: the moving joints at nominal, base → tip.
-        carried: their loads, in the same order.
-        gravity: (3,) acceleration in the base frame, m/s².
+    The moving joints are at nominal, base → tip, and so are their loads; gravity is (3,) in the
+    base frame, m/s².
     """
     climbed = [frame.climbed for frame in frames]
     centres = [

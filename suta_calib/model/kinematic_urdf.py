@@ -30,26 +30,12 @@ _LIMITED: Final = ("revolute", "prismatic")
 
 
 def pinocchio_model(tree: UrdfTree, moving: Collection[str]) -> Any:
-    """The `pin.Model` in which these joints move, and all others are fixed.
-
-    Args:
-        tree: the URDF.
-        moving: names of revolute, continuous and prismatic joints, whose numbers were checked.
-
-    Raises:
-        UrdfError: Pinocchio refuses even that.
-    """
-    # Whoever only asks for the file's links needs no Pinocchio.
-
+    """The `pin.Model` in which these joints move, and all others are fixed."""
     try:
         return pin.buildModelFromXML("\n".join(_lines(tree, moving)))
     except (ValueError, RuntimeError) as error:
-        message = str(error).strip().splitlines()[0]
-        raise UrdfError(
-            f"a model Pinocchio refuses ({message})",
-            "a URDF that Pinocchio can load",
-            file=tree.path,
-        ) from error
+        problem = f"a model Pinocchio refuses ({str(error).strip().splitlines()[0]})"
+        raise UrdfError(problem, "a URDF that Pinocchio can load", file=tree.path) from error
 
 
 def _lines(tree: UrdfTree, moving: Collection[str]) -> Iterator[str]:
@@ -95,59 +81,52 @@ def _inertial(link: Element) -> str:
 
 
 def notes(tree: UrdfTree, chain: Collection[TreeJoint]) -> tuple[str, ...]:
-    """What the file has that other readers may refuse, and that no pose of the chain depends on.
-
-    Args:
-        tree: the URDF.
-        chain: its joints that were checked; of others nothing but their place in the tree is used.
-    """
-    checked = {joint.name for joint in chain}
+    """What the file has that other readers may refuse, and that no pose of the chain depends on."""
     places: dict[str, list[Element]] = {}
+    for note, element in _notes(tree, {joint.name for joint in chain}):
+        places.setdefault(note, []).append(element)
+    return tuple(f"{note} ({_lines_of(elements)})" for note, elements in places.items())
+
+
+def _notes(tree: UrdfTree, chain: Collection[str]) -> Iterator[tuple[str, Element]]:
+    """Each with its element; of a joint off the chain nothing but its place in the tree is used."""
     if not tree.robot:
-        places["<robot> has no name"] = [tree.element]
+        yield "<robot> has no name", tree.element
     for link in tree.loose:
-        note = f"link {quoted(link.get('name'))}, which no joint connects, is ignored"
-        places.setdefault(note, []).append(link)
+        yield f"link {quoted(link.get('name'))}, which no joint connects, is ignored", link
     for element in tree.leftover:
         tag = f"<{element.prefix}:{element.tag.rpartition('}')[2].rpartition(':')[2]}>"
-        places.setdefault(f"{tag}, which xacro has not expanded, is ignored", []).append(element)
+        yield f"{tag}, which xacro has not expanded, is ignored", element
     for joint in tree.joints.values():
-        kind = joint.element.get("type")
-        limits = children(joint.element, "limit")[:1]
-        if kind in _LIMITED and not limits and joint.name in checked:
-            note = "a joint without <limit> is taken to have none"
-            places.setdefault(note, []).append(joint.element)
-        for limit in limits:
-            values = {n: finite_numbers(limit.get(n, "0")) for n in limit.keys()}  # noqa: SIM118
-            one = {name: v[0] for name, v in values.items() if len(v) == 1}
-            given = {"lower", "upper"} & set(one)
-            empty = given and one.get("lower", 0.0) >= one.get("upper", 0.0)
-            if empty and kind in _LIMITED and joint.name in checked:
-                note = "a joint whose lower limit is not below its upper one is taken to have none"
-                places.setdefault(note, []).append(limit)
-            for name in ("effort", "velocity"):
-                if one.get(name, 0.0) < 0 or (name in values and name not in one):
-                    places.setdefault(f"an impossible limit of {name} is not used", []).append(
-                        limit
-                    )
-        origins = children(joint.element, "origin")[:1]
-        if any(
-            origin.get(n) is not None and len(finite_numbers(origin.get(n))) != 3
-            for origin in origins
-            for n in ("xyz", "rpy")
-        ):
-            note = "the <origin> of a joint off the chain is no three numbers, and is not used"
-            places.setdefault(note, []).append(origins[0])
+        yield from _joint_notes(joint, joint.name in chain)
     for link in children(tree.element, "link"):
         for inertial in children(link, "inertial")[:1]:
             if _mass(inertial) is None:
-                note = "an impossible mass is not used"
-                places.setdefault(note, []).append(inertial)
-    return tuple(f"{note} ({_lines_of(elements)})" for note, elements in places.items())
+                yield "an impossible mass is not used", inertial
+
+
+def _joint_notes(joint: TreeJoint, checked: bool) -> Iterator[tuple[str, Element]]:
+    limited = joint.element.get("type") in _LIMITED and checked
+    limits = children(joint.element, "limit")[:1]
+    if limited and not limits:
+        yield "a joint without <limit> is taken to have none", joint.element
+    for limit in limits:
+        values = {n: finite_numbers(limit.get(n, "0")) for n in limit.keys()}  # noqa: SIM118
+        one = {name: v[0] for name, v in values.items() if len(v) == 1}
+        empty = {"lower", "upper"} & set(one) and one.get("lower", 0.0) >= one.get("upper", 0.0)
+        if limited and empty:
+            note = "a joint whose lower limit is not below its upper one is taken to have none"
+            yield note, limit
+        for name in ("effort", "velocity"):
+            if one.get(name, 0.0) < 0 or (name in values and name not in one):
+                yield f"an impossible limit of {name} is not used", limit
+    for origin in children(joint.element, "origin")[:1]:
+        texts = [text for n in ("xyz", "rpy") if (text := origin.get(n)) is not None]
+        if any(len(finite_numbers(text)) != 3 for text in texts):
+            note = "the <origin> of a joint off the chain is no three numbers, and is not used"
+            yield note, origin
 
 
 def _lines_of(elements: list[Element]) -> str:
     lines = list(dict.fromkeys(str(element.sourceline) for element in elements))
-    # Places that a note names.
-    most = 3
-    return f"line{'s' * (len(lines) > 1)} {listed(lines, most)}"
+    return f"line{'s' * (len(lines) > 1)} {listed(lines, 3)}"

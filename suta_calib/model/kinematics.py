@@ -157,16 +157,18 @@ class _Walk:
         if unknown:
             self.ways.append((direction, point))
 
-    def through(self, segment: Segment, q: Symbol) -> None:
-        if segment.climbed:
-            self._move(segment, q)
-            self._turn(segment)
-            self._shift(segment)
-            self.top = self.rotation
-        else:
-            self._shift(segment)
-            self._turn(segment)
-            self._move(segment, q)
+    def along(self, segments: Sequence[Segment], q: Symbol) -> _Walk:
+        for segment in segments:
+            if segment.climbed:
+                self._move(segment, q)
+                self._turn(segment)
+                self._shift(segment)
+                self.top = self.rotation
+            else:
+                self._shift(segment)
+                self._turn(segment)
+                self._move(segment, q)
+        return self
 
     def _shift(self, segment: Segment) -> None:
         names, nominal = segment.names(*POSITION), _snapped(segment.rotation)
@@ -272,15 +274,11 @@ class _Walk:
         """(6, rows): linear over angular velocity of the tip in the base frame, per parameter."""
         twist, rows = _twist(), [ca.SX(6, 0)]
         done = [
-            ca.vertcat(direction, ca.SX(3, 1))
-            if point is None
-            else twist(direction, self.position - point)
-            for direction, point in self.ways
+            twist(way, self.position - point) if point is not None else ca.vertcat(way, ca.SX(3, 1))
+            for way, point in self.ways
         ]
         for k in range(self.rows):
-            parts = [
-                done[way] if much is None else done[way] * much for way, much in self.columns[k]
-            ]
+            parts = [done[way] * (1 if much is None else much) for way, much in self.columns[k]]
             rows.append(sum(parts[1:], parts[0]) if parts else ca.SX(6, 1))
         return ca.horzcat(*rows)
 
@@ -328,13 +326,13 @@ def forward_kinematics(
         drawn |= {n: nominal.get(n, 0.0) for n in walk.coupled}
         sought = [n for n in names if n in walk.coupled]
         those = ca.vertcat(*map(walk.value, sought))
-        still = _walked(segments, _Walk(sought, those, drawn), q)
+        still = _Walk(sought, those, drawn).along(segments, q)
         walk.torques = gravity_torques(still.frames, carried, still.top @ ca.DM(gravity))
     inputs = {"theta": theta, "q": q}
     for name in conditions:
         inputs[name] = ca.SX.sym(name, q.numel() if name == "direction" else 1)
     walk.direction, walk.warmth = inputs.get("direction"), inputs.get("warmth")
-    _walked(segments, walk, q)
+    walk.along(segments, q)
     outputs = [ca.vec(walk.rotation), walk.position, walk.jacobian().T]
     return ca.Function(
         "forward_kinematics",
@@ -343,12 +341,6 @@ def forward_kinematics(
         list(inputs),
         ["rotation", "position", "jacobian"],
     )
-
-
-def _walked(segments: Sequence[Segment], walk: _Walk, q: Symbol) -> _Walk:
-    for segment in segments:
-        walk.through(segment, q)
-    return walk
 
 
 # What is done with every segment is composed once: an operation on symbols takes some 20 µs from

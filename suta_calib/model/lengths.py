@@ -12,12 +12,9 @@ from suta_calib.units import mm
 
 @dataclass(frozen=True)
 class OtherLength:
-    """One origin of an arm, some of it in another unit.
+    """One origin of an arm, some of it in another unit: values by name, m, of a joint or the tip.
 
-    Attributes:
-        owner: the joint, or the tip, whose origin it is.
-        values: what is other, by name, m.
-        sentence: what would have to be so, as the end of "the data agree if …".
+    The sentence says what would have to be so, as the end of "the data agree if …".
     """
 
     owner: str
@@ -26,11 +23,7 @@ class OtherLength:
 
 
 def other_lengths(arm: ArmModel) -> Iterator[OtherLength]:
-    """Every length of an arm in other units, and every origin as a whole where it has several.
-
-    Args:
-        arm: as its URDF has it.
-    """
+    """Every length of an arm in other units, and every origin as a whole where it has several."""
     # Of cm for m, of mm for cm, of mm for m; and the other way.
     factors = (10.0, 100.0, 1000.0, 0.1, 0.01, 0.001)
     for segment in arm.segments:

@@ -115,12 +115,9 @@ class Parameter:
 
     def __post_init__(self) -> None:
         if not self.lower <= self.nominal <= self.upper:
-            raise ParameterError(
-                f"bounds {self.lower:g} … {self.upper:g} that leave out the nominal "
-                f"value {self.nominal:g}",
-                "lower ≤ nominal ≤ upper",
-                where=self.name,
-            )
+            bounds = f"bounds {self.lower:g} … {self.upper:g}"
+            problem = f"{bounds} that leave out the nominal value {self.nominal:g}"
+            raise ParameterError(problem, "lower ≤ nominal ≤ upper", where=self.name)
         if math.isnan(self.plausible):
             reach = max(self.upper - self.nominal, self.nominal - self.lower)
             bounded = math.isfinite(reach) and reach > 0
@@ -175,12 +172,10 @@ class ParameterSet(Displayable, Mapping[str, Parameter]):
         self._arrays: dict[str, FloatArray] = {}
 
     def __getitem__(self, name: str) -> Parameter:
-        try:
-            return self._by_name[name]
-        except KeyError:
-            raise ParameterError(
-                f"'{name}'", "the name of a parameter", hint=_did_you_mean(name, self._by_name)
-            ) from None
+        if name not in self._by_name:
+            hint = _did_you_mean(name, self._by_name)
+            raise ParameterError(f"'{name}'", "the name of a parameter", hint=hint)
+        return self._by_name[name]
 
     def __contains__(self, name: object) -> bool:
         return name in self._by_name
@@ -278,11 +273,8 @@ class Selection(Displayable):
 
     def applied_to(self, parameter: Parameter) -> Parameter:
         """The parameter with this row's bounds and prior in place of its own."""
-        priors = (
-            *(self.prior_m, self.prior_rad, self.prior_rad_per_nm),
-            *(self.prior_per_k, self.prior_ratio),
-        )
-        if self.fixed and not any(prior is not None for prior in priors):
+        priors = [each.name for each in fields(self) if each.name.startswith("prior")]
+        if self.fixed and all(getattr(self, name) is None for name in priors):
             return replace(parameter, free=False)
         return parameter.bounded(*self.sizes(parameter.unit), self.fixed)
 
@@ -311,16 +303,10 @@ def _usual_prior(parameter: Parameter) -> float:
 def select_parameters(
     available: ParameterSet, geometric: frozenset[str], rows: Sequence[Selection]
 ) -> ParameterSet:
-    """Apply a job's rows to what an arm offers; later rows win.
+    """Apply a job's rows to what an arm offers; later rows win. The arm's order stays.
 
-    Args:
-        available: everything the arm can vary.
-        geometric: names that the word ``geometric`` and globs may reach among the placement
-            parameters (those of moving joints and of the tip); others only by their full name.
-        rows: the selections, in order.
-
-    Returns:
-        The selected parameters, in the arm's order.
+    ``geometric`` are the placement parameters that the word and globs may reach (those of moving
+    joints and of the tip); others are selected by their full name only.
 
     Raises:
         ParameterError: a pattern matches nothing, or a row's bound or prior fits no selected one.
@@ -353,23 +339,22 @@ def _matches(
     ]
     if matches:
         return matches
-    place: dict[str, Any] = {"line": row.line, "where": "parameters: select"}
     offset = f"{joint}.{OFFSET}"
     slides = offset in available and available[offset].unit == "m"
     if slides and beside and not key.startswith(COUPLING):
-        raise ParameterError(
-            f"'{pattern}', and {joint} slides",
-            "a revolute joint: only what turns has an eccentric encoder, or yields to a torque",
-            **place,
+        problem, hint = f"'{pattern}', and {joint} slides", ""
+        expected = (
+            "a revolute joint: only what turns has an eccentric encoder, or yields to a torque"
         )
-    raise ParameterError(
-        f"'{pattern}', which matches no parameter of the arm",
-        "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
-        "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, joint.expansion, "
-        "joint.coupling[joint], globs of them, links.expansion, or 'geometric'",
-        hint=_did_you_mean(pattern, [*available, GEOMETRIC]),
-        **place,
-    )
+    else:
+        problem = f"'{pattern}', which matches no parameter of the arm"
+        hint = _did_you_mean(pattern, [*available, GEOMETRIC])
+        expected = (
+            "names like joint.offset, joint.x|y|z|rx|ry|rz, joint.gain, "
+            "joint.ecc_c1|ecc_s1|ecc_c2|ecc_s2, joint.compliance, joint.backlash, joint.expansion, "
+            "joint.coupling[joint], globs of them, links.expansion, or 'geometric'"
+        )
+    raise ParameterError(problem, expected, line=row.line, where="parameters: select", hint=hint)
 
 
 def _check_units(row: Selection, units: set[Unit]) -> None:
@@ -380,15 +365,13 @@ def _check_units(row: Selection, units: set[Unit]) -> None:
         "1/K": ("bound_ppm_per_k or prior_ppm_per_k", "expansions"),
         "1": ("bound or prior", "gains or couplings"),
     }
+    fitting = [both for unit, both in keys.items() if unit in units]
     for unit, (key, _) in keys.items():
         if unit not in units and any(v is not None for v in row.sizes(unit)):
-            raise ParameterError(
-                f"{key} for {', '.join(row.select)}, which are all "
-                f"{' or '.join(kind for u, (_, kind) in keys.items() if u in units)}",
-                ", ".join(k for u, (k, _) in keys.items() if u in units),
-                line=row.line,
-                where="parameters",
-            )
+            kinds = " or ".join(kind for _, kind in fitting)
+            problem = f"{key} for {', '.join(row.select)}, which are all {kinds}"
+            expected = ", ".join(key for key, _ in fitting)
+            raise ParameterError(problem, expected, line=row.line, where="parameters")
 
 
 def _did_you_mean(name: str, available: Iterable[str]) -> str:

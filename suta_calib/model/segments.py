@@ -33,16 +33,7 @@ def segment_of(
     columns: Mapping[str, int],
     sliding: Collection[str],
 ) -> Segment:
-    """A joint's own origin, relative to its parent link, its axis, and what may move it.
-
-    Args:
-        model: the arm.
-        data: of the model; to make it takes 0.3 s for 200 joints.
-        joint: of it.
-        owner: of the joint's parameters.
-        columns: of the samples' readings, by joint.
-        sliding: those of them whose readings are lengths.
-    """
+    """A joint's own origin, relative to its parent link, its axis, and what may move it."""
     parent = model.frames[model.getFrameId(joint.parent, pin.FrameType.BODY)]
     axis = np.zeros(3)
     if joint.moving:

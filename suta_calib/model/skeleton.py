@@ -14,12 +14,9 @@ from suta_calib.plotting.scene import Line, PlacedPoints, Scene
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
-    """An arm's joints and tip in one posture, in its base, nominal geometry.
+    """An arm in one posture at nominal, in its base, m: joints (n, 3), base → tip; tip (3,).
 
-    Attributes:
-        joints: (n, 3) origins of all that moves, base → tip, m.
-        axes: (n, 3) unit vectors: what each turns about, or slides along.
-        tip: (3,) m.
+    The axes (n, 3) are unit vectors that each joint turns about, or slides along.
     """
 
     joints: FloatArray
@@ -30,15 +27,7 @@ class Skeleton:
     def of(
         cls, model: Any, base: str, names: tuple[str, ...], at: FloatArray, tip: FloatArray
     ) -> Skeleton:
-        """By Pinocchio's forward kinematics.
-
-        Args:
-            model: `pin.Model`.
-            base: name of the link that the chain starts from.
-            names: of the joints that move, base → tip.
-            at: configuration of the model.
-            tip: (3,) in the base, m.
-        """
+        """By Pinocchio's forward kinematics."""
         data = model.createData()
         pin.framesForwardKinematics(model, data, at)
         jacobians = pin.computeJointJacobians(model, data, at)

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 from xml.parsers import expat
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +32,6 @@ Origin = tuple[ArrayLike, ArrayLike]
 _ATTRIBUTE: Final = re.compile(rb"""([^\s=<>"'/]+)\s*=\s*("[^"]*"|'[^']*')""")
 # What xacro puts a text in place of.
 _EXPRESSION: Final = re.compile(r"\$\{[^}]*\}|\$\([^)]*\)")
-_OTHERWISE: Final = "the formats xacro and xacro-yaml tell joints apart by their whole names"
 # Picometres: what is less comes of the rounding of sines and products, not of a measurement.
 _DECIMALS: Final = 12
 _ROUNDING: Final = 0.5 * 10.0**-_DECIMALS
@@ -95,12 +95,8 @@ def _urdf_tags(path: Path, data: bytes) -> dict[str, _JointTags]:
         if tags.depth != 1:
             continue
         if name in by_name:
-            raise UrdfError(
-                f"the joint name {quoted(name)} a second time",
-                "one joint of that name",
-                file=path,
-                line=tags.line,
-            )
+            problem = f"the joint name {quoted(name)} a second time"
+            raise UrdfError(problem, "one joint of that name", file=path, line=tags.line)
         by_name[name] = tags
     return by_name
 
@@ -109,12 +105,8 @@ def urdf_bytes(source: Path, data: bytes, origins: Mapping[str, Origin]) -> byte
     """A URDF byte for byte, with new numbers in the ``<origin>`` of the named joints.
 
     A number that keeps its value, to 1e-12, keeps its spelling; a new one is rounded to that. A
-    joint without ``<origin>`` gets one. Relative mesh paths are copied as they stand.
-
-    Args:
-        source: the user's URDF, for messages.
-        data: its bytes, in UTF-8, Latin-1 or another one-byte encoding it declares.
-        origins: for each joint ``(xyz, rpy)``: (3,) m in the parent link's frame, and (3,) rad.
+    joint without ``<origin>`` gets one. Relative mesh paths are copied as they stand. An origin is
+    ``(xyz, rpy)``: (3,) m in the parent link's frame, and (3,) rad.
 
     Raises:
         UrdfError: the source cannot be edited, or has no joint of a name that was asked for.
@@ -122,12 +114,11 @@ def urdf_bytes(source: Path, data: bytes, origins: Mapping[str, Origin]) -> byte
     """
     tags = _urdf_tags(source, data)
     splices: list[_Splice] = []
-    for name, (xyz, rpy) in origins.items():
+    for name, origin in origins.items():
         if name not in tags:
             hint = suggestion(name, tags, "joints")
             raise UrdfError("no joint of that name", file=source, where=quoted(name), hint=hint)
-        values = {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
-        splices += _origin_splices(data, tags[name], values)
+        splices += _origin_splices(data, tags[name], name, origin)
     return _spliced(data, splices)
 
 
@@ -137,19 +128,6 @@ def xacro_bytes(
     """A xacro file byte for byte, with numbers in the ``<origin>`` of the joints that it makes.
 
     A joint stands at any depth, in a macro too; ``${prefix}`` in its name stands for any text.
-
-    Args:
-        source: the file, for messages.
-        data: its bytes.
-        origins: as for `urdf_bytes`.
-
-    Returns:
-        The new bytes, and which of the joints are in this file.
-
-    Raises:
-        UrdfError: a joint that may be several of these, or the other way round; or one whose
-            origin a macro puts in.
-        OutputError: a number is not finite.
     """
     splices, placed = list[_Splice](), dict[str, int]()
     for pattern, tags in _joint_tags(source, data):
@@ -157,33 +135,20 @@ def xacro_bytes(
         made = [name for name in origins if re.fullmatch(".*".join(parts), name, re.DOTALL)]
         if not made:
             continue
-        where = f"joint {quoted(pattern)}"
+        problem, expected = "", "one joint of that name"
         if len(made) > 1:
-            raise UrdfError(
-                f"what may be the joints {quoted(made[0])} and {quoted(made[1])}",
-                "a joint of its own for each",
-                file=source,
-                line=tags.line,
-                where=where,
-                hint=_OTHERWISE,
-            )
-        (name,) = made
-        if name in placed:
-            problem = f"what may be {quoted(name)}, as line {placed[name]} may"
-            expected = "one joint of that name"
-            raise UrdfError(
-                problem, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
-            )
-        placed[name] = tags.line
-        if tags.filled and tags.origin is None:
+            problem = f"what may be the joints {quoted(made[0])} and {quoted(made[1])}"
+            expected = "a joint of its own for each"
+        elif made[0] in placed:
+            problem = f"what may be {quoted(made[0])}, as line {placed[made[0]]} may"
+        elif tags.filled and tags.origin is None:
             problem, expected = "an origin that a macro puts in", "an <origin> of its own"
-            raise UrdfError(
-                problem, expected, file=source, line=tags.line, where=where, hint=_OTHERWISE
-            )
-        xyz, rpy = origins[name]
-        splices += _origin_splices(
-            data, tags, {b"xyz": _finite(name, xyz), b"rpy": _finite(name, rpy)}
-        )
+        if problem:
+            hint = "the formats xacro and xacro-yaml tell joints apart by their whole names"
+            where = f"joint {quoted(pattern)}"
+            raise UrdfError(problem, expected, file=source, line=tags.line, where=where, hint=hint)
+        placed[made[0]] = tags.line
+        splices += _origin_splices(data, tags, made[0], origins[made[0]])
     return _spliced(data, splices), frozenset(placed)
 
 
@@ -212,13 +177,8 @@ def folded_origin(
 
     ``R = R(rpy_nominal) · exp(r) · Rot(axis, offset)`` for a joint that turns; for one that
     slides ``R = R(rpy_nominal) · exp(r)`` and ``xyz + R · axis · offset``. A fixed joint has no
-    reading, and its offset is ignored.
-
-    Args:
-        joint: the nominal joint.
-        xyz: (3,) calibrated position of the origin in the parent link's frame, m.
-        rotation_vector: (3,) ``r``, rad, in the joint's frame; nominal 0.
-        offset: added to the reading, rad (m for prismatic).
+    reading, and its offset is ignored. The calibrated position is in the parent link's frame, m;
+    the rotation vector ``r``, nominal 0, in the joint's; the offset is in rad, or m.
 
     Returns:
         ``(xyz, rpy)``: (3,) m and (3,) rad. Where nothing turns, rpy is the nominal one exactly.
@@ -241,9 +201,10 @@ def _finite(joint: str, numbers: ArrayLike) -> list[float]:
     return values
 
 
-def _origin_splices(
-    data: bytes, tags: _JointTags, values: Mapping[bytes, list[float]]
-) -> Iterator[_Splice]:
+def _origin_splices(data: bytes, tags: _JointTags, joint: str, origin: Origin) -> Iterator[_Splice]:
+    values = {
+        key: _finite(joint, three) for key, three in zip((b"xyz", b"rpy"), origin, strict=True)
+    }
     if tags.origin is None:
         if any(abs(number) > _ROUNDING for three in values.values() for number in three):
             yield _new_origin(data, tags.joint, values)
@@ -297,6 +258,36 @@ def _numbers_text(numbers: list[float], old: bytes) -> bytes:
     return b" ".join(
         word if is_same else number_text(new).encode() for word, is_same, new in compared
     )
+
+
+def joint_text(
+    name: str,
+    motion: str,
+    parent: str,
+    child: str,
+    pose: FloatArray,
+    *,
+    axis: str = "",
+    limits: tuple[float, float] | None = None,
+    number: Callable[[float], str] | None = None,
+) -> str:
+    """A ``<joint>`` of a URDF that is made here, with its origin (4, 4) in the parent link."""
+    xyz, rpy = (
+        " ".join(map(number or number_text, numbers))
+        for numbers in (pose[:3, 3], rpy_from_rotation(pose[:3, :3]))
+    )
+    lines = [
+        f"  <joint name={quoteattr(name)} type={quoteattr(motion)}>",
+        f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
+        f"    <parent link={quoteattr(parent)}/>",
+        f"    <child link={quoteattr(child)}/>",
+    ]
+    if axis:
+        lines.append(f'    <axis xyz="{axis}"/>')
+    if limits is not None:
+        lower, upper = limits
+        lines.append(f'    <limit lower="{lower!r}" upper="{upper!r}" effort="0" velocity="1"/>')
+    return "\n".join([*lines, "  </joint>"])
 
 
 def number_text(value: float) -> str:

@@ -20,16 +20,13 @@ from lxml import etree
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
 from suta_calib.inputs import read_input
-from suta_calib.model.xacro_file import expanded
+from suta_calib.model.xacro_file import expanded, is_xacro
 
 # lxml ships without type information.
 Element = Any
 
-_XACRO_HINT: Final = "run xacro first, or name the file .xacro: then it is run here"
-_XACRO: Final = ".xacro"
 # What messages call a URDF that was given as text.
 _TEXT: Final = Path("the text of a URDF")
-_BEFORE_TEXT: Final = "\ufeff \t\r\n"
 _ENCODING: Final = re.compile(r"""<\?xml[^>]*?\bencoding\s*=\s*["']([A-Za-z][\w.-]*)""", re.ASCII)
 _LONGEST_QUOTE: Final = 60
 # float() takes more than a URDF may say: 'nan', '1_000', digits of other scripts.
@@ -38,14 +35,10 @@ _NUMBER: Final = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 @dataclass(frozen=True, eq=False)
 class TreeJoint:
-    """One ``<joint>`` that is a direct child of ``<robot>``, of any type.
+    """One ``<joint>`` that is a direct child of ``<robot>``, of any type, between declared links.
 
-    Attributes:
-        name: unique in the file.
-        parent: name of a declared link.
-        child: name of a declared link; no other joint has it as its child.
-        element: the lxml element, for what only a joint on the chain must satisfy.
-        line: line of the element in the file, from 1.
+    Its name is unique, and so is its child. What else it says is in the lxml element, of whose
+    line, from 1, messages tell.
     """
 
     name: str
@@ -106,9 +99,7 @@ class UrdfTree:
 def read_tree(path: str | Path, data: bytes | None = None) -> UrdfTree:
     """Read a URDF, or what xacro makes of one, and check that its joints and links make one tree.
 
-    Args:
-        path: of the file; or the text of a URDF, which begins with ``<`` after blanks.
-        data: the file's content, where that is known.
+    It is given by its path, with its content where that is known, or as text.
 
     Raises:
         UrdfError: the file cannot be read or is not XML, its root is not ``<robot>``, xacro was
@@ -118,7 +109,10 @@ def read_tree(path: str | Path, data: bytes | None = None) -> UrdfTree:
     if data is None:
         path, data = _given(path)
     path = Path(path)
-    robot = _robot(path, data)
+    robot = _parsed(path, data)
+    if tag_of(robot) != "robot":
+        problem = f"the root element <{tag_of(robot)[:_LONGEST_QUOTE]}>"
+        raise refusal(path, robot, problem, "<robot>")
     leftover = tuple(e for e in robot.iter() if tag_of(e).startswith("xacro:"))
     try:
         return _tree_of(path, data, robot, leftover)
@@ -131,7 +125,8 @@ def unexpanded(path: Path, leftover: Sequence[Element]) -> UrdfError | None:
     """The error that xacro was not run, where something of it is left in a file."""
     for element in leftover[:1]:
         tag = f"<{tag_of(element)[:_LONGEST_QUOTE]}>, which xacro has not expanded"
-        return refusal(path, element, tag, "plain URDF", hint=_XACRO_HINT)
+        hint = "run xacro first, or name the file .xacro: then it is run here"
+        return refusal(path, element, tag, "plain URDF", hint=hint)
     return None
 
 
@@ -139,7 +134,7 @@ def _given(urdf: str | Path) -> tuple[Path, bytes]:
     """The name and the bytes of a URDF that was given as a path or as text."""
     if not isinstance(urdf, str | Path):
         raise UrdfError(f"{type(urdf).__name__}", "the path or the text of a URDF", where="urdf")
-    text = urdf.lstrip(_BEFORE_TEXT) if isinstance(urdf, str) else ""
+    text = urdf.lstrip("\ufeff \t\r\n") if isinstance(urdf, str) else ""
     if not text.startswith("<"):
         return Path(urdf), read_urdf_bytes(urdf)
     declared = _ENCODING.match(text)
@@ -162,10 +157,8 @@ def _tree_of(path: Path, data: bytes, robot: Element, leftover: tuple[Element, .
         joint = joints[name] = TreeJoint(name, parent, child, element, element.sourceline)
         other = into.setdefault(child, joint)
         if other is not joint:
-            problem = (
-                f"two joints into it, {quoted(other.name)} (line {other.line}) and "
-                f"{quoted(name)}: a closed loop"
-            )
+            both = f"{quoted(other.name)} (line {other.line}) and {quoted(name)}"
+            problem = f"two joints into it, {both}: a closed loop"
             raise refusal(path, element, problem, "a serial chain", f"link {quoted(child)}")
     _refuse_cycle(path, into)
     joined = {*into, *(joint.parent for joint in joints.values())}
@@ -186,9 +179,8 @@ def _by_name(path: Path, robot: Element, tag: str) -> dict[str, Element]:
     for element in children(robot, tag):
         name = attribute(path, element, "name", f"<{tag}>")
         if name in named:
-            problem = (
-                f"the {tag} name {quoted(name)}, already used in line {named[name].sourceline}"
-            )
+            first = named[name].sourceline
+            problem = f"the {tag} name {quoted(name)}, already used in line {first}"
             raise refusal(path, element, problem, f"every {tag} to have its own name")
         named[name] = element
     return named
@@ -226,41 +218,19 @@ def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
 
 
 # ── elements ─────────────────────────────────────────────────────────────────────────────────
-def _robot(path: Path, data: bytes) -> Element:
-    """The ``<robot>`` element of a URDF file.
-
-    Raises:
-        UrdfError: it is not XML, or its root is not ``<robot>``.
-    """
-    root = _parsed(path, data)
-    if tag_of(root) != "robot":
-        raise refusal(path, root, f"the root element <{tag_of(root)[:_LONGEST_QUOTE]}>", "<robot>")
-    return root
-
-
 def read_urdf_bytes(path: str | Path) -> bytes:
-    """The bytes of a URDF file, in an encoding that contains ASCII; xacro is run on ``.xacro``.
-
-    Raises:
-        UrdfError: the file is missing, unreadable, a directory, empty, or UTF-16 or UTF-32; or
-            xacro refuses it.
-        MissingExtraError: a ``.xacro`` file, without the package that expands it.
-    """
+    """The bytes of a URDF file, in an encoding that contains ASCII; xacro is run on ``.xacro``."""
     path = Path(path)
-    if path.suffix.lower() == _XACRO:
-        # Few URDFs are generated.
-
+    if is_xacro(path):
         return expanded(path)
     try:
         note_input(path)
         data = read_input(path)
-    except FileNotFoundError:
-        raise UrdfError("no such file", "a URDF file", file=path) from None
-    except IsADirectoryError:
-        raise UrdfError("a directory", "a URDF file", file=path) from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise UrdfError(f"an unreadable file ({reason})", "a URDF file", file=path) from None
+        problem = f"an unreadable file ({getattr(error, 'strerror', None) or error})"
+        for kind, name in ((FileNotFoundError, "no such file"), (IsADirectoryError, "a directory")):
+            problem = name if isinstance(error, kind) else problem
+        raise UrdfError(problem, "a URDF file", file=path) from None
     if not data.strip():
         raise UrdfError("an empty file", "a URDF file", file=path)
     if b"\0" in data[:4] or data.startswith((b"\xff\xfe", b"\xfe\xff")):
@@ -328,13 +298,7 @@ def _parsed(path: Path, data: bytes) -> Element:
     Simulator tags often carry such prefixes, and URDF readers know no namespaces.
     """
     strict, lenient = (
-        etree.XMLParser(
-            resolve_entities=False,
-            no_network=True,
-            load_dtd=False,
-            huge_tree=False,
-            recover=recover,
-        )
+        etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, recover=recover)
         for recover in (False, True)
     )
     try:

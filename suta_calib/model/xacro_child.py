@@ -34,7 +34,6 @@ _HARMLESS: Final = frozenset(
     ("compile", "object.__getattr__", "sys._getframe", "builtins.id", "glob.glob", "glob.glob/2")
 )
 _FOLDERS: Final = frozenset(("os.listdir", "os.scandir"))
-_NO_ENVIRONMENT: Final = "the environment, which a .xacro is not shown here"
 
 
 class RefusedError(Exception):
@@ -165,7 +164,7 @@ def _exchange_parts(description: Description) -> None:
         return str(evaluator.evaluate(text, ChainMap(names, given, table)))
 
     def environment(_name: str) -> str:
-        raise RefusedError(_NO_ENVIRONMENT)
+        raise RefusedError("the environment, which a .xacro is not shown here")
 
     def optional_environment(_name: str, default: str = "") -> str:
         return default
@@ -201,44 +200,28 @@ def _expand(path: str, description: Description) -> dict[str, Any]:
         raise
     # Whatever stands in the file's expressions may raise whatever it likes.
     except Exception as problem:  # noqa: BLE001
-        first = _first(problem)
+        # What went wrong first, without what xacro says around it.
+        first: BaseException = problem
+        while (inner := getattr(first, "exc", None)) is not None:
+            first = inner
         if isinstance(first, MemoryError):
             raise first from None
+        forbidden = isinstance(first, RefusedError | ExpressionError)
+        kind = "" if forbidden or isinstance(first, xacro.XacroException) else type(first).__name__
+        text = " ".join(str(first).split())
+        match = re.search(r"when evaluating expression '(.*?)'\s*\Z", str(problem), re.DOTALL)
         return {
-            "refused": _sentence(first),
-            "forbidden": isinstance(first, RefusedError | ExpressionError),
+            "refused": f"{kind}: {text}" if kind else text,
+            "forbidden": forbidden,
             "file": str((xacro.filestack or [path])[-1] or path),
-            "expression": _expression(problem),
+            "expression": match[1] if match else "",
         }
 
 
-def _first(problem: BaseException) -> BaseException:
-    """What went wrong first, without what xacro says around it."""
-    while (inner := getattr(problem, "exc", None)) is not None:
-        problem = inner
-    return problem
-
-
-def _sentence(problem: BaseException) -> str:
-    forbidden = isinstance(problem, RefusedError | ExpressionError | xacro.XacroException)
-    return ("" if forbidden else f"{type(problem).__name__}: ") + " ".join(str(problem).split())
-
-
-def _expression(problem: BaseException) -> str:
-    match = re.search(r"when evaluating expression '(.*?)'\s*\Z", str(problem), re.DOTALL)
-    return match[1] if match else ""
-
-
-def main() -> None:
-    """Expand the file of the command line, and answer with the URDF or what is wrong."""
-    path = sys.argv[1]
-    description = Description(Path(path))
+if __name__ == "__main__":
+    description = Description(Path(sys.argv[1]))
     _exchange_parts(description)
     # YAML with units registers its tags when it is first asked for.
     for unit in xacro.ConstructUnits:
         yaml.SafeLoader.add_constructor(unit.value.tag, unit.constructor)
-    answer(lambda: _expand(path, description))
-
-
-if __name__ == "__main__":
-    main()
+    answer(lambda: _expand(sys.argv[1], description))

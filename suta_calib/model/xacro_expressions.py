@@ -18,40 +18,17 @@ from typing import Any, Final
 
 Names = Mapping[str, Any]
 
-# Bits of an integer and elements of a sequence that arithmetic may make: no description needs more.
-_MOST_BITS: Final = 10_000
-_MOST_ELEMENTS: Final = 1_000_000
-_LONGEST: Final = 10_000
 
-_BINARY: Final[Mapping[type[ast.operator], Callable[[Any, Any], Any]]] = {
-    ast.Add: operator.add,
-    ast.Sub: operator.sub,
-    ast.Mult: operator.mul,
-    ast.Div: operator.truediv,
-    ast.FloorDiv: operator.floordiv,
-    ast.Mod: operator.mod,
-    ast.Pow: operator.pow,
-    ast.BitAnd: operator.and_,
-    ast.BitOr: operator.or_,
-    ast.BitXor: operator.xor,
-}
-_UNARY: Final[Mapping[type[ast.unaryop], Callable[[Any], Any]]] = {
-    ast.UAdd: operator.pos,
-    ast.USub: operator.neg,
-    ast.Not: operator.not_,
-    ast.Invert: operator.invert,
-}
-_COMPARE: Final[Mapping[type[ast.cmpop], Callable[[Any, Any], Any]]] = {
-    ast.Eq: operator.eq,
-    ast.NotEq: operator.ne,
-    ast.Lt: operator.lt,
-    ast.LtE: operator.le,
-    ast.Gt: operator.gt,
-    ast.GtE: operator.ge,
-    ast.Is: operator.is_,
-    ast.IsNot: operator.is_not,
-    ast.In: lambda a, b: a in b,
-    ast.NotIn: lambda a, b: a not in b,
+# What each operator of an expression does.
+_OPERATORS: Final[Mapping[type[ast.AST], Callable[..., Any]]] = {
+    **{ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul},
+    **{ast.Div: operator.truediv, ast.FloorDiv: operator.floordiv, ast.Mod: operator.mod},
+    **{ast.Pow: operator.pow, ast.BitAnd: operator.and_, ast.BitOr: operator.or_},
+    **{ast.BitXor: operator.xor, ast.UAdd: operator.pos, ast.USub: operator.neg},
+    **{ast.Not: operator.not_, ast.Invert: operator.invert, ast.Eq: operator.eq},
+    **{ast.NotEq: operator.ne, ast.Lt: operator.lt, ast.LtE: operator.le, ast.Gt: operator.gt},
+    **{ast.GtE: operator.ge, ast.Is: operator.is_, ast.IsNot: operator.is_not},
+    **{ast.In: lambda a, b: a in b, ast.NotIn: lambda a, b: a not in b},
 }
 _CONVERSIONS: Final[Mapping[str, Callable[[Any], str]]] = {"s": str, "r": repr, "a": ascii}
 _SETS: Final = "difference intersection issubset issuperset union"
@@ -105,15 +82,10 @@ class Evaluator:
         self._namespaces, self._dotted = namespaces, dotted
 
     def evaluate(self, text: str, names: Names) -> Any:
-        """The value of an expression.
-
-        Args:
-            text: of the expression.
-            names: what stands for each name in it.
+        """The value of an expression with these names; raises whatever the computation raises.
 
         Raises:
             ExpressionError: no expression, or one that goes beyond what is computed here.
-            Exception: whatever a computation raises, as a division by zero.
         """
         return self._value(_parsed(text.strip()), names)
 
@@ -154,13 +126,13 @@ class Evaluator:
 
     def _binop(self, node: ast.BinOp, names: Names) -> Any:
         a, b = self._value(node.left, names), self._value(node.right, names)
-        if type(node.op) not in _BINARY:
+        if type(node.op) not in _OPERATORS:
             raise ExpressionError(f"the operator {type(node.op).__name__}")
         _check_size(node.op, a, b)
-        return _BINARY[type(node.op)](a, b)
+        return _OPERATORS[type(node.op)](a, b)
 
     def _unaryop(self, node: ast.UnaryOp, names: Names) -> Any:
-        return _UNARY[type(node.op)](self._value(node.operand, names))
+        return _OPERATORS[type(node.op)](self._value(node.operand, names))
 
     def _boolop(self, node: ast.BoolOp, names: Names) -> Any:
         deciding = isinstance(node.op, ast.Or)
@@ -175,7 +147,7 @@ class Evaluator:
         left, result = self._value(node.left, names), True
         for kind, part in zip(node.ops, node.comparators, strict=True):
             right = self._value(part, names)
-            result = _COMPARE[type(kind)](left, right)
+            result = _OPERATORS[type(kind)](left, right)
             if not result:
                 break
             left = right
@@ -216,14 +188,11 @@ class Evaluator:
             else:
                 yield self._value(node, names)
 
-    def _list(self, node: ast.List, names: Names) -> Any:
-        return list(self._elements(node.elts, names))
+    def _list(self, node: ast.List | ast.Tuple | ast.Set, names: Names) -> Any:
+        made: Any = {ast.List: list, ast.Tuple: tuple, ast.Set: set}[type(node)]
+        return made(self._elements(node.elts, names))
 
-    def _tuple(self, node: ast.Tuple, names: Names) -> Any:
-        return tuple(self._elements(node.elts, names))
-
-    def _set(self, node: ast.Set, names: Names) -> Any:
-        return set(self._elements(node.elts, names))
+    _tuple = _set = _list
 
     def _dict(self, node: ast.Dict, names: Names) -> Any:
         made: dict[Any, Any] = {}
@@ -233,10 +202,10 @@ class Evaluator:
         return made
 
     def _lambda(self, node: ast.Lambda, names: Names) -> Any:
-        arguments = node.args
-        if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults:
+        given = node.args
+        if given.vararg or given.kwarg or given.kwonlyargs or given.defaults:
             raise ExpressionError("a lambda with other than plain parameters")
-        parameters = [argument.arg for argument in arguments.posonlyargs + arguments.args]
+        parameters = [argument.arg for argument in given.posonlyargs + given.args]
 
         def call(*values: Any) -> Any:
             inner = dict(zip(parameters, values, strict=True))
@@ -301,14 +270,16 @@ class _Formatter(string.Formatter):
 
 def _check_size(kind: ast.operator, a: Any, b: Any) -> None:
     """Refuse a power or a repetition that would fill the memory."""
+    # Bits of an integer, and elements of a sequence: no description needs more.
+    most_bits, most_elements = 10_000, 1_000_000
     if isinstance(kind, ast.Pow) and isinstance(a, int) and isinstance(b, int):
-        if a.bit_length() * abs(b) > _MOST_BITS:
+        if a.bit_length() * abs(b) > most_bits:
             raise ExpressionError("a power of thousands of digits")
     elif isinstance(kind, ast.Mult):
         for sequence, times in ((a, b), (b, a)):
             repeats = isinstance(times, int) and isinstance(sequence, str | bytes | list | tuple)
-            if repeats and len(sequence) * times > _MOST_ELEMENTS:
-                raise ExpressionError(f"a sequence of more than {_MOST_ELEMENTS} elements")
+            if repeats and len(sequence) * times > most_elements:
+                raise ExpressionError(f"a sequence of more than {most_elements} elements")
 
 
 def _assign(target: ast.expr, value: Any, names: MutableMapping[str, Any]) -> None:
@@ -323,6 +294,6 @@ def _assign(target: ast.expr, value: Any, names: MutableMapping[str, Any]) -> No
 
 @lru_cache(maxsize=4096)
 def _parsed(text: str) -> ast.expr:
-    if len(text) > _LONGEST:
+    if len(text) > 10_000:
         raise ExpressionError(f"an expression of {len(text)} characters")
     return ast.parse(text, "<expression>", "eval").body

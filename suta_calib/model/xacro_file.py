@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -24,16 +23,9 @@ _ARGUMENT_HINT: Final = (
 )
 
 
-@dataclass(frozen=True)
-class _Expansion:
-    """What a file made, and the files that it was made of with their sizes and times."""
-
-    urdf: bytes
-    files: Mapping[str, tuple[int, ...]]
-
-
-# One command reads a description several times: its tree, its kinematics, and what it writes.
-_expansions: dict[str, _Expansion] = {}
+# What a file made, and the files that it was made of with their sizes and times: one command reads
+# a description several times, its tree, its kinematics, and what it writes.
+_expansions: dict[str, tuple[bytes, dict[str, tuple[int, ...]]]] = {}
 
 
 def is_xacro(path: Path) -> bool:
@@ -58,17 +50,15 @@ def expanded(path: Path) -> bytes:
         raise UrdfError(problem, "a .xacro file", file=path)
     note_input(path)
     key = os.path.abspath(path)  # noqa: PTH100 (links lead to other descriptions)
-    expansion = _expansions.get(key)
-    if expansion is None or any(_stamp(name) != stamp for name, stamp in expansion.files.items()):
-        expansion = _expansions[key] = _expand(path)
-    for name in expansion.files:
+    urdf, files = _expansions.get(key, (b"", {}))
+    if not files or any(_stamp(name) != stamp for name, stamp in files.items()):
+        urdf, files = _expansions[key] = _expand(path)
+    for name in files:
         note_input(Path(name))
-    return expansion.urdf
+    return urdf
 
 
-def _expand(path: Path) -> _Expansion:
-    # Few URDFs are generated.
-
+def _expand(path: Path) -> tuple[bytes, dict[str, tuple[int, ...]]]:
     require("xacro", "formats")
     try:
         answer = run_confined(_CHILD, str(path))
@@ -77,8 +67,7 @@ def _expand(path: Path) -> _Expansion:
         raise UrdfError(excess, _EXPECTED, file=path, hint=_HINT) from None
     if "refused" in answer:
         raise _refusal(path, answer)
-    files = {str(name): _stamp(str(name)) for name in answer["files"]}
-    return _Expansion(str(answer["urdf"]).encode(), files)
+    return str(answer["urdf"]).encode(), {str(name): _stamp(name) for name in answer["files"]}
 
 
 def _refusal(path: Path, answer: Mapping[str, Any]) -> UrdfError:

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.assessment import Assessment
-from suta_calib.exchange.description import Described
 from suta_calib.exchange.imported import Imported, ImportedRows
+from suta_calib.exchange.option import Described
 from suta_calib.exchange.writer import Exported
 from suta_calib.report.document import Document, Part, Text
 from suta_calib.report.listing import Column, Listing

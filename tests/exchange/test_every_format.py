@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 
 from suta_calib.errors import InputError, SutaCalibError
 from suta_calib.exchange import export_formats, import_formats, read_foreign
-from suta_calib.exchange.description import Described
-from suta_calib.exchange.option import Option
+from suta_calib.exchange.option import Described, Option
 from suta_calib.exchange.reader import recognised
 from suta_calib.registry import shipped
 

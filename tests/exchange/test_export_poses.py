@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from suta_calib.errors import InputError
 from suta_calib.exchange import Result, Transform, read_result, write_foreign
-from suta_calib.measurements import Camera, read_camera
+from suta_calib.measurements import Camera
 from suta_calib.units import mm
 
 SAME = 1e-9
@@ -83,7 +83,7 @@ def test_slicer_transforms(form: str, found: Result, tmp_path: Path) -> None:
         write_foreign(found, form)
 
 
-def test_camera_info_is_read_by_opencv_and_by_us(found: Result, tmp_path: Path) -> None:
+def test_camera_info_is_read_by_opencv(found: Result, tmp_path: Path) -> None:
     cv2 = pytest.importorskip("cv2")
     path = tmp_path / "camera.yaml"
     write_foreign(found, "camera-info", camera_name="left").write(path)
@@ -98,7 +98,6 @@ def test_camera_info_is_read_by_opencv_and_by_us(found: Result, tmp_path: Path) 
         np.testing.assert_allclose(told, numbers.ravel(), rtol=1e-12)
     assert file.getNode("projection_matrix").getNode("data").size() == 12
     assert yaml.safe_load(path.read_text())["camera_name"] == "left"
-    np.testing.assert_array_equal(read_camera(path).intrinsics, CAMERA.intrinsics)
 
 
 def test_answers_of_closed_problems(tmp_path: Path) -> None:

@@ -74,42 +74,68 @@ def test_vicon_asks_what_its_angles_are(tmp_path: Path) -> None:
         imported(sample.path, body="s:probe")
 
 
-def test_vicon_quaternions_and_markers(tmp_path: Path) -> None:
-    path = tmp_path / "tracker.csv"
-    path.write_text(
+TURN = np.array([[[0.28, -0.96, 0], [0.96, 0.28, 0], [0, 0, 1]]])
+WRITTEN = {
+    "vicon.csv": (
         "Objects\n50\n,,tool,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm\n"
         "1,0,0,0,0.6,0.8,1000,0,0\n\nTrajectories\n50\n,,tool:A,,\n"
-        "Frame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n1,0,1,2,3000\n"
-    )
-    turn = np.array([[[-0.28 + 0.56, -0.96, 0], [0.96, 0.28, 0], [0, 0, 1]]])
-    check(imported(path, body="tool"), tmp_path / "o.csv", turn, np.array([[1.0, 0, 0]]))
-    check(imported(path, body="tool:A"), tmp_path / "o.csv", None, np.array([[0.001, 0.002, 3.0]]))
-
-
-def test_qualisys_markers_and_leading_columns(tmp_path: Path) -> None:
-    path = tmp_path / "run.tsv"
-    path.write_text(
+        "Frame,Sub Frame,X,Y,Z\n,,mm,mm,mm\n1,0,1,2,3000\n",
+        {"tool": (TURN, [[1.0, 0, 0]], 0), "tool:A": (None, [[0.001, 0.002, 3.0]], 0)},
+    ),
+    "qualisys.tsv": (
         "NO_OF_FRAMES\t2\nFREQUENCY\t100\nMARKER_NAMES\tA\tB\n"
         "Frame\tTime\tA X\tA Y\tA Z\tB X\tB Y\tB Z\n"
-        "1\t0.00\t1\t2\t1003\t4\t5\t1006\n2\t0.01\t1\t2\t1004\t4\t5\t1007\n"
-    )
-    wanted = np.array([[0.004, 0.005, 1.006], [0.004, 0.005, 1.007]])
-    check(imported(path, body="B"), tmp_path / "o.csv", None, wanted)
-
-
-def test_ndi_leaves_out_numbers_that_are_nowhere(tmp_path: Path) -> None:
-    path = tmp_path / "tool.tsv"
-    bad = "-3.697314E28"
-    path.write_text(
+        "1\t0.00\t1\t2\t1003\t4\t5\t1006\n2\t0.01\t1\t2\t1004\t4\t5\t1007\n",
+        {"B": (None, [[0.004, 0.005, 1.006], [0.004, 0.005, 1.007]], 0)},
+    ),
+    # A marker that was not seen is all zeros, and a row of names may stand above the data.
+    "zeros.tsv": (
+        "NO_OF_FRAMES\t2\nNO_OF_CAMERAS\t13\nNO_OF_MARKERS\t2\nFREQUENCY\t120\n"
+        "DESCRIPTION\t--\nTIME_STAMP\t2024-04-15, 10:39:38.777\t406646.66\nDATA_INCLUDED\t3D\n"
+        "MARKER_NAMES\tTip\tBase\nTRAJECTORY_TYPES\tMeasured\tMeasured\n"
+        "Frame\tTime\tTip X\tTip Y\tTip Z\tBase X\tBase Y\tBase Z\n"
+        "1\t0.0\t-473.5\t0.000\t613.3\t-677.0\t164.8\t615.4\n"
+        "2\t0.00833\t-473.5\t191.9\t613.3\t0.000\t0.000\t0.000\n",
+        {
+            "Base": (None, [[-0.677, 0.1648, 0.6154]], 1),
+            "Tip": (None, [[-0.4735, 0, 0.6133], [-0.4735, 0.1919, 0.6133]], 0),
+        },
+    ),
+    # Numbers that are nowhere, and a tool out of sight.
+    "ndi.tsv": (
         "Port 1: probe\tFrame\tState\tQ0\tQx\tQy\tQz\tTx\tTy\tTz\n"
         "\t1\tOK\t1\t0\t0\t0\t1\t2\t-1500\n"
-        f"\t2\tOK\t{bad}\t{bad}\t{bad}\t{bad}\t{bad}\t{bad}\t{bad}\n"
-        "\t3\tOut of volume\t1\t0\t0\t0\t1\t2\t-1500\n"
-    )
-    found = imported(path)
-    assert found.dropped == 2
-    assert found.form == "ndi"
-    check(found, tmp_path / "o.csv", np.eye(3)[None], np.array([[0.001, 0.002, -1.5]]))
+        "\t2\tOK" + "\t-3.697314E28" * 7 + "\n\t3\tOut of volume\t1\t0\t0\t0\t1\t2\t-1500\n",
+        {"Port 1: probe": (np.eye(3)[None], [[0.001, 0.002, -1.5]], 2)},
+    ),
+    # Of one name what was measured counts, not where the rigid body says it should be.
+    "motive.csv": (
+        "Format Version,1.23,Take Name,S_04,Take Notes,,Rotation Type,Quaternion,"
+        "Length Units,Meters,Coordinate Space,Global\r\n\r\n"
+        f",Type,{'Rigid Body,' * 8}{'Rigid Body Marker,' * 4}Marker,Marker,Marker\r\n"
+        f",Name,{'RB,' * 8}{'RB:Marker1,' * 6}RB:Marker1\r\n"
+        ",ID," + ",".join(['"1"'] * 15) + "\r\n"
+        f",,{'Rotation,' * 4}{'Position,' * 3}Mean Marker Error,{'Position,' * 3}Marker Quality,"
+        "Position,Position,Position\r\nFrame,Time (Seconds),X,Y,Z,W,X,Y,Z,,X,Y,Z,,X,Y,Z\r\n"
+        "0,0.0,0,0,0,1,0.1,0.2,0.3,0.0001,1,2,3,1.0,0.11,0.21,0.31\r\n"
+        "1,0.1,,,,,,,,,,,,,0.12,0.22,0.32\r\n",
+        {
+            "RB": (np.eye(3)[None], [[0.1, 0.2, 0.3]], 1),
+            "RB:Marker1": (None, [[0.11, 0.21, 0.31], [0.12, 0.22, 0.32]], 0),
+        },
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_files_as_instruments_write_them(name: str, tmp_path: Path) -> None:
+    text, bodies = WRITTEN[name]
+    path = tmp_path / name
+    path.write_bytes(text.encode())
+    for body, (rotation, position, dropped) in bodies.items():
+        rows = imported(path, body=body)
+        assert rows.dropped == dropped
+        check(rows, tmp_path / "o.csv", rotation, np.array(position))
 
 
 def test_motive_wants_quaternions(tmp_path: Path) -> None:
@@ -153,43 +179,6 @@ def test_a_place_beyond_any_is_refused_with_its_line(tmp_path: Path) -> None:
     path.write_text("x,y,z\n1,2,3\n1,1e300,3\n")
     with pytest.raises(InputError, match=r":3: found a position 1e\+300 m away"):
         imported(path)
-
-
-def test_qualisys_markers_that_were_not_seen(tmp_path: Path) -> None:
-    """All zeros: at the origin there is no marker; and a row of names may stand above the data."""
-    path = tmp_path / "run.tsv"
-    head = "NO_OF_FRAMES\t2\nNO_OF_CAMERAS\t13\nNO_OF_MARKERS\t2\nFREQUENCY\t120\nDESCRIPTION\t--\n"
-    head += "TIME_STAMP\t2024-04-15, 10:39:38.777\t406646.66\nDATA_INCLUDED\t3D\n"
-    names = "MARKER_NAMES\tTip\tBase\nTRAJECTORY_TYPES\tMeasured\tMeasured\n"
-    columns = "Frame\tTime\tTip X\tTip Y\tTip Z\tBase X\tBase Y\tBase Z\n"
-    rows = ("1\t0.0\t-473.5\t0.000\t613.3\t-677.0\t164.8\t615.4\n",)
-    rows += ("2\t0.00833\t-473.5\t191.9\t613.3\t0.000\t0.000\t0.000\n",)
-    path.write_text(head + names + columns + "".join(rows))
-    found = imported(path, body="Base")
-    assert (len(found), found.dropped) == (1, 1)
-    tip = imported(path, body="Tip")
-    np.testing.assert_allclose(tip.columns["y"], [0.0, 0.1919])
-
-
-def test_motive_keeps_solved_and_measured_markers_apart(tmp_path: Path) -> None:
-    """Of one name: what was measured counts, not where the rigid body says it should be."""
-    kinds = ["Rigid Body"] * 8 + ["Rigid Body Marker"] * 4 + ["Marker"] * 3
-    names = ["RB"] * 8 + ["RB:Marker1"] * 7
-    what = ["Rotation"] * 4 + ["Position"] * 3 + ["Mean Marker Error"]
-    what += ["Position"] * 3 + ["Marker Quality"] + ["Position"] * 3
-    axes = [*"XYZWXYZ", "", *"XYZ", "", *"XYZ"]
-    first = "Format Version,1.23,Take Name,S_04,Take Notes,,Rotation Type,Quaternion,"
-    lines = [first + "Length Units,Meters,Coordinate Space,Global", ""]
-    lines += [f",{word},{','.join(row)}" for word, row in (("Type", kinds), ("Name", names))]
-    lines += [",ID," + ",".join(['"1"'] * 15), ",," + ",".join(what)]
-    lines += ["Frame,Time (Seconds)," + ",".join(axes)]
-    lines += ["0,0.0,0,0,0,1,0.1,0.2,0.3,0.0001,1,2,3,1.0,0.11,0.21,0.31"]
-    lines += ["1,0.1,,,,,,,,,,,,,0.12,0.22,0.32"]
-    path = tmp_path / "take.csv"
-    path.write_text("\r\n".join(lines) + "\r\n")
-    assert (len(imported(path, body="RB")), imported(path, body="RB").dropped) == (1, 1)
-    marker = imported(path, body="RB:Marker1")
-    np.testing.assert_allclose(marker.columns["x"], [0.11, 0.12])
 
 
 def test_a_word_of_half_its_length_is_refused(tmp_path: Path) -> None:

@@ -34,54 +34,65 @@ def two_joints(name: str, place: str = "", inside: str = "", **options: str) -> 
     return text.replace("NAME", name)
 
 
+def world(inside: str, more: str = "", head: str = HEAD) -> str:
+    return f"{head}{more}<worldbody>{inside}</worldbody></mujoco>"
+
+
+def defaults(name: str, inside: str) -> str:
+    return f'<default><default class="{name}">{inside}</default></default>'
+
+
+BOX = '<geom size="0.1"/>'
 FILES = {
-    "two roots": HEAD
-    + "<worldbody>"
-    + two_joints("a", 'pos="0.3 0 0.75"')
-    + two_joints("b", 'pos="-0.3 0 0.75" euler="0 0 1"')
-    + "</worldbody></mujoco>",
-    "frame": HEAD
-    + '<worldbody><frame pos="0.1 0 0" euler="0 0 0.5"><frame quat="2 1 0 0">'
-    + two_joints("a", 'pos="0 0 1"')
-    + "</frame></frame></worldbody></mujoco>",
-    "site default": HEAD
-    + '<default><default class="t"><site pos="0.08 0.01 0" euler="0 0.3 0"/></default></default>'
-    + "<worldbody>"
-    + two_joints("a", site='<site name="tip" class="t"/>')
-    + "</worldbody></mujoco>",
-    "several defaults": HEAD
-    + '<default><default class="p"><joint axis="1 1 0" ref="0.3"/></default></default>'
-    + '<default><default class="q"><site fromto="0 0 0 0.1 0.2 0.3" type="capsule" size=".01"/>'
-    + "</default></default><worldbody>"
-    + '<body childclass="p" pos="0 1 0"><geom size="0.1"/><joint name="j1"/>'
-    + '<joint name="j2" pos="0.1 0.2 0" class="p"/><site name="s" class="q"/>'
-    + '<body name="b" axisangle="0 3 0 1"><geom size="0.1"/><joint type="slide" name="j3" '
-    + 'axis="3 0 4" pos="1 2 3"/></body></body></worldbody></mujoco>',
-    "degrees": '<mujoco><compiler eulerseq="ZYX"/><worldbody>'
-    + two_joints("a", 'euler="10 20 30"')
-    + two_joints("b", 'xyaxes="0 1 0 1 0 1"')
-    + two_joints("c", 'zaxis="1 1 1"')
-    + "</worldbody></mujoco>",
-    "replicate": HEAD
-    + '<worldbody><replicate count="3" offset="0.5 0 0" euler="0 0 0.4">'
-    + two_joints("a", 'pos="0.1 0 0"')
-    + "</replicate></worldbody></mujoco>",
-    "include and attach": '<mujoco><compiler angle="degree"/><include file="included.xml"/><asset>'
-    '<model name="part" file="attached.xml"/></asset><worldbody><body name="holder" pos="0 1 0" '
-    'euler="0 45 0"><geom size="0.1"/><frame pos="0 0 0.1"><attach model="part" body="abase" '
-    'prefix="left_"/></frame></body></worldbody></mujoco>',
-    "shapes that are not there": HEAD
-    + '<asset><mesh name="m" file="nowhere.stl"/><texture name="t" type="2d" file="no.png"/>'
-    '<material name="c" texture="t"/></asset><worldbody>'
-    + two_joints("a", 'pos="1 2 3"', '<geom type="mesh" mesh="m"/>').replace(
-        "<site ", '<site material="c" '
-    )
-    + '</worldbody><actuator><motor joint="aj1"/></actuator></mujoco>',
-    "names": HEAD
-    + '<worldbody><body name="arm" mocap="true"/><body name="cube" pos="0 1 2" euler="1 0 0">'
-    '<freejoint/><geom size="0.1"/><site name="cube" pos="0 0 1"/></body><body><geom size="0.1"/>'
-    '<joint axis="0 0 1"/><site pos="1 0 0"/><site name="world_fixed"/></body><site name="on_floor"'
-    ' pos="1 0 0"/></worldbody></mujoco>',
+    "two roots": world(
+        two_joints("a", 'pos="0.3 0 0.75"') + two_joints("b", 'pos="-0.3 0 0.75" euler="0 0 1"')
+    ),
+    "frame": world(
+        '<frame pos="0.1 0 0" euler="0 0 0.5"><frame quat="2 1 0 0">'
+        + two_joints("a", 'pos="0 0 1"')
+        + "</frame></frame>"
+    ),
+    "site default": world(
+        two_joints("a", site='<site name="tip" class="t"/>'),
+        defaults("t", '<site pos="0.08 0.01 0" euler="0 0.3 0"/>'),
+    ),
+    "several defaults": world(
+        f'<body childclass="p" pos="0 1 0">{BOX}<joint name="j1"/>'
+        '<joint name="j2" pos="0.1 0.2 0" class="p"/><site name="s" class="q"/>'
+        f'<body name="b" axisangle="0 3 0 1">{BOX}<joint type="slide" name="j3" '
+        'axis="3 0 4" pos="1 2 3"/></body></body>',
+        defaults("p", '<joint axis="1 1 0" ref="0.3"/>')
+        + defaults("q", '<site fromto="0 0 0 0.1 0.2 0.3" type="capsule" size=".01"/>'),
+    ),
+    "degrees": world(
+        two_joints("a", 'euler="10 20 30"')
+        + two_joints("b", 'xyaxes="0 1 0 1 0 1"')
+        + two_joints("c", 'zaxis="1 1 1"'),
+        head='<mujoco><compiler eulerseq="ZYX"/>',
+    ),
+    "replicate": world(
+        '<replicate count="3" offset="0.5 0 0" euler="0 0 0.4">'
+        + two_joints("a", 'pos="0.1 0 0"')
+        + "</replicate>"
+    ),
+    "include and attach": world(
+        f'<body name="holder" pos="0 1 0" euler="0 45 0">{BOX}<frame pos="0 0 0.1">'
+        '<attach model="part" body="abase" prefix="left_"/></frame></body>',
+        '<include file="included.xml"/><asset><model name="part" file="attached.xml"/></asset>',
+        '<mujoco><compiler angle="degree"/>',
+    ),
+    "shapes that are not there": world(
+        two_joints("a", 'pos="1 2 3"', '<geom type="mesh" mesh="m"/>').replace(
+            "<site ", '<site material="c" '
+        ),
+        '<asset><mesh name="m" file="nowhere.stl"/><texture name="t" type="2d" file="no.png"/>'
+        '<material name="c" texture="t"/></asset>',
+    ).replace("</mujoco>", '<actuator><motor joint="aj1"/></actuator></mujoco>'),
+    "names": world(
+        '<body name="arm" mocap="true"/><body name="cube" pos="0 1 2" euler="1 0 0">'
+        f'<freejoint/>{BOX}<site name="cube" pos="0 0 1"/></body><body>{BOX}<joint axis="0 0 1"/>'
+        '<site pos="1 0 0"/><site name="world_fixed"/></body><site name="on_floor" pos="1 0 0"/>'
+    ),
 }
 
 
@@ -174,6 +185,9 @@ def test_a_body_with_several_joints_and_a_chain_of_it(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "says"),
     [
+        (f"<!DOCTYPE a [<!ENTITY b 'c'>]>{HEAD}</mujoco>", "a document type or an entity"),
+        ("<robot/>", "the root element <robot>; expected <mujoco>"),
+        ("<mujoco>", "arm.xml:1: found text that is not XML"),
         (f"{HEAD}<worldbody/></mujoco>", "found a model without a joint that turns or slides"),
         (
             f"{HEAD}<worldbody><body><freejoint/><geom size='1'/></body></worldbody></mujoco>",

@@ -94,40 +94,6 @@ def test_motors_that_cannot_be_used(old: str, new: str, says: str, tmp_path: Pat
         read_foreign(path, "lerobot-calibration")
 
 
-def test_a_mujoco_model_becomes_a_urdf(tmp_path: Path) -> None:
-    """The tip where MuJoCo has it; a joint that is not in its body's origin included."""
-    mujoco = pytest.importorskip("mujoco")
-    path = SAMPLES["mjcf"](tmp_path).path
-    found = read_foreign(path)
-    found.write(tmp_path / "arm.urdf")
-    arm = ArmModel.from_urdf(tmp_path / "arm.urdf", "tip")
-    assert arm.joints == ("joint_1", "joint_2")
-    assert (arm.chain.moving[0].lower, arm.chain.moving[0].upper) == (-2.0, 2.0)
-    model = mujoco.MjModel.from_xml_path(str(path))
-    data = mujoco.MjData(model)
-    for q in np.random.default_rng(0).uniform(-2, 2, (6, 2)):
-        data.qpos[:] = q
-        mujoco.mj_kinematics(model, data)
-        rotation, position = arm.forward(q)
-        np.testing.assert_allclose(position, data.site("tip").xpos, atol=1e-9)
-        np.testing.assert_allclose(rotation, data.site("tip").xmat.reshape(3, 3), atol=1e-9)
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        ("<mujoco", "<!DOCTYPE a [<!ENTITY b 'c'>]><mujoco", "a document type or an entity"),
-        ("mujoco", "robot", "the root element <robot>; expected <mujoco>"),
-        ("</worldbody>", "", r":1: found text that is not XML"),
-    ],
-)
-def test_mujoco_models_that_cannot_be_used(old: str, new: str, says: str, tmp_path: Path) -> None:
-    path = SAMPLES["mjcf"](tmp_path).path
-    path.write_text(path.read_text().replace(old, new))
-    with pytest.raises(InputError, match=says):
-        read_foreign(path, "mjcf")
-
-
 def test_a_cell_of_thousands_of_digits_is_quoted_in_part(tmp_path: Path) -> None:
     path = SAMPLES["dh"](tmp_path).path
     path.write_text(

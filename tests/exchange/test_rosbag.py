@@ -14,11 +14,7 @@ from suta_calib.geometry.numbers import homogeneous
 
 pytest.importorskip("rosbags")
 
-KINDS = {
-    "ROS 2": {},
-    "MCAP": {"storage": "mcap"},
-    "ROS 1": {"ros1": True},
-}
+KINDS = {"ROS 2": {}, "MCAP": {"storage": "mcap"}, "ROS 1": {"ros1": True}}
 
 
 @pytest.fixture(params=KINDS)

@@ -25,11 +25,7 @@ TOPIC = "/camera/image_raw"
 
 @pytest.mark.parametrize(
     ("encoding", "topic", "more"),
-    [
-        ("bgr8", TOPIC, {}),
-        ("rgb8", TOPIC, {"storage": "mcap"}),
-        ("png", f"{TOPIC}/compressed", {}),
-    ],
+    [("bgr8", TOPIC, {}), ("rgb8", TOPIC, {"storage": "mcap"}), ("png", f"{TOPIC}/compressed", {})],
 )
 def test_a_picture_of_each_rest_is_a_file(
     encoding: str, topic: str, more: dict[str, Any], tmp_path: Path

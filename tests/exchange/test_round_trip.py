@@ -8,17 +8,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from foreign import result_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange import Result, export_formats, import_formats, read_foreign, write_foreign
-from suta_calib.exchange.result import CalibratedArm
 from suta_calib.measurements import Camera, read_camera
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import OFFSET
 from suta_calib.registry import shipped
-from suta_calib.tracking.uncertainty import CalibrationUncertainty
 
 # m and, of a rotation matrix, its elements: a Denavit-Hartenberg table has some for lines that are
 # nearly parallel to meet far away, and what is lost there.
@@ -92,10 +91,7 @@ def test_an_arm_is_read_back_as_it_was_written(
     arm = arm_of(data.draw(joints()), folder / "drawn.urdf")
     moved = (p for p in arm.offered.values() if p.geometric or p.key == OFFSET)
     values = {p.name: p.nominal + data.draw(small) for p in moved}
-    known = CalibrationUncertainty(
-        folder / "result.json", (), np.zeros((0, 0)), values, "none", (), {}
-    )
-    found = write_foreign(Result(known.path, CalibratedArm(arm, known), (), None, {}), form, **way)
+    found = write_foreign(result_of(arm, values, folder / "result.json"), form, **way)
     assert not found.lost
     path = found.write(folder / found.file)[0]
     if form in import_formats():

@@ -289,11 +289,7 @@ ASKED: dict[str, tuple[Callable[[Path], Path], str]] = {
     ),
     "millimetres": (lambda path: written(path, 1e3 * P), "millimetres.*--unit mm or --unit m"),
     "degrees": (
-        lambda path: written(
-            path,
-            np.full((3, 1), 90.0),
-            header="joint_1",
-        ),
+        lambda path: written(path, np.full((3, 1), 90.0), header="joint_1"),
         "look like degrees.*--unit deg",
     ),
 }

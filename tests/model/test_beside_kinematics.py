@@ -35,30 +35,15 @@ SOUND = """\
 </robot>
 """
 Q = np.array([[0.3, -0.2], [-0.9, 0.4]])
+BASE, TIP = '<link name="base"/>', '<link name="tip"/>'
 FAULTS = {
     # What is replaced by what, and the note, if the file deserves one.
-    "effort off the chain": (
-        'effort="1" ',
-        'effort="-1" ',
-        "effort is not used (line 15)",
-    ),
-    "effort on the chain": (
-        'effort="10"',
-        'effort="-1"',
-        "effort is not used (lines 9, 12)",
-    ),
-    "velocity": (
-        'velocity="1"',
-        'velocity="-1"',
-        "velocity is not used (lines 9, 12, 15)",
-    ),
-    "effort in words": (
-        'effort="1" ',
-        'effort="unknown" ',
-        "effort is not used (line 15)",
-    ),
+    "effort off the chain": ('effort="1" ', 'effort="-1" ', "effort is not used (line 15)"),
+    "effort on the chain": ('effort="10"', 'effort="-1"', "effort is not used (lines 9, 12)"),
+    "velocity": ('velocity="1"', 'velocity="-1"', "velocity is not used (lines 9, 12, 15)"),
+    "effort in words": ('effort="1" ', 'effort="unknown" ', "effort is not used (line 15)"),
     "limits the other way round": ('lower="-1" upper="1"', 'lower="1" upper="-1"', "below its"),
-    "loose link": ('<link name="base"/>', '<link name="world"/><link name="base"/>', "'world'"),
+    "loose link": (BASE, '<link name="world"/>' + BASE, "'world'"),
     "limits of nothing": ('lower="-1" upper="1"', 'lower="0" upper="0"', "below its upper one is"),
     "no limit": ('<limit lower="-1" upper="1" effort="10" velocity="1"/>', "", "without <limit>"),
     "no name": ('<robot name="r">', "<robot>", "<robot> has no name (line 1)"),
@@ -69,22 +54,21 @@ FAULTS = {
     "no inertia": ('<inertia ixx="1" ixy="0" ixz="0" iyy="1" iyz="0" izz="1"/>', "", ""),
     "odd inertia": ('ixx="1"', 'ixx="-1e9 x"', ""),
     "missing mesh": (
-        '<link name="tip"/>',
+        TIP,
         '<link name="tip"><visual><geometry><mesh filename="a.stl"/></geometry></visual></link>',
         "",
     ),
     "shape without a size": (
-        '<link name="tip"/>',
+        TIP,
         '<link name="tip"><collision><geometry><box/></geometry></collision></link>',
         "",
     ),
     "material twice": (
-        '<link name="base"/>',
-        '<material name="m"><color rgba="1 0 0 1"/></material><material name="m"/>'
-        '<link name="base"/>',
+        BASE,
+        '<material name="m"><color rgba="1 0 0 1"/></material><material name="m"/>' + BASE,
         "",
     ),
-    "unknown tags": ('<link name="base"/>', "<thing><joint/></thing><link name='base'/>", ""),
+    "unknown tags": (BASE, "<thing><joint/></thing>" + BASE, ""),
     "odd origin off the chain": (
         '<parent link="tip"/>',
         '<origin xyz="a b"/><parent link="tip"/>',
@@ -138,19 +122,24 @@ def test_init_reads_it_and_says_so(tmp_path: Path, capsys: pytest.CaptureFixture
     assert (tmp_path / "job/calibration.yaml").is_file()
 
 
-def test_what_xacro_would_have_made_is_missed(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("old", "new", "tip", "says"),
+    [
+        (TIP, f'<xacro:if value="1">{TIP}</xacro:if>', "tip", ":5: .*<xacro:if>"),
+        ("</robot>", "<xacro:hand/></robot>", "hand_tip", ":16: .*<xacro:hand>"),
+        (
+            '<origin xyz="0.3 0 0"/>',
+            '<xacro:insert_block name="origin"/>',
+            *("tip", ":11: .*<xacro:insert_block>"),
+        ),
+    ],
+)
+def test_what_xacro_would_have_made_is_missed(
+    old: str, new: str, tip: str, says: str, tmp_path: Path
+) -> None:
     """Left-over tags are the cause where the chain is not whole."""
-    inside = SOUND.replace(
-        '  <link name="tip"/>', '  <xacro:if value="1"><link name="tip"/></xacro:if>'
-    )
-    with pytest.raises(UrdfError, match=r"arm\.urdf:5: .*<xacro:if>.*run xacro first"):
-        ArmModel.from_urdf(written(tmp_path / "arm.urdf", inside), "tip")
-    call = SOUND.replace("</robot>", "<xacro:hand/></robot>")
-    with pytest.raises(UrdfError, match=r"arm\.urdf:16: .*<xacro:hand>.*run xacro first"):
-        ArmModel.from_urdf(written(tmp_path / "arm.urdf", call), "hand_tip")
-    block = SOUND.replace('<origin xyz="0.3 0 0"/>', '<xacro:insert_block name="origin"/>')
-    with pytest.raises(UrdfError, match=r"arm\.urdf:11: .*<xacro:insert_block>.*run xacro first"):
-        ArmModel.from_urdf(written(tmp_path / "arm.urdf", block), "tip")
+    with pytest.raises(UrdfError, match=f"{says}.*run xacro first"):
+        ArmModel.from_urdf(written(tmp_path / "arm.urdf", SOUND.replace(old, new)), tip)
 
 
 def test_masses_stay_what_they_were(tmp_path: Path) -> None:

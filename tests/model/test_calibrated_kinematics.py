@@ -1,3 +1,5 @@
+"""A written URDF, loaded by other libraries, is the calibrated arm for raw readings."""
+
 from __future__ import annotations
 
 import math
@@ -11,8 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
-from suta_calib.model.chain import Chain, ChainJoint, read_chain
+from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy, rotation_from_vector
+from suta_calib.model.arm import ArmModel
+from suta_calib.model.chain import ChainJoint, read_chain
 from suta_calib.model.urdf import folded_origin, write_urdf
 
 # Numbers of a written URDF are rounded to 1e-12 m or rad; along a chain that adds up.
@@ -28,15 +31,6 @@ ARMS = {
     "tiago": ("tiago_description/robots/tiago.urdf", "torso_fixed_link", "arm_tool_link"),
 }
 
-Changes = dict[str, tuple[np.ndarray, np.ndarray, float]]
-
-
-@pytest.fixture
-def awkward(tmp_path: Path) -> Path:
-    path = tmp_path / "arm.urdf"
-    path.write_bytes(AWKWARD.encode())
-    return path
-
 
 @pytest.fixture(params=ARMS)
 def other_arm(request: pytest.FixtureRequest) -> tuple[Path, str, str]:
@@ -45,31 +39,6 @@ def other_arm(request: pytest.FixtureRequest) -> tuple[Path, str, str]:
     if not (ROBOTS / file).is_file():
         pytest.skip("example-robot-data is not installed")
     return ROBOTS / file, base, tip
-
-
-def pose(rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = rotation, position
-    return matrix
-
-
-def motion(joint: ChainJoint, reading: float) -> np.ndarray:
-    if joint.type == "prismatic":
-        return pose(np.eye(3), joint.axis * reading)
-    return pose(Rotation.from_rotvec(joint.axis * reading).as_matrix(), np.zeros(3))
-
-
-def calibrated_pose(chain: Chain, changes: Changes, q: dict[str, float]) -> np.ndarray:
-    """T_base_tip by definition: nominal rotation, then exp(r), then the motion by q + offset."""
-    T_base_tip = np.eye(4)
-    for joint in chain.joints:
-        xyz, vector, offset = changes[joint.name]
-        nominal = Rotation.from_euler("xyz", joint.rpy).as_matrix()
-        turned = nominal @ Rotation.from_rotvec(vector).as_matrix()
-        T_base_tip = T_base_tip @ pose(turned, xyz)
-        if joint.moving:
-            T_base_tip = T_base_tip @ motion(joint, q[joint.name] + offset)
-    return T_base_tip
 
 
 def pinocchio_pose(path: Path, base: str, tip: str, q: dict[str, float]) -> np.ndarray:
@@ -94,56 +63,35 @@ def yourdfpy_pose(path: Path, base: str, tip: str, q: dict[str, float]) -> np.nd
     return np.asarray(robot.get_transform(tip, base))
 
 
-def random_changes(chain: Chain, rng: np.random.Generator, size: float) -> Changes:
-    return {
-        joint.name: (
-            joint.xyz + rng.normal(0, size, 3),
-            rng.normal(0, size, 3),
-            float(rng.normal(0, size)) if joint.moving else 0.0,
-        )
-        for joint in chain.joints
-    }
-
-
 def assert_calibrated(source: Path, base: str | None, tip: str, seed: int) -> None:
-    """The written file's kinematics on raw readings are the calibrated ones, in two libraries."""
-    chain = read_chain(source, tip, base)
+    """The arm's own kinematics are Pinocchio's (`test_kinematics`)."""
+    arm = ArmModel.from_urdf(source, tip, base)
     rng = np.random.default_rng(seed)
-    changes = random_changes(chain, rng, size=0.2)
+    values = {name: p.nominal + rng.normal(0, 0.2) for name, p in arm.parameters.items()}
     calibrated = source.with_name("calibrated.urdf")
-    origins = {joint.name: folded_origin(joint, *changes[joint.name]) for joint in chain.joints}
-    write_urdf(source, calibrated, origins)
-    for _ in range(5):
-        q = {joint.name: float(rng.uniform(-3, 3)) for joint in chain.moving}
-        expected = calibrated_pose(chain, changes, q)
-        for poses in (pinocchio_pose, yourdfpy_pose):
-            found = poses(calibrated, chain.base, chain.tip_link, q)
-            np.testing.assert_allclose(found, expected, rtol=0, atol=WRITTEN, err_msg=str(poses))
+    arm.write_urdf(calibrated, values)
+    readings = rng.uniform(-3, 3, (5, len(arm.joints)))
+    for row, R, p in zip(readings, *arm.forward(readings, values), strict=True):
+        q = dict(zip(arm.joints, row.tolist(), strict=True))
+        for pose in (pinocchio_pose, yourdfpy_pose):
+            there = pose(calibrated, arm.chain.base, arm.chain.tip_link, q)
+            np.testing.assert_allclose(there, homogeneous(R, p), rtol=0, atol=WRITTEN)
 
 
-def test_pinocchio_and_yourdfpy_load_the_calibrated_arm(awkward: Path) -> None:
-    assert_calibrated(awkward, None, "tip", seed=0)
-
-
-@pytest.mark.parametrize("pitch", [math.pi / 2, -math.pi / 2, 1.5707963])
-def test_gimbal_lock_is_no_obstacle(awkward: Path, pitch: float) -> None:
-    text = AWKWARD.replace("'0  1.50 .5'", f"'0.4 {pitch!r} -1.1'")
-    assert text != AWKWARD
-    awkward.write_bytes(text.encode())
-    assert_calibrated(awkward, "base", "tip", seed=1)
+@pytest.mark.parametrize("pitch", [None, math.pi / 2, -math.pi / 2, 1.5707963])
+def test_gimbal_lock_is_no_obstacle(pitch: float | None, tmp_path: Path) -> None:
+    old = "'0  1.50 .5'"
+    assert old in AWKWARD
+    text = AWKWARD if pitch is None else AWKWARD.replace(old, f"'0.4 {pitch!r} -1.1'")
+    (tmp_path / "arm.urdf").write_bytes(text.encode())
+    assert_calibrated(tmp_path / "arm.urdf", "base", "tip", seed=1)
 
 
 def test_other_peoples_arms(other_arm: tuple[Path, str, str], tmp_path: Path) -> None:
-    file, base, tip = other_arm
-    source = tmp_path / "arm.urdf"
-    source.write_bytes(file.read_bytes())
-    assert_calibrated(source, base, tip, seed=2)
-
-
-def test_in_other_peoples_files_only_origins_of_the_chain_change(
-    other_arm: tuple[Path, str, str], tmp_path: Path
-) -> None:
+    """In their files only origins of the chain change."""
     source, base, tip = other_arm
+    (tmp_path / "arm.urdf").write_bytes(source.read_bytes())
+    assert_calibrated(tmp_path / "arm.urdf", base, tip, seed=2)
     calibrated = tmp_path / "calibrated.urdf"
     chain = read_chain(source, tip, base)
     origins = {joint.name: (joint.xyz + 0.125, joint.rpy) for joint in chain.joints}
@@ -159,17 +107,15 @@ def test_in_other_peoples_files_only_origins_of_the_chain_change(
 
 
 ANGLE = st.floats(-math.pi, math.pi)
-
-
-def triple(elements: st.SearchStrategy[float]) -> st.SearchStrategy[tuple[float, ...]]:
-    return st.tuples(elements, elements, elements)
+ANGLES = st.tuples(ANGLE, ANGLE, ANGLE)
+PITCH = st.one_of(ANGLE, st.sampled_from([math.pi / 2, -math.pi / 2]))
 
 
 @given(
     kind=st.sampled_from(["revolute", "continuous", "prismatic", "fixed"]),
-    rpy=triple(st.one_of(ANGLE, st.sampled_from([math.pi / 2, -math.pi / 2]))),
-    vector=triple(ANGLE),
-    axis=triple(ANGLE).filter(lambda axis: np.linalg.norm(axis) > 0.01),
+    rpy=st.tuples(PITCH, PITCH, PITCH),
+    vector=ANGLES,
+    axis=ANGLES.filter(lambda axis: np.linalg.norm(axis) > 0.01),
     offset=ANGLE,
 )
 def test_the_folded_origin_is_the_calibrated_frame_at_reading_zero(
@@ -179,17 +125,20 @@ def test_the_folded_origin_is_the_calibrated_frame_at_reading_zero(
     axis: tuple[float, ...],
     offset: float,
 ) -> None:
-    unit = np.array(axis) / np.linalg.norm(axis)
+    unit, place = np.array(axis) / np.linalg.norm(axis), np.array([0.1, 0.2, 0.3])
     joint = ChainJoint("j", kind, "a", "b", np.zeros(3), np.array(rpy), unit, 0.0, 0.0, 1)
-    xyz, folded = folded_origin(joint, [0.1, 0.2, 0.3], vector, offset)
-    frame = pose(rotation_from_rpy(rpy) @ rotation_from_vector(vector), np.array([0.1, 0.2, 0.3]))
-    expected = frame @ motion(joint, offset) if joint.moving else frame
-    np.testing.assert_allclose(pose(rotation_from_rpy(folded), xyz), expected, atol=1e-13)
+    xyz, folded = folded_origin(joint, place, vector, offset)
+    expected = homogeneous(rotation_from_rpy(rpy) @ rotation_from_vector(vector), place)
+    if kind == "prismatic":
+        expected = expected @ homogeneous(np.eye(3), unit * offset)
+    elif joint.moving:
+        turn = Rotation.from_rotvec(unit * offset).as_matrix()
+        expected = expected @ homogeneous(turn, np.zeros(3))
+    np.testing.assert_allclose(homogeneous(rotation_from_rpy(folded), xyz), expected, atol=1e-13)
 
 
-def test_what_does_not_turn_keeps_its_angles_exactly() -> None:
+@pytest.mark.parametrize(("kind", "offset"), [("prismatic", 0.5), ("revolute", 0.0)])
+def test_what_does_not_turn_keeps_its_angles_exactly(kind: str, offset: float) -> None:
     rpy = np.array([4.0, math.pi / 2, -7.0])
-    slide = ChainJoint("j", "prismatic", "a", "b", np.zeros(3), rpy, np.eye(3)[0], 0.0, 1.0, 1)
-    np.testing.assert_array_equal(folded_origin(slide, np.ones(3), np.zeros(3), 0.5)[1], rpy)
-    turn = ChainJoint("j", "revolute", "a", "b", np.zeros(3), rpy, np.eye(3)[0], 0.0, 1.0, 1)
-    np.testing.assert_array_equal(folded_origin(turn, np.ones(3), np.zeros(3), 0.0)[1], rpy)
+    joint = ChainJoint("j", kind, "a", "b", np.zeros(3), rpy, np.eye(3)[0], 0.0, 1.0, 1)
+    np.testing.assert_array_equal(folded_origin(joint, np.ones(3), np.zeros(3), offset)[1], rpy)

@@ -53,12 +53,6 @@ def test_an_axis_of_any_length_is_a_direction(urdf: Path, length: float) -> None
     np.testing.assert_allclose(read_chain(urdf, "tip").joints[0].axis, [0, 0.6, -0.8], rtol=1e-15)
 
 
-def test_limits_not_given_are_unlimited(urdf: Path) -> None:
-    urdf.write_text(ARM.replace('lower="-1" upper="2" ', ""))
-    turn = read_chain(urdf, "tip").joints[0]
-    assert (turn.lower, turn.upper) == (-math.inf, math.inf)
-
-
 def test_a_joint_as_tip_means_its_child_link(urdf: Path) -> None:
     chain = read_chain(urdf, "push")
     assert (chain.tip, chain.tip_link) == ("push", "slide")
@@ -71,25 +65,31 @@ def test_the_chain_may_start_above_the_root(urdf: Path) -> None:
     assert [joint.name for joint in chain.joints] == ["push", "spin", "tool"]
 
 
-@pytest.mark.parametrize("kind", ["floating", "planar", "spherical"])
-def test_other_joints_off_the_chain_are_nobodys_business(urdf: Path, kind: str) -> None:
-    text = ARM.replace('name="grip" type="revolute"', f'name="grip" type="{kind}"')
-    assert text != ARM
-    urdf.write_text(text)
-    assert len(read_chain(urdf, "tip").joints) == 4
-
-
 @pytest.mark.parametrize(
-    "robot",
-    ['<robot name="arm" xmlns="http://www.ros.org">', '<robot name="arm" sim:x="1">'],
-    ids=["default namespace", "prefix nobody declared"],
+    ("old", "new"),
+    [
+        *(
+            ('name="grip" type="revolute"', f'name="grip" type="{kind}"')
+            for kind in ("floating", "a")
+        ),
+        ('<robot name="arm">', '<robot name="arm" xmlns="http://www.ros.org">'),
+        ('<robot name="arm">', '<robot name="arm" sim:x="1">'),
+        ('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'),
+        ('lower="-1" upper="2" ', ""),
+    ],
+    ids=[
+        "off the chain",
+        "of no type",
+        "namespace",
+        "undeclared prefix",
+        "expanded xacro",
+        "limits",
+    ],
 )
-def test_namespaces_mean_nothing(urdf: Path, robot: str) -> None:
-    urdf.write_text(ARM.replace('<robot name="arm">', robot))
-    assert len(read_chain(urdf, "tip").joints) == 4
-
-
-def test_an_expanded_file_that_still_declares_xacro_is_fine(urdf: Path) -> None:
-    xacro = '<robot name="arm" xmlns:xacro="http://www.ros.org/wiki/xacro">'
-    urdf.write_text(ARM.replace('<robot name="arm">', xacro))
-    assert len(read_chain(urdf, "tip").joints) == 4
+def test_what_is_nobodys_business(urdf: Path, old: str, new: str) -> None:
+    """Joints of other types off the chain, namespaces; limits that are not given are none."""
+    assert old in ARM
+    urdf.write_text(ARM.replace(old, new))
+    turn, *others = read_chain(urdf, "tip").joints
+    assert len(others) == 3
+    assert (turn.lower, turn.upper) == ((-1, 2) if new else (-math.inf, math.inf))

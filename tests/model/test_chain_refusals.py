@@ -201,9 +201,7 @@ def test_any_bytes_are_a_chain_or_refused(
 
 @given(
     edits=st.lists(
-        st.tuples(st.integers(0, len(ARM)), st.integers(0, 30), FRAGMENTS),
-        min_size=1,
-        max_size=4,
+        st.tuples(st.integers(0, len(ARM)), st.integers(0, 30), FRAGMENTS), min_size=1, max_size=4
     )
 )
 def test_any_damage_leaves_a_chain_or_is_refused(

@@ -9,7 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
 from simulated import arm_named, random_readings, tracked_scene
 from simulation_scenes import EXACT, Folder
@@ -21,8 +20,7 @@ from suta_calib.simulation.noise import full_circle
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.terms import Noise, TrackedPoint
-from suta_calib.trust.explanation import explain
+from suta_calib.terms import TrackedPoint
 
 ARM = arm_named("suta")
 NAME = "joint_3.coupling[joint_2]"
@@ -37,36 +35,11 @@ def prepared(q: np.ndarray, ratio: float) -> np.ndarray:
     return angles
 
 
-def test_a_parallelogram_is_pinocchios_arm_at_other_angles() -> None:
+def test_an_arm_that_is_coupled_draws_itself_so() -> None:
     q = random_readings(ARM, np.random.default_rng(0), 6)
-    # What is folded into a URDF and what scales the joint's own reading are beside it.
-    others = {"joint_3.gain": 0.01, "joint_3.offset": 0.02}
-    angles = prepared(q, -0.98)
-    angles[:, 2] += 0.01 * q[:, 2] + 0.02
-    coupled = ARM.at(TRUTH)
-    data, model = ARM.model.createData(), ARM.model
-    for given, values in ((ARM, TRUTH | others), (coupled, others)):
-        for row, R, p in zip(angles, *given.forward(q, values), strict=True):
-            pin.framesForwardKinematics(model, data, ARM.configuration(row))
-            ends = (ARM.chain.base, ARM.chain.tip_link)
-            base, tip = (data.oMf[model.getFrameId(n, pin.FrameType.BODY)] for n in ends)
-            expected = base.actInv(tip)
-            np.testing.assert_allclose(R, expected.rotation, atol=1e-12)
-            np.testing.assert_allclose(p, expected.translation, atol=1e-12)
-    # The arm that has it draws itself so.
-    drawn = [coupled.configuration(row) for row in q]
+    drawn = [ARM.at(TRUTH).configuration(row) for row in q]
     straight = [ARM.configuration(row) for row in prepared(q, -0.98)]
     np.testing.assert_allclose(drawn, straight, atol=1e-15)
-
-
-def test_gravity_bends_the_arm_as_it_stands() -> None:
-    """The torque is that at the angles of the joints, not at the readings."""
-    q = random_readings(ARM, np.random.default_rng(1), 6)
-    soft = {f"joint_{k}.compliance": 2e-3 for k in (2, 3)}
-    found = ARM.at(TRUTH).forward(q, soft)
-    expected = ARM.forward(prepared(q, -0.98), soft)
-    for one, other in zip(found, expected, strict=True):
-        np.testing.assert_allclose(one, other, atol=1e-12)
 
 
 def test_the_tips_velocity_per_reading_counts_what_is_dragged() -> None:
@@ -115,18 +88,6 @@ def test_it_errs_as_it_says() -> None:
         assert (estimate.unit, estimate.state) == ("1", "identified")
         pulls.append((estimate.value - TRUTH[NAME]) / (estimate.std or 0.0))
     assert 2.2 < np.sum(np.square(pulls)) < 32.9
-
-
-def test_what_the_other_joint_does_not_show_is_explained() -> None:
-    found = tracked_scene(ARM, {}, 60)
-    found.q[:, 1] = 0.4
-    found.position[:] = ARM.forward(found.q)[1]
-    problem = Problem([found.exact(Noise(1e-4))], ARM.select("joint_3.offset", NAME))
-    solution = solve(problem, SolverOptions(starts=1))
-    (told,) = explain(problem, solution.x, solution.identification)
-    assert told.fixed == NAME
-    assert "does the same as joint_3.offset" in told.sentence
-    assert told.remedy == "turn joint_2 farther"
 
 
 def test_names_are_of_two_joints_that_move_alike() -> None:

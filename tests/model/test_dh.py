@@ -43,6 +43,13 @@ ROWS = st.lists(
 )
 
 
+def textbook(theta: float, d: float, a: float, alpha: float) -> np.ndarray:
+    """One classic row's transform as it is printed, so that nothing is shared with the package."""
+    ct, st_, ca, sa = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+    rows = [[ct, -st_ * ca, st_ * sa, a * ct], [st_, ct * ca, -ct * sa, a * st_]]
+    return np.array([*rows, [0.0, sa, ca, d], [0.0, 0.0, 0.0, 1.0]])
+
+
 def published(name: str) -> DhTable:
     theta, d, alpha, tool = TABLES[name]
     rows = [
@@ -78,6 +85,34 @@ def test_a_shipped_arm_has_the_table_it_was_written_from(name: str):
     np.testing.assert_allclose(cells(found), cells(table), rtol=0, atol=1e-12)
     poses = pinocchio_poses(arm.chain.path, READINGS)
     np.testing.assert_allclose(table.poses(READINGS), poses, rtol=0, atol=1e-12)
+    product = np.eye(4)
+    for row, angle in zip(table.rows, [*READINGS[0], 0.0], strict=True):
+        product = product @ textbook(row.theta + angle, row.d, row.a, row.alpha)
+    np.testing.assert_allclose(product, poses[0], rtol=0, atol=1e-12)
+
+
+def test_the_sutas_urdf_is_as_its_parameter_names_expect(suta_urdf: Path) -> None:
+    """Joints turn about z over one turn, lengths stand where they are looked for, bodies exist."""
+    import yourdfpy
+
+    robot = yourdfpy.URDF.load(suta_urdf)
+    assert robot.validate()
+    for q, pose in zip(READINGS, published("suta").poses(READINGS), strict=True):
+        robot.update_cfg({f"joint_{k}": angle for k, angle in enumerate(q, 1)})
+        there = robot.get_transform("tip", "base_link")
+        np.testing.assert_allclose(there, pose, rtol=0, atol=1e-12)
+    model = pin.buildModelFromUrdf(str(suta_urdf))
+    assert {joint.shortname() for joint in list(model.joints)[1:]} == {"JointModelRZ"}
+    np.testing.assert_array_equal(model.lowerPositionLimit, np.full(6, -np.pi))
+    np.testing.assert_array_equal(model.upperPositionLimit, np.full(6, np.pi))
+    lengths = {n: p.nominal for n, p in ArmModel.from_urdf(suta_urdf, "tip").parameters.items()}
+    expected = {"joint_2.z": 0.047, "joint_4.z": 0.571, "joint_6.z": 0.371, "tip.y": -0.253}
+    assert {n: length for n, length in lengths.items() if abs(length) > 1e-16} == expected
+    for inertia in list(model.inertias)[1:]:
+        moments = np.linalg.eigvalsh(inertia.inertia)
+        assert inertia.mass > 0
+        assert moments[0] > 0
+        assert moments[2] <= moments[0] + moments[1]
 
 
 def test_an_offset_is_an_angle_and_a_length_a_d():

@@ -13,10 +13,9 @@ from simulation_scenes import Folder
 from two_arms import ROBOT
 
 from suta_calib.analysis.model_selection import choose_model
-from suta_calib.errors import JobError, ParameterError, SamplesError
+from suta_calib.errors import JobError, SamplesError
 from suta_calib.measurements import SampleColumns, Samples, read_samples, write_samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.model.parameters import Selection
 from suta_calib.report.model_selection import row_text
 from suta_calib.simulation import write_simulation
 from suta_calib.solver.options import SolverOptions
@@ -198,12 +197,7 @@ def test_temperatures_that_no_file_could_say_are_refused(
         Folder(tmp_path, suta_urdf).simulate(WARM.replace("[14, 34]", given))
 
 
-def test_sizes_are_in_millionths_per_kelvin() -> None:
-    (p,) = ARM.select(Selection((COMMON,), bound_per_k=4e-5, prior_per_k=1e-5)).values()
-    assert (p.upper, p.prior, p.unit) == (4e-5, 1e-5, "1/K")
-    with pytest.raises(ParameterError, match=r"bound_mm or prior_mm for links\.expansion"):
-        ARM.select(Selection((COMMON,), bound_m=1e-3))
-    # Geometry is what a URDF can hold.
+def test_geometry_is_what_a_urdf_can_hold() -> None:
     assert COMMON not in ARM.select("*")
     assert set(ARM.select("*.expansion")) == {n for n in ARM.nongeometric if "expansion" in n}
 

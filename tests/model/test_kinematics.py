@@ -1,4 +1,4 @@
-"""The symbolic kinematics against Pinocchio's own, against its regressor, against differences.
+"""The symbolic kinematics against Pinocchio's own, and against differences.
 
 Pinocchio is told the changed geometry by setting its joint placements: nothing of the symbolic
 chain takes part in that.
@@ -20,9 +20,6 @@ from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.model.parameters import COMPLIANCE, Selection
-
-# Numbers of a written URDF are rounded to 1e-12 m or rad; along a chain that adds up.
-WRITTEN = 1e-11
 
 AXES = ("x", "y", "z")
 GEOMETRIES = {"nominal": 0.0, "perturbed": 0.15}
@@ -98,59 +95,6 @@ def test_forward_kinematics_are_pinocchios(arm: ArmModel, geometry: str) -> None
         np.testing.assert_allclose(p, data.oMf[frame].translation, rtol=0, atol=1e-12)
 
 
-def placement_twists(
-    joint: ChainJoint, prefix: str, values: dict[str, float]
-) -> dict[str, np.ndarray]:
-    """How each placement parameter moves the joint's frame, as a twist in that frame."""
-    r = np.array([values.get(f"{prefix}.r{k}", 0.0) for k in AXES])
-    R = pin.rpy.rpyToMatrix(joint.rpy) @ pin.exp3(r)
-    turning = pin.Jexp3(r)
-    twists = {}
-    for i, k in enumerate(AXES):
-        twists[f"{prefix}.{k}"] = np.concatenate([R.T[:, i], np.zeros(3)])
-        twists[f"{prefix}.r{k}"] = np.concatenate([np.zeros(3), turning[:, i]])
-    return twists
-
-
-def pinocchio_columns(
-    arm: ArmModel, q: np.ndarray, values: dict[str, float]
-) -> dict[str, np.ndarray]:
-    """Velocity of the tip for unit change of each parameter, world-aligned, by the regressor."""
-    model = told(arm, values)
-    data, frame = at(arm, model, q, values)
-    world = pin.LOCAL_WORLD_ALIGNED
-    regressor = pin.computeFrameKinematicRegressor(model, data, frame, world)
-    jacobian = pin.getFrameJacobian(model, data, frame, world)
-    columns = {}
-    for joint in arm.chain.moving:
-        index = model.getJointId(joint.name)
-        block = regressor[:, 6 * (index - 1) : 6 * index]
-        twists = placement_twists(joint, joint.name, values)
-        columns |= {name: block @ twist for name, twist in twists.items()}
-        columns[f"{joint.name}.offset"] = jacobian[:, model.joints[index].idx_v]
-    if tip_is_fixed(arm):
-        turn = np.kron(np.eye(2), data.oMf[frame].rotation)
-        twists = placement_twists(arm.chain.joints[-1], arm.tip, values)
-        columns |= {name: turn @ twist for name, twist in twists.items()}
-    return columns
-
-
-@pytest.mark.parametrize("geometry", GEOMETRIES)
-def test_the_jacobian_is_pinocchios_kinematic_regressor(arm: ArmModel, geometry: str) -> None:
-    names = known_names(arm)
-    values = values_of(arm, GEOMETRIES[geometry], names)
-    theta = np.array([values[name] for name in names])
-    function = arm.function(names)
-    for q in random_readings(arm, np.random.default_rng(3), 5):
-        found = np.array(function(theta, q)[2]).T
-        expected = pinocchio_columns(arm, q, values)
-        assert set(expected) == set(names)
-        for k, name in enumerate(names):
-            np.testing.assert_allclose(
-                found[:, k], expected[name], rtol=0, atol=1e-12, err_msg=name
-            )
-
-
 @pytest.mark.parametrize("geometry", GEOMETRIES)
 def test_the_jacobian_is_the_derivative_of_the_pose(arm: ArmModel, geometry: str) -> None:
     """Every parameter there is, those of fixed joints within the chain included."""
@@ -186,36 +130,6 @@ def test_the_jacobian_may_have_fewer_rows(arm: ArmModel) -> None:
         np.testing.assert_array_equal(R_alone.full(), R)
         np.testing.assert_array_equal(p_alone.full(), p)
         np.testing.assert_allclose(first.full().reshape(rows, 6), J[:rows], rtol=1e-14)
-
-
-def test_the_written_urdf_is_the_calibrated_arm_for_raw_readings(
-    arm: ArmModel, tmp_path: Path
-) -> None:
-    values = values_of(arm, 0.1, list(arm.parameters))
-    arm.write_urdf(tmp_path / "calibrated.urdf", values)
-    again = ArmModel.from_urdf(tmp_path / "calibrated.urdf", arm.tip)
-    readings = random_readings(arm, np.random.default_rng(5), 20)
-    for found, expected in zip(again.forward(readings), arm.forward(readings, values), strict=True):
-        np.testing.assert_allclose(found, expected, rtol=0, atol=WRITTEN)
-
-
-def test_an_offset_is_added_to_the_reading(arm: ArmModel) -> None:
-    readings = random_readings(arm, np.random.default_rng(6), 3)
-    for k, joint in enumerate(arm.joints):
-        R, p = arm.forward(readings, {f"{joint}.offset": 0.1})
-        moved = readings + 0.1 * (np.arange(readings.shape[1]) == k)
-        np.testing.assert_allclose(arm.forward(moved)[0], R, atol=1e-14)
-        np.testing.assert_allclose(arm.forward(moved)[1], p, atol=1e-14)
-
-
-def test_a_base_within_the_chain(suta_urdf: Path) -> None:
-    """T_root_tip = T_root_base T_base_tip."""
-    whole, upper = ArmModel.from_urdf(suta_urdf, "tip"), ArmModel.from_urdf(suta_urdf, "link_2")
-    lower = ArmModel.from_urdf(suta_urdf, "tip", "link_2")
-    q = np.random.default_rng(7).uniform(-1, 1, 6)
-    (R, p), (Ru, pu), (Rl, pl) = whole.forward(q), upper.forward(q[:2]), lower.forward(q[2:])
-    np.testing.assert_allclose(R, Ru @ Rl, atol=1e-14)
-    np.testing.assert_allclose(p, Ru @ pl + pu, atol=1e-14)
 
 
 def test_unknown_parameters_and_wrong_readings_are_refused() -> None:

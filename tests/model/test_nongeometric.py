@@ -1,4 +1,7 @@
-"""Eccentric encoders and yielding joints against Pinocchio, differences, and known truth."""
+"""Eccentric encoders, gains, play and yielding joints against known truth.
+
+On random trees `test_trees` holds what they do, and its derivatives, against Pinocchio.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pinocchio as pin
 import pytest
-from simulated import ARMS, arm_named, dh_parameters, perturbed, random_readings, tracked_scene
+from simulated import arm_named, dh_parameters, perturbed, random_readings, tracked_scene
 
 from suta_calib.analysis.model_selection import choose_model
 from suta_calib.errors import JobError, ParameterError, SamplesError, UrdfError
@@ -31,86 +33,8 @@ PLAY = {"joint_2.gain": 2e-3, "joint_3.backlash": 1.5e-3}
 ECC = ("ecc_c1", "ecc_s1", "ecc_c2", "ecc_s2")
 
 
-def gravity_torque(arm: ArmModel, q: np.ndarray) -> np.ndarray:
-    """What gravity does to each joint of the chain, by Pinocchio, (n, joints)."""
-    data = arm.model.createData()
-    found = []
-    for row in q:
-        configuration = pin.neutral(arm.model)
-        for name, reading in zip(arm.joints, row, strict=True):
-            joint = arm.model.joints[arm.model.getJointId(name)]
-            state = [reading] if joint.nq == 1 else [math.cos(reading), math.sin(reading)]
-            configuration[joint.idx_q : joint.idx_q + joint.nq] = state
-        fixed = pin.computeGeneralizedGravity(arm.model, data, configuration)
-        order = [arm.model.joints[arm.model.getJointId(name)].idx_v for name in arm.joints]
-        found.append(-fixed[order])
-    return np.array(found)
-
-
-def yielding(arm: ArmModel) -> list[str]:
-    """Joints whose compliance can be asked for: revolute, with a mass beyond."""
-    found = []
-    for name, parameter in arm.nongeometric.items():
-        if parameter.key == "compliance":
-            try:
-                arm.select(name)
-            except UrdfError:
-                continue
-            found.append(parameter.owner)
-    return found
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_they_turn_the_joint_by_what_the_equation_says(name: str) -> None:
-    arm = arm_named(name)
-    rng = np.random.default_rng(4)
-    q = random_readings(arm, rng, 12)
-    values = {n: 0.01 * rng.standard_normal() for n in arm.nongeometric if ".ecc_" in n}
-    values |= {f"{joint}.compliance": 2e-3 * rng.standard_normal() for joint in yielding(arm)}
-    torque = gravity_torque(arm, q)
-    moved = q.copy()
-    for k, joint in enumerate(arm.joints):
-        ecc = [values.get(f"{joint}.{key}", 0.0) for key in ECC]
-        angle = q[:, k]
-        waves = (np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle))
-        moved[:, k] += sum(c * w for c, w in zip(ecc, waves, strict=True))
-        moved[:, k] += values.get(f"{joint}.compliance", 0.0) * torque[:, k]
-    R, p = arm.forward(q, values)
-    R_expected, p_expected = arm.forward(moved)
-    np.testing.assert_allclose(R, R_expected, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(p, p_expected, rtol=0, atol=1e-12)
-
-
-def test_gravity_is_that_of_the_root_link_also_where_the_chain_begins_higher() -> None:
-    arm = arm_named("tiago")
-    assert len(yielding(arm)) == 7  # the lifting torso slides, and has none
-    q = random_readings(arm, np.random.default_rng(1), 4)
-    assert np.abs(gravity_torque(arm, q)[:, 1:]).max() > 1.0
-
-
-@pytest.mark.parametrize("name", ["suta", "panda"])
-def test_derivatives_are_central_differences(name: str) -> None:
-    arm = arm_named(name)
-    rng = np.random.default_rng(0)
-    names = [n for n in arm.nongeometric if not n.endswith("compliance")]
-    names += [f"{joint}.compliance" for joint in yielding(arm)] + ["tip.x"] * (name == "suta")
-    names += [f"{arm.joints[1]}.offset", f"{arm.joints[2]}.rx"]
-    function = arm.function(names)
-    theta = np.array([arm.offered[n].nominal for n in names]) + 0.02 * rng.standard_normal(
-        len(names)
-    )
-    q = random_readings(arm, rng, 1)[0]
-    R, _, jacobian = (np.array(a) for a in function(theta, q))
-    R = R.reshape(3, 3, order="F")
-    for k, h in enumerate(1e-6 * np.eye(len(names))):
-        (Ra, pa, _), (Rb, pb, _) = (map(np.array, function(theta + s * h, q)) for s in (-1, 1))
-        np.testing.assert_allclose(jacobian[k, :3], ((pb - pa) / 2e-6).ravel(), atol=1e-7)
-        spin = (Rb - Ra).reshape(3, 3, order="F") / 2e-6 @ R.T
-        np.testing.assert_allclose(jacobian[k, 3:], [spin[2, 1], spin[0, 2], spin[1, 0]], atol=1e-7)
-
-
 def test_they_are_off_unless_a_pattern_names_them() -> None:
-    arm = arm_named("suta")
+    arm = ARM
     for pattern in ("geometric", "*", "joint_*", "*.offset", "joint_3.*", "*[xyz]"):
         assert all(p.geometric for p in arm.select(pattern).values())
     assert len(arm.select("*.ecc_*")) == 24
@@ -121,14 +45,11 @@ def test_they_are_off_unless_a_pattern_names_them() -> None:
 
 
 def test_the_kinematics_without_them_are_as_they_were() -> None:
-    arm = arm_named("suta")
-    plain = arm.function(["joint_3.offset"])
-    assert (
-        plain.n_instructions() < arm.function(["joint_3.offset", "joint_3.ecc_c1"]).n_instructions()
-    )
-    zero = dict.fromkeys(arm.nongeometric, 0.0)
-    q = random_readings(arm, np.random.default_rng(0), 3)
-    for with_zero, without in zip(arm.forward(q, zero), arm.forward(q), strict=True):
+    plain, more = (ARM.function(["joint_3.offset", *extra]) for extra in ((), ("joint_3.ecc_c1",)))
+    assert plain.n_instructions() < more.n_instructions()
+    zero = dict.fromkeys(ARM.nongeometric, 0.0)
+    q = random_readings(ARM, np.random.default_rng(0), 3)
+    for with_zero, without in zip(ARM.forward(q, zero), ARM.forward(q), strict=True):
         np.testing.assert_array_equal(with_zero, without)
 
 
@@ -152,30 +73,39 @@ def test_a_joint_that_slides_has_none_and_it_is_said(key: str) -> None:
         arm.select(f"{sliding}.{key}")
 
 
-def test_what_shows_nothing_is_explained() -> None:
-    arm = arm_named("suta")
-    scene = tracked_scene(arm, {}, 60)
-    scene.q[:, 2] = 0.4
-    scene.position[:] = arm.forward(scene.q)[1]
-    unknown = arm.select("joint_1.compliance", "joint_3.offset", "joint_3.ecc_c1")
-    problem = Problem([scene.exact(Noise(1e-4))], unknown)
+@pytest.mark.parametrize(("held", "name"), [(2, "ecc_c1"), (2, "gain"), (1, "coupling[joint_2]")])
+def test_what_is_no_other_than_an_offset_is_held_and_explained(held: int, name: str) -> None:
+    """A joint that does not move: what its reading is multiplied with is an offset."""
+    name = f"joint_3.{name}"
+    scene = tracked_scene(ARM, {}, 60)
+    scene.q[:, held] = 0.4
+    scene.position[:] = ARM.forward(scene.q)[1]
+    problem = Problem([scene.exact(Noise(1e-4))], ARM.select("joint_3.offset", name))
     solution = solve(problem, SolverOptions(starts=1))
-    told = {e.fixed: e for e in explain(problem, solution.x, solution.identification)}
-    assert "gravity has no torque" in told["joint_1.compliance"].sentence
-    assert "does the same as joint_3.offset" in told["joint_3.ecc_c1"].sentence
-    assert told["joint_3.ecc_c1"].remedy == "turn joint_3 farther"
+    assert solution.unidentified == (name,)
+    assert solution.estimates["joint_3.offset"].given == (name,)
+    (explanation,) = explain(problem, solution.x, solution.identification)
+    assert explanation.fixed == name
+    assert "does the same as joint_3.offset" in explanation.sentence
+    assert explanation.remedy == f"turn joint_{held + 1} farther"
 
 
-def test_a_gain_scales_the_reading_and_is_told_from_the_rest() -> None:
+def test_a_compliance_without_torque_is_explained() -> None:
+    problem = Problem(
+        [tracked_scene(ARM, {}, 60).exact(Noise(1e-4))], ARM.select("joint_1.compliance", "tip.z")
+    )
+    solution = solve(problem, SolverOptions(starts=1))
+    (explanation,) = explain(problem, solution.x, solution.identification)
+    assert explanation.fixed == "joint_1.compliance"
+    assert "gravity has no torque" in explanation.sentence
+
+
+def test_a_gain_is_told_from_the_rest() -> None:
     """On a turning joint and on one that slides; a URDF does not hold it."""
     arm = arm_named("tiago")
     slides, turns = arm.joints[0], arm.joints[3]
-    truth = {f"{turns}.gain": 0.004, f"{turns}.offset": 0.01, f"{slides}.gain": -0.02}
-    q = random_readings(arm, np.random.default_rng(2), 40)
-    read = q * (1.0 + np.array([truth.get(f"{joint}.gain", 0.0) for joint in arm.joints]))
     geometry = {f"{turns}.offset": 0.01}
-    for found, expected in zip(arm.forward(q, truth), arm.forward(read, geometry), strict=True):
-        np.testing.assert_allclose(found, expected, atol=1e-13)
+    truth = geometry | {f"{turns}.gain": 0.004, f"{slides}.gain": -0.02}
     unknown = arm.select("*.gain", "*.offset")
     term = tracked_scene(arm, truth, 60).exact(Noise(1e-4))
     solution = solve(Problem([term], unknown), SolverOptions(starts=1))
@@ -184,19 +114,6 @@ def test_a_gain_scales_the_reading_and_is_told_from_the_rest() -> None:
         assert (estimate.unit, estimate.state) == ("1", "identified")
         assert estimate.value == pytest.approx(truth[name], abs=1e-8)
     assert arm.calibrated_urdf(truth) == arm.calibrated_urdf(geometry)
-
-
-def test_a_gain_that_nothing_shows_is_explained() -> None:
-    arm = arm_named("suta")
-    scene = tracked_scene(arm, {}, 60)
-    scene.q[:, 2] = 0.4
-    scene.position[:] = arm.forward(scene.q)[1]
-    problem = Problem([scene.exact(Noise(1e-4))], arm.select("joint_3.offset", "joint_3.gain"))
-    solution = solve(problem, SolverOptions(starts=1))
-    (told,) = explain(problem, solution.x, solution.identification)
-    assert told.fixed == "joint_3.gain"
-    assert "does the same as joint_3.offset" in told.sentence
-    assert told.remedy == "turn joint_3 farther"
 
 
 def both_sides(seed: int, directions: bool = True) -> TrackedPoint:
@@ -263,19 +180,35 @@ def test_directions_are_read_back_and_nothing_else_is_one(tmp_path: Path) -> Non
         read_samples([file], ranges, columns)
 
 
-def test_bounds_and_priors_have_their_own_unit() -> None:
-    arm = arm_named("suta")
-    row = Selection(("joint_2.compliance",), bound_rad_per_nm=1e-3, prior_rad_per_nm=2e-4)
-    parameter = arm.select(row)["joint_2.compliance"]
-    assert (parameter.unit, parameter.upper, parameter.prior) == ("rad/Nm", 1e-3, 2e-4)
-    ecc = arm.select(Selection(("joint_2.ecc_c1",), bound_rad=0.01))["joint_2.ecc_c1"]
-    assert (ecc.unit, ecc.upper) == ("rad", 0.01)
-    gain = arm.select(Selection(("joint_2.gain",), bound_ratio=0.02))["joint_2.gain"]
-    assert (gain.unit, gain.upper) == ("1", 0.02)
-    with pytest.raises(ParameterError, match=r"bound or prior for .*all angles"):
-        arm.select(Selection(("*.offset",), bound_ratio=0.01))
-    with pytest.raises(ParameterError, match=r"bound_deg or prior_deg for .*all compliances"):
-        arm.select(Selection(("*.compliance",), bound_rad=0.01))
+@pytest.mark.parametrize(
+    ("name", "row", "unit", "upper"),
+    [
+        ("joint_2.compliance", {"bound_rad_per_nm": 1e-3}, "rad/Nm", 1e-3),
+        ("joint_2.ecc_c1", {"bound_rad": 0.01}, "rad", 0.01),
+        ("joint_2.gain", {"bound_ratio": 0.02}, "1", 0.02),
+        ("links.expansion", {"bound_per_k": 4e-5}, "1/K", 4e-5),
+    ],
+)
+def test_bounds_and_priors_have_their_own_unit(
+    name: str, row: dict[str, float], unit: str, upper: float
+) -> None:
+    ((key, size),) = row.items()
+    prior = {key.replace("bound", "prior"): size / 5}
+    parameter = ARM.select(Selection((name,), **row, **prior))[name]
+    assert (parameter.unit, parameter.upper, parameter.prior) == (unit, upper, size / 5)
+
+
+@pytest.mark.parametrize(
+    ("names", "row", "says"),
+    [
+        ("*.offset", {"bound_ratio": 0.01}, r"bound or prior for .*all angles"),
+        ("*.compliance", {"bound_rad": 0.01}, r"bound_deg or prior_deg for .*all compliances"),
+        ("links.expansion", {"bound_m": 1e-3}, r"bound_mm or prior_mm for links\.expansion"),
+    ],
+)
+def test_sizes_of_another_unit_are_refused(names: str, row: dict[str, float], says: str) -> None:
+    with pytest.raises(ParameterError, match=says):
+        ARM.select(Selection((names,), **row))
 
 
 def test_a_job_gives_them_in_degrees(tmp_path: Path) -> None:
@@ -311,19 +244,6 @@ def test_a_solve_recovers_them_from_exact_data() -> None:
     told = {n: e for n, e in solution.estimates.items() if e.state == "identified"}
     for name in ("joint_3.ecc_c1", "joint_3.ecc_s1", "joint_5.ecc_s1", "joint_2.compliance"):
         assert told[name].value == pytest.approx(truth.get(name, 0.0), abs=1e-7)
-
-
-def test_what_cannot_be_told_apart_from_an_offset_is_held_and_named() -> None:
-    """A joint that hardly moves: its eccentricity is an offset."""
-    arm = arm_named("suta")
-    truth = {"joint_3.offset": 0.01}
-    scene = tracked_scene(arm, truth, 60)
-    scene.q[:, 2] = 0.4
-    scene.position[:] = arm.forward(scene.q, truth)[1]
-    unknown = arm.select("joint_3.offset", "joint_3.ecc_c1")
-    solution = solve(Problem([scene.exact(Noise(1e-4))], unknown), SolverOptions(starts=1))
-    assert solution.unidentified == ("joint_3.ecc_c1",)
-    assert solution.estimates["joint_3.offset"].given == ("joint_3.ecc_c1",)
 
 
 SIMULATION = """\

@@ -45,17 +45,28 @@ def test_nothing_new_changes_no_byte(awkward: Path) -> None:
     assert written(awkward, origins) == awkward.read_bytes()
 
 
-def test_one_number_changes_one_number(awkward: Path) -> None:
-    after = written(awkward, {"turn": ([0, 0.1, 0.1 + 0.2], [0, 1.5, 0.5])})
-    expected = AWKWARD.replace("0 0.10 -2e-1", "0 0.10 0.3")
-    assert after.decode() == expected
+KEPT = [0, 1.5, 0.5]
+ORIGIN = '<origin xyz="0.0 0.0 0.25" rpy="0.0 0.0 0.0"/>'
+TOOL_RPY = '       rpy="0 1.5707963267948966 0.3"'
+SPIN = '<joint name="spin" type="continuous">'
+CHANGES = {
+    "one number": ("turn", [0, 0.1, 0.1 + 0.2], KEPT, "0 0.10 -2e-1", "0 0.10 0.3"),
+    "the other attribute": ("turn", [0, 0.1, -0.2], [0, -1e-7, 2], "0  1.50 .5", "0 -1e-07 2.0"),
+    "an attribute that is missing": (
+        *("tool", [0, 0, 0.25], [0, math.pi / 2, 0.3]),
+        *(TOOL_RPY, TOOL_RPY + ' xyz="0.0 0.0 0.25"'),
+    ),
+    "one that is missing, for nothing": ("tool", [0, 0, 0], [0, math.pi / 2, 0.3], "", ""),
+    "an origin that is missing, in line": ("spin", [0, 0, 0.25], [0, 0, 0], SPIN, SPIN + ORIGIN),
+}
 
 
-def test_both_attributes_change_inside_their_own_quotes(awkward: Path) -> None:
-    after = written(awkward, {"turn": ([1, 2, 3], [0, -1e-7, math.pi])})
-    expected = AWKWARD.replace("0 0.10 -2e-1", "1.0 2.0 3.0")
-    expected = expected.replace("0  1.50 .5", "0 -1e-07 3.14159265359")
-    assert after.decode() == expected
+@pytest.mark.parametrize("how", CHANGES)
+def test_nothing_else_changes(how: str, awkward: Path) -> None:
+    joint, xyz, rpy, old, new = CHANGES[how]
+    assert old in AWKWARD
+    after = written(awkward, {joint: (xyz, rpy)})
+    assert after.decode() == (AWKWARD.replace(old, new) if old else AWKWARD)
 
 
 def test_the_first_of_several_origins_is_the_one_that_counts(awkward: Path) -> None:
@@ -65,25 +76,9 @@ def test_the_first_of_several_origins_is_the_one_that_counts(awkward: Path) -> N
     assert after.decode() == text.replace("-2e-1", "5.0")
 
 
-def test_a_missing_attribute_is_added_only_for_a_value(awkward: Path) -> None:
-    rpy = [0, math.pi / 2, 0.3]
-    assert written(awkward, {"tool": ([0, 0, 0], rpy)}).decode() == AWKWARD
-    after = written(awkward, {"tool": ([0, 0, 0.25], rpy)})
-    old = '       rpy="0 1.5707963267948966 0.3"'
-    assert after.decode() == AWKWARD.replace(old, old + ' xyz="0.0 0.0 0.25"')
-
-
 def test_a_missing_origin_is_added_on_a_line_of_its_own(awkward: Path) -> None:
     after = written(awkward, {"push": ([0, 0, 0.25], [0, 0, 0])})
-    added = '+    <origin xyz="0.0 0.0 0.25" rpy="0.0 0.0 0.0"/>\n'
-    assert difference(AWKWARD.encode(), after) == [added]
-
-
-def test_a_missing_origin_is_added_in_line_where_the_joint_is_one_line(awkward: Path) -> None:
-    after = written(awkward, {"spin": ([0, 0, 0.25], [0, 0, 0])}).decode()
-    start = '<joint name="spin" type="continuous">'
-    added = start + '<origin xyz="0.0 0.0 0.25" rpy="0.0 0.0 0.0"/>'
-    assert after == AWKWARD.replace(start, added)
+    assert difference(AWKWARD.encode(), after) == [f"+    {ORIGIN}\n"]
 
 
 @pytest.mark.parametrize(

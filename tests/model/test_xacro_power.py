@@ -143,10 +143,7 @@ def test_what_leads_out_of_an_expression_is_not_computed(evaluator: Evaluator, t
         ('<link name="$(eval [].append.real)"/>', "the attribute 'real'"),
         ('<link name="$(find nowhere)"/>', "no package 'nowhere' in "),
         ("<link name=\"${'a' * 10**9}\"/>", "a sequence of more than 1000000 elements"),
-        (
-            "<link name=\"${'a'.ljust(4 * 10**9)}\"/>",
-            "takes more memory than a description needs",
-        ),
+        ("<link name=\"${'a'.ljust(4 * 10**9)}\"/>", "takes more memory than a description needs"),
     ],
 )
 def test_refusals(tmp_path: Path, body: str, says: str) -> None:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
-from suta_calib.exchange import ImportedRows, read_foreign
+from suta_calib.exchange import ImportedRows, Result, read_foreign, write_foreign
+from suta_calib.exchange.result import CalibratedArm
 from suta_calib.measurements import has_rotations, positions, read_csv_table, rotations
+from suta_calib.model.arm import ArmModel
+from suta_calib.tracking.uncertainty import CalibrationUncertainty
 
 
 def poses(n: int = 12, seed: int = 0) -> tuple[FloatArray, FloatArray]:
@@ -68,3 +72,15 @@ def check(
     else:
         assert R is not None
         np.testing.assert_allclose(R, rotation, rtol=0, atol=1e-9)
+
+
+def result_of(arm: ArmModel, values: Mapping[str, float], path: Path) -> Result:
+    """A calibration with these values, of which nothing was estimated."""
+    answer = CalibrationUncertainty(path, (), np.zeros((0, 0)), dict(values), "none", (), {})
+    return Result(path, CalibratedArm(arm, answer), (), None, {})
+
+
+def exported(result: Result, form: str, folder: Path, **options: object) -> Path:
+    """The file that a result becomes."""
+    made = write_foreign(result, form, **options)
+    return made.write(folder / made.file)[0]

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 from suta_calib.exchange.cells import read_foreign_text
 from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
@@ -18,16 +19,11 @@ ROBOT: Final = Option("robot", "What the robot is called.", "NAME")
 class DhReader(Reader):
     """A table with its header, as `job.dh_file` describes it."""
 
-    name: ClassVar[str] = "dh"
-    summary: ClassVar[str] = "Denavit-Hartenberg table (classic or modified) as CSV: a URDF"
-    example: ClassVar[str] = "arm_dh.csv --format dh --robot arm --out arm.urdf"
-    options: ClassVar[tuple[Option, ...]] = (ROBOT, COMPLETE)
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """Theta and alpha among the names of the columns."""
-        del path
-        header = next((line for line in head.lower().splitlines() if line.strip()), "")
-        return "theta" in header and "alpha" in header and "joint" in header
+    name = "dh"
+    summary = "Denavit-Hartenberg table (classic or modified) as CSV: a URDF"
+    example = "arm_dh.csv --format dh --robot arm --out arm.urdf"
+    signature = re.compile(r"\A\s*(?=[^\r\n]*theta)(?=[^\r\n]*alpha)[^\r\n]*joint", re.IGNORECASE)
+    options = (ROBOT, COMPLETE)
 
     def read(self, path: Path, given: Given) -> ImportedFile:
         """A URDF whose joints move about (along) z, with a link ``tip``."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.robot_program import NUMBER, ProgramReader
@@ -27,23 +27,20 @@ _EXTERNAL: Final = re.compile(rf"\b(E[1-6])\s+({NUMBER})", re.IGNORECASE)
 class KrlReader(ProgramReader):
     """``{A1 …, A6 …}`` in degrees, and ``{X …, Y …, Z …, A …, B …, C …}`` in mm and degrees."""
 
-    name: ClassVar[str] = "krl"
-    summary: ClassVar[str] = "KUKA KRL (.src, .dat): axis positions {A1 …} or frames {X …}"
-    example: ClassVar[str] = "points.dat --what poses --out poses.csv"
-    suffixes: ClassVar[tuple[str, ...]] = (".src", ".dat")
-    joint_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"\{{[^{{}}]*?({_AXES})", re.IGNORECASE)
-    pose_pattern: ClassVar[re.Pattern[str]] = re.compile(rf"\{{[^{{}}]*?({_FRAME})", re.IGNORECASE)
-    comment: ClassVar[str] = ";"
-    opening: ClassVar[re.Pattern[str]] = re.compile(r"(GLOBAL\s+)?DEF(DAT|FCT)?\s", re.IGNORECASE)
-    closing: ClassVar[re.Pattern[str]] = re.compile(r"END(DAT|FCT)?$", re.IGNORECASE)
+    name = "krl"
+    summary = "KUKA KRL (.src, .dat): axis positions {A1 …} or frames {X …}"
+    example = "points.dat --what poses --out poses.csv"
+    signature = re.compile(
+        rf"^\s*(?:&ACCESS|DEFDAT|DEF )|(?i:\{{[^{{}}]*?(?:{_AXES}|{_FRAME}))", re.MULTILINE
+    )
+    suffixes = (".src", ".dat")
+    joint_pattern = re.compile(rf"\{{[^{{}}]*?({_AXES})", re.IGNORECASE)
+    pose_pattern = re.compile(rf"\{{[^{{}}]*?({_FRAME})", re.IGNORECASE)
+    comment = ";"
+    opening = re.compile(r"(GLOBAL\s+)?DEF(DAT|FCT)?\s", re.IGNORECASE)
+    closing = re.compile(r"END(DAT|FCT)?$", re.IGNORECASE)
     # END may be that of ENDIF.
-    last_word: ClassVar[re.Pattern[str] | None] = re.compile(r"END(DAT|FCT)$", re.IGNORECASE)
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """A program's beginning, or positions."""
-        del path
-        begins = re.search(r"^\s*(?:&ACCESS|DEFDAT|DEF )", head, re.MULTILINE) is not None
-        return begins or any(p.search(head) for p in (self.joint_pattern, self.pose_pattern))
+    last_word = re.compile(r"END(DAT|FCT)$", re.IGNORECASE)
 
     def external(self, position: str) -> Mapping[str, float]:
         """``E1 …`` to the position's end."""

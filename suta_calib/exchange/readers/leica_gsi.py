@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -17,13 +17,11 @@ from suta_calib.exchange.imported import (
     GRID_HINT,
     ORIGIN,
     ImportedRows,
-    checked_places,
     distance_note,
-    origin_of,
-    origin_told,
+    from_origin,
     pose_columns,
 )
-from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.measurements.files import lines_of
 from suta_calib.units import from_deg, from_mm
@@ -32,7 +30,6 @@ from suta_calib.units import from_deg, from_mm
 _WORD: Final = re.compile(
     r"(\d\d)[\d.]{3}([\d.])([+-])([0-9A-Za-z._-]{16}|[0-9A-Za-z._-]{8})(?=\s|$)"
 )
-_LINE: Final = re.compile(r"\*?1[01][\d.]{4}[+-]")
 _POINT: Final = "11"
 _HORIZONTAL, _ZENITH, _SLOPE = "21", "22", "31"
 _EAST, _NORTH, _HEIGHT = "81", "82", "83"
@@ -46,8 +43,10 @@ def _sexagesimal(number: float) -> float:
 
 
 # The unit of the last digit, by its code: lengths in m, angles in rad.
-_LENGTH: Final[dict[str, float]] = {"0": from_mm(1.0), "6": from_mm(0.1), "8": from_mm(0.01)}
-_ANGLE: Final[dict[str, Callable[[float], float]]] = {
+_LENGTH: Final[Mapping[str, Callable[[float], float]]] = {
+    code: from_mm(size).__mul__ for code, size in (("0", 1.0), ("6", 0.1), ("8", 0.01))
+}
+_ANGLE: Final[Mapping[str, Callable[[float], float]]] = {
     "2": lambda number: number * 1e-5 * math.pi / 200,
     "3": lambda number: from_deg(number * 1e-5),
     "4": _sexagesimal,
@@ -57,16 +56,12 @@ _ANGLE: Final[dict[str, Callable[[float], float]]] = {
 class LeicaGsiReader(Reader):
     """Coordinates where the words hold them, or else directions with slope distances."""
 
-    name: ClassVar[str] = "leica-gsi"
-    summary: ClassVar[str] = "Leica GSI-8 and GSI-16 of total stations: points by name"
-    example: ClassVar[str] = "points.gsi --format leica-gsi --out points.csv"
-    options: ClassVar[tuple[Option, ...]] = (ORIGIN, COMPLETE)
-    suffixes: ClassVar[tuple[str, ...]] = (".gsi", ".txt", ".dat")
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """The word of a point begins its first line."""
-        del path
-        return _LINE.match(head) is not None
+    name = "leica-gsi"
+    summary = "Leica GSI-8 and GSI-16 of total stations: points by name"
+    example = "points.gsi --format leica-gsi --out points.csv"
+    signature = re.compile(r"\A\*?1[01][\d.]{4}[+-]")
+    options = (ORIGIN, COMPLETE)
+    suffixes = (".gsi", ".txt", ".dat")
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """``point`` and ``x, y, z`` in m: east, north, up. Lines without a place are left out."""
@@ -92,52 +87,38 @@ class LeicaGsiReader(Reader):
             labels.append(words[_POINT][2].lstrip("0") or "0")
             places.append(place)
             lines.append(number)
-        position = np.array(places).reshape(-1, 3)
-        origin = origin_of(given, position)
-        if origin is not None:
-            position = position - origin
-        position = checked_places(path, lines, position, GRID_HINT)
+        position, remarks = from_origin(path, lines, np.array(places).reshape(-1, 3), given)
         note = distance_note(position, "lengths as the words' units say")
-        note += f" Or {GRID_HINT}." if note and origin is None else ""
+        note += f" Or {GRID_HINT}." if note and not remarks else ""
         return ImportedRows(
             source=path,
             form=self.name,
             columns={"point": np.array(labels, dtype=np.str_), **pose_columns(position, None)},
             dropped=left_out,
             notes=(note,) if note else (),
-            remarks=() if origin is None else (origin_told(origin),),
+            remarks=remarks,
         )
 
 
 def _place(path: Path, line: int, words: dict[str, tuple[str, str, str]]) -> list[float] | None:
     """East, north, up, m; None where a line holds neither coordinates nor directions."""
 
-    def number(index: str) -> tuple[str, float]:
+    def value(index: str, units: Mapping[str, Callable[[float], float]]) -> float:
         unit, sign, digits = words[index]
+        problem, expected = "", ""
         if not digits.isdigit():
-            raise ForeignFileError(
-                repr(digits), "digits", file=path, line=line, where=f"word {index}"
-            )
-        return unit, math.copysign(float(int(digits)), -1.0 if sign == "-" else 1.0)
+            problem, expected = repr(digits), "digits"
+        elif unit not in units:
+            problem, expected = f"the unit {unit!r}", f"one of {', '.join(units)}"
+        if problem:
+            raise ForeignFileError(problem, expected, file=path, line=line, where=f"word {index}")
+        return units[unit](math.copysign(float(int(digits)), -1.0 if sign == "-" else 1.0))
 
-    def of_unit(index: str, units: dict[str, Callable[[float], float]]) -> float:
-        unit, value = number(index)
-        if unit not in units:
-            expected = f"one of {', '.join(units)}"
-            where = f"word {index}"
-            raise ForeignFileError(
-                f"the unit {unit!r}", expected, file=path, line=line, where=where
-            )
-        return units[unit](value)
-
-    lengths: dict[str, Callable[[float], float]] = {
-        code: scale.__mul__ for code, scale in _LENGTH.items()
-    }
     if all(index in words for index in (_EAST, _NORTH, _HEIGHT)):
-        return [of_unit(index, lengths) for index in (_EAST, _NORTH, _HEIGHT)]
+        return [value(index, _LENGTH) for index in (_EAST, _NORTH, _HEIGHT)]
     if not all(index in words for index in (_HORIZONTAL, _ZENITH, _SLOPE)):
         return None
-    horizontal, zenith = of_unit(_HORIZONTAL, _ANGLE), of_unit(_ZENITH, _ANGLE)
-    slope = of_unit(_SLOPE, lengths)
+    horizontal, zenith = value(_HORIZONTAL, _ANGLE), value(_ZENITH, _ANGLE)
+    slope = value(_SLOPE, _LENGTH)
     level = slope * math.sin(zenith)
     return [level * math.sin(horizontal), level * math.cos(horizontal), slope * math.cos(zenith)]

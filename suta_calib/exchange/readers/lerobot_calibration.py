@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 from suta_calib.exchange.imported import ImportedFile
+from suta_calib.exchange.joint_readings import COUNTS
 from suta_calib.exchange.lerobot_motors import (
-    COUNTS,
     DYNAMIXEL,
     FEETECH,
     KEYS,
@@ -28,19 +28,17 @@ BUS: Final = Option(
     "Which servos they are, so that they are asked themselves; lines for a program that does.",
     choices=(FEETECH, DYNAMIXEL, LINES),
 )
-# Number of a servo.
-_LARGEST: Final = 252
 PORT: Final = Option("port", "Port of the device, for device.yaml.", "/dev/…")
 
 
 class LerobotCalibrationReader(Reader):
     """Motors as joints: zero in the middle of the range, as LeRobot counts degrees."""
 
-    name: ClassVar[str] = "lerobot-calibration"
-    summary: ClassVar[str] = "LeRobot calibration JSON: motors as a device.yaml, ticks to rad"
-    example: ClassVar[str] = "so101.json --port /dev/ttyACM0 --out device.yaml"
-    options: ClassVar[tuple[Option, ...]] = (PORT, BUS, MOTORS, COUNTS)
-    suffixes: ClassVar[tuple[str, ...]] = (".json",)
+    name = "lerobot-calibration"
+    summary = "LeRobot calibration JSON: motors as a device.yaml, ticks to rad"
+    example = "so101.json --port /dev/ttyACM0 --out device.yaml"
+    options = (PORT, BUS, MOTORS, COUNTS)
+    suffixes = (".json",)
 
     def recognises(self, path: Path, head: str) -> bool:
         """Motors with homing offsets."""
@@ -79,9 +77,9 @@ class LerobotCalibrationReader(Reader):
         if bus == LINES:
             comment += " Send each motor's Present_Position, from which\n"
             comment += "the servo has taken its homing offset, as a line of counts."
-        remarks = (
-            [] if PORT in given else [f"The port is {device['port']}, unless --port says else."]
-        )
+        remarks = list[str]()
+        if PORT not in given:
+            remarks.append(f"The port is {device['port']}, unless --port says else.")
         if BUS not in given and bus != LINES:
             remarks.append(f"The servos are {bus}, unless {BUS.switch} says else.")
         if turned := [name for name, motor in motors.items() if motor["drive_mode"]]:
@@ -102,4 +100,4 @@ class LerobotCalibrationReader(Reader):
 def _number(motor: dict[str, Any]) -> int | None:
     """On its bus; None where the file does not say."""
     number = motor.get("id")
-    return number if isinstance(number, int) and 0 <= number <= _LARGEST else None
+    return number if isinstance(number, int) and 0 <= number <= 252 else None

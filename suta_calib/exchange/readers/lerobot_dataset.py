@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.cells import is_folder, is_plain_file
+from suta_calib.exchange.cells import is_folder, is_plain_file, read_json
 from suta_calib.exchange.cut_off import COMPLETE, check_count
 from suta_calib.exchange.imported import ImportedRows
-from suta_calib.exchange.json_input import read_json
 from suta_calib.exchange.lerobot_motors import MOTORS
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
@@ -33,11 +32,11 @@ _COLUMNS: Final = (_STATE, "timestamp", "episode_index")
 class LerobotDatasetReader(Reader):
     """Every rest of every episode as a row; the states are angles, not shares of a range."""
 
-    name: ClassVar[str] = "lerobot-dataset"
-    summary: ClassVar[str] = "LeRobot dataset (a folder with meta/info.json): rests of its states"
-    example: ClassVar[str] = "my_dataset --state-unit deg --motors elbow_flex=joint_3 --out a.csv"
-    options: ClassVar[tuple[Option, ...]] = (STATE_UNIT, MOTORS, SECONDS, COMPLETE)
-    extra: ClassVar[str] = "parquet"
+    name = "lerobot-dataset"
+    summary = "LeRobot dataset (a folder with meta/info.json): rests of its states"
+    example = "my_dataset --state-unit deg --motors elbow_flex=joint_3 --out a.csv"
+    options = (STATE_UNIT, MOTORS, SECONDS, COMPLETE)
+    extra = "parquet"
 
     def recognises(self, path: Path, head: str) -> bool:
         """A folder with meta/info.json."""

@@ -6,7 +6,7 @@ import contextlib
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -21,16 +21,15 @@ from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.extras import require
-from suta_calib.geometry.numbers import (
-    homogeneous,
-    rotation_from_quaternion,
-    rotation_from_vector,
-    rpy_from_rotation,
-)
-from suta_calib.model.urdf import number_text
+from suta_calib.geometry.numbers import homogeneous, rotation_from_quaternion, rotation_from_vector
+from suta_calib.model.urdf import joint_text, number_text
 from suta_calib.words import listed
 
 _CHILD: Final = "suta_calib.exchange.mjcf_child"
+_COUPLED: Final = (
+    "The model has equality constraints, which couple joints or close loops; in the URDF each "
+    "joint has its own reading."
+)
 # MuJoCo's mjtJoint.
 _FREE, _BALL, _SLIDE, _HINGE = range(4)
 # URDF asks for limits of a slide, m.
@@ -42,16 +41,12 @@ _LONGEST, _LONGEST_REASON = 80, 200
 class MjcfReader(Reader):
     """Bodies, joints and sites: the kinematics, without shapes and masses."""
 
-    name: ClassVar[str] = "mjcf"
-    summary: ClassVar[str] = "MuJoCo model (MJCF), bodies, joints of one axis and sites: a URDF"
-    example: ClassVar[str] = "arm.xml --format mjcf --out arm.urdf"
-    suffixes: ClassVar[tuple[str, ...]] = (".xml", ".mjcf")
-    extra: ClassVar[str] = "formats"
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """Its root element."""
-        del path
-        return "<mujoco" in head
+    name = "mjcf"
+    summary = "MuJoCo model (MJCF), bodies, joints of one axis and sites: a URDF"
+    example = "arm.xml --format mjcf --out arm.urdf"
+    signature = re.compile("<mujoco")
+    suffixes = (".xml", ".mjcf")
+    extra = "formats"
 
     def read(self, path: Path, given: Given) -> ImportedFile:
         """A URDF with a link for each body and each named site, and the joints by their names.
@@ -83,7 +78,7 @@ class MjcfReader(Reader):
             content=text,
             what=f"a URDF of {joints}, as MuJoCo {model['version']} reads it",
             kind=".urdf",
-            notes=tuple(tree.care()),
+            notes=(_COUPLED,) if model["coupled"] else (),
             remarks=tuple(tree.differences()),
         )
 
@@ -110,14 +105,7 @@ def _parsed(data: bytes) -> Any:
 
 
 def _check_included(path: Path, root: Any, folder: Path, checked: set[Path]) -> None:
-    """Refuse pipes and devices in place of the files that a model includes: MuJoCo would wait.
-
-    Args:
-        path: a file.
-        root: its root element.
-        folder: of the model, in which MuJoCo looks.
-        checked: files that were looked at already.
-    """
+    """Refuse pipes and devices in place of the files that a model includes: MuJoCo would wait."""
     for element in root.iter("include", "model"):
         target = folder / element.get("file", "")
         # What is not there MuJoCo may find elsewhere, or refuses itself.
@@ -136,11 +124,10 @@ def _refusal(path: Path, reason: str) -> ForeignFileError:
     """What MuJoCo refuses, with its line where it can be no line of an included file."""
     at = re.search(r"line (\d+)", reason)
     single_file = b"<include" not in path.read_bytes() and b"<model" not in path.read_bytes()
+    problem = f"a model that MuJoCo refuses ({reason[:_LONGEST_REASON]})"
+    expected = "a file that MuJoCo loads, with the files that it includes"
     return ForeignFileError(
-        f"a model that MuJoCo refuses ({reason[:_LONGEST_REASON]})",
-        "a file that MuJoCo loads, with the files that it includes",
-        file=path,
-        line=int(at[1]) if at and single_file and int(at[1]) else None,
+        problem, expected, file=path, line=int(at[1]) if at and single_file and int(at[1]) else None
     )
 
 
@@ -148,17 +135,15 @@ class _Tree:
     """A compiled model as links and joints of a URDF."""
 
     def __init__(self, path: Path, model: Mapping[str, Any]) -> None:
-        self.path, self.found = path, model
+        self.path, self.model = path, model
         self.bodies: Sequence[Any] = model["bodies"]
         self.joints: Sequence[Any] = model["joints"]
         self.sites = [site for site in model["sites"] if site["name"]]
         for joint in self.joints:
             if joint["kind"] == _BALL:
-                problem = (
-                    f"the joint {joint['name'][:_LONGEST]!r}, which turns about any axis (ball)"
-                )
-                expected = "joints of one axis, as URDF has them"
-                raise ForeignFileError(problem, expected, file=path)
+                name = repr(joint["name"][:_LONGEST])
+                problem = f"the joint {name}, which turns about any axis (ball)"
+                raise ForeignFileError(problem, "joints of one axis, as URDF has them", file=path)
         numbers = [n for e in (*self.bodies, *self.sites) for n in (*e["pos"], *e["quat"])]
         for joint in self.joints:
             numbers += [*joint["pos"], *joint["axis"], joint["ref"], *(joint["range"] or ())]
@@ -168,27 +153,15 @@ class _Tree:
         # or a site has the name already.
         self._links, self._joints = set[str](), set[str]()
         self.body_names = [
-            self._link(body["name"] or f"body_{k}") for k, body in enumerate(self.bodies)
+            _unique(body["name"] or f"body_{k}", self._links) for k, body in enumerate(self.bodies)
         ]
-        self.site_names = [self._link(site["name"], f"{site['name']}_site") for site in self.sites]
+        self.site_names = [
+            _unique(site["name"], self._links, f"{site['name']}_site") for site in self.sites
+        ]
         self.joint_names = [
-            self._joint(joint["name"] or f"{self.body_names[joint['body']]}_joint")
+            _unique(joint["name"] or f"{self.body_names[joint['body']]}_joint", self._joints)
             for joint in self.joints
         ]
-
-    def _link(self, name: str, otherwise: str = "") -> str:
-        return _unique(name, otherwise or name, self._links)
-
-    def _joint(self, name: str) -> str:
-        return _unique(name, name, self._joints)
-
-    def care(self) -> Iterator[str]:
-        """What the model moves by otherwise than each joint by its own reading."""
-        if self.found["coupled"]:
-            yield (
-                "The model has equality constraints, which couple joints or close loops; in the "
-                "URDF each joint has its own reading."
-            )
 
     def differences(self) -> Iterator[str]:
         """What the URDF says otherwise than the model."""
@@ -222,9 +195,11 @@ class _Tree:
         joints = [line for k in range(1, len(self.bodies)) for line in self._body(k)]
         for site, name in zip(self.sites, self.site_names, strict=True):
             parent, pose = self.body_names[site["body"]], _pose(site)
-            joints.append(_joint(self._joint(f"{name}_fixed"), "fixed", parent, name, pose))
+            joints.append(
+                joint_text(_unique(f"{name}_fixed", self._joints), "fixed", parent, name, pose)
+            )
         yield '<?xml version="1.0" encoding="utf-8"?>'
-        yield f"<robot name={quoteattr(self.found['model'] or 'arm')}>"
+        yield f"<robot name={quoteattr(self.model['model'] or 'arm')}>"
         in_order = (*self.body_names, *self.site_names)
         further = sorted(self._links - set(in_order))
         yield from (f"  <link name={quoteattr(name)}/>" for name in (*in_order, *further))
@@ -240,7 +215,7 @@ class _Tree:
             if joint["kind"] == _FREE:
                 x, y, z, *quat = joint["pose"]
                 pose = _pose({"pos": (x, y, z), "quat": quat})
-                yield _joint(joint_name, "floating", parent, name, pose)
+                yield joint_text(joint_name, "floating", parent, name, pose)
                 return
             axis = np.array(joint["axis"])
             if joint["kind"] == _HINGE:
@@ -251,27 +226,27 @@ class _Tree:
                 pose = pose @ homogeneous(np.eye(3), -joint["ref"] * axis)
                 back = np.eye(4)
             last = place == len(joints) - 1 and np.array_equal(back, np.eye(4))
-            child = name if last else self._link(f"{joint_name}_link")
-            yield _joint(joint_name, _motion(joint), parent, child, pose, axis, _limits(joint))
+            child = name if last else _unique(f"{joint_name}_link", self._links)
+            yield joint_text(
+                *(joint_name, _motion(joint), parent, child, pose),
+                axis=" ".join(map(number_text, axis)),
+                limits=_limits(joint),
+            )
             parent, pose = child, back
         if parent != name:
-            yield _joint(self._joint(f"{name}_fixed"), "fixed", parent, name, pose)
+            yield joint_text(_unique(f"{name}_fixed", self._joints), "fixed", parent, name, pose)
 
     def compare(self, text: str) -> None:
-        """Hold the URDF, as Pinocchio reads it, against where MuJoCo has the bodies and sites.
-
-        Raises:
-            ForeignFileError: they differ; nothing is imported then.
-        """
+        """Hold the URDF, as Pinocchio reads it, against where MuJoCo has the bodies and sites."""
         model = pin.buildModelFromXML(text)
         data = model.createData()
         names = (*self.body_names, *self.site_names)
         frames = [model.getFrameId(name, pin.FrameType.BODY) for name in names]
-        named = [k for k, site in enumerate(self.found["sites"]) if site["name"]]
+        named = [k for k, site in enumerate(self.model["sites"]) if site["name"]]
         # How far the URDF may be from MuJoCo's kinematics, m and as a cosine: numbers of 1e-12
         # along a long chain, and rotations as roll, pitch and yaw.
         agree = 1e-9
-        for posture in self.found["postures"]:
+        for posture in self.model["postures"]:
             q = pin.neutral(model)
             for (name, joint), reading in zip(self._named(), posture["readings"], strict=True):
                 if joint["kind"] not in (_SLIDE, _HINGE):
@@ -280,23 +255,21 @@ class _Tree:
                 both = (np.cos(reading), np.sin(reading)) if of.nq == 2 else (reading,)
                 q[of.idx_q : of.idx_q + of.nq] = both
             pin.framesForwardKinematics(model, data, q)
-            expected = [*posture["bodies"], *(posture["sites"][k] for k in named)]
-            for name, frame, numbers in zip(names, frames, expected, strict=True):
+            theirs = [*posture["bodies"], *(posture["sites"][k] for k in named)]
+            for name, frame, numbers in zip(names, frames, theirs, strict=True):
                 pose = data.oMf[frame]
                 ours = np.concatenate([pose.translation, pose.rotation.ravel()])
                 difference = np.abs(ours - numbers).max() / max(1.0, float(np.abs(numbers).max()))
                 if not difference <= agree:
-                    raise ForeignFileError(
-                        f"a URDF that places {name[:_LONGEST]!r} off by {difference:.2g} from the "
-                        "model",
-                        f"agreement with MuJoCo's own kinematics to {agree:g}",
-                        file=self.path,
-                        hint="please report this file",
-                    )
+                    place = f"{name[:_LONGEST]!r} off by {difference:.2g} from the model"
+                    expected = f"agreement with MuJoCo's own kinematics to {agree:g}"
+                    hint = "please report this file"
+                    problem = f"a URDF that places {place}"
+                    raise ForeignFileError(problem, expected, file=self.path, hint=hint)
 
 
-def _unique(name: str, otherwise: str, taken: set[str]) -> str:
-    chosen, k = name, 1
+def _unique(name: str, taken: set[str], otherwise: str = "") -> str:
+    chosen, otherwise, k = name, otherwise or name, 1
     while chosen in taken:
         chosen, k = otherwise if k == 1 else f"{otherwise}_{k}", k + 1
     taken.add(chosen)
@@ -318,33 +291,3 @@ def _limits(joint: Mapping[str, Any]) -> tuple[float, float] | None:
     if joint["range"] is not None:
         return joint["range"][0], joint["range"][1]
     return (-_FAR, _FAR) if joint["kind"] == _SLIDE else None
-
-
-def _joint(
-    name: str,
-    motion: str,
-    parent: str,
-    child: str,
-    pose: FloatArray,
-    axis: FloatArray | None = None,
-    limits: tuple[float, float] | None = None,
-) -> str:
-    xyz, rpy, along = (
-        " ".join(map(number_text, numbers))
-        for numbers in (
-            pose[:3, 3],
-            rpy_from_rotation(pose[:3, :3]),
-            np.zeros(0) if axis is None else axis,
-        )
-    )
-    lines = [
-        f"  <joint name={quoteattr(name)} type={quoteattr(motion)}>",
-        f'    <origin xyz="{xyz}" rpy="{rpy}"/>',
-        f"    <parent link={quoteattr(parent)}/>",
-        f"    <child link={quoteattr(child)}/>",
-        *([f'    <axis xyz="{along}"/>'] if along else []),
-    ]
-    if limits is not None:
-        lower, upper = limits
-        lines.append(f'    <limit lower="{lower!r}" upper="{upper!r}" effort="0" velocity="1"/>')
-    return "\n".join([*lines, "  </joint>"])

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
-from suta_calib.exchange.bodies import Body, Recording
-from suta_calib.exchange.cells import TableRow
+from suta_calib.exchange.bodies import Body, InstrumentReader, Recording, body_of, column_of_time
+from suta_calib.exchange.cells import LENGTH_UNITS, TableRow
 from suta_calib.exchange.cut_off import check_count
-from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of, column_of_time
 from suta_calib.exchange.option import Given
 from suta_calib.measurements.csv_table import number_in
 
@@ -22,16 +22,10 @@ _ROTATION: Final = ("rotation x", "rotation y", "rotation z", "rotation w")
 class MotiveReader(InstrumentReader):
     """Rigid bodies as quaternions, markers as points."""
 
-    name: ClassVar[str] = "motive"
-    summary: ClassVar[str] = "OptiTrack: CSV of Motive, rigid bodies (quaternions) and markers"
-    example: ClassVar[str] = (
-        "take.csv --format motive --body probe --reference base --out poses.csv"
-    )
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """It begins with its format's version and names the take."""
-        del path
-        return head.startswith("Format Version,") and "Take Name" in head
+    name = "motive"
+    summary = "OptiTrack: CSV of Motive, rigid bodies (quaternions) and markers"
+    example = "take.csv --format motive --body probe --reference base --out poses.csv"
+    signature = re.compile(r"\AFormat Version,.*Take Name", re.DOTALL)
 
     def recording(self, path: Path, rows: Sequence[TableRow], given: Given) -> Recording:
         """Bodies and markers by name, as in the file."""

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
-import numpy as np
-
-from suta_calib.exchange.bodies import Body, Recording
+from suta_calib.exchange.bodies import Body, InstrumentReader, Recording, body_of, column_of_time
 from suta_calib.exchange.cells import TableRow, is_missing
-from suta_calib.exchange.instrument import InstrumentReader, body_of, column_of_time
 from suta_calib.exchange.option import Given
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_mm
@@ -25,9 +22,9 @@ _VALID_STATES: Final = frozenset({"ok", "valid", "enabled", "tracked", "00", "0x
 class NdiReader(InstrumentReader):
     """Tools as quaternions, scalar first, and positions in mm, several side by side."""
 
-    name: ClassVar[str] = "ndi"
-    summary: ClassVar[str] = "NDI: CSV or TSV of ToolViewer, Track or the combined API"
-    example: ClassVar[str] = "track.csv --format ndi --body 8700340 --reference 8700339"
+    name = "ndi"
+    summary = "NDI: CSV or TSV of ToolViewer, Track or the combined API"
+    example = "track.csv --format ndi --body 8700340 --reference 8700339"
 
     def recognises(self, path: Path, head: str) -> bool:
         """A header with Q0 … Tz behind one another, and the state of a tool."""
@@ -70,7 +67,6 @@ class NdiReader(InstrumentReader):
         time = None if seconds is None else seconds + (0.0 if fraction is None else 1e-9 * fraction)
         if time is None and "time" in header:
             time = column_of_time(path, data, header.index("time"))
-        time = None if time is None else np.asarray(time)
         return Recording(path, bodies, time, "in mm, as NDI exports them")
 
 
@@ -96,7 +92,5 @@ def _without_missing(row: TableRow, start: int, state: int | None) -> TableRow:
     pose = row.cells[start : start + len(_POSE)]
     # What NDI's interface writes for a number that it does not have is beyond any place.
     nowhere = any(abs(number_in(cell)) > 1e12 for cell in pose)
-    if state_text in _VALID_STATES and not nowhere:
-        return row
-    gone = ("",) * len(pose)
-    return TableRow(row.line, (*row.cells[:start], *gone, *row.cells[start + len(_POSE) :]))
+    visible = state_text in _VALID_STATES and not nowhere
+    return row if visible else row.without(start, start + len(_POSE))

@@ -6,17 +6,16 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY, BODY_OPTIONS, REFERENCE, Body, Recording
+from suta_calib.exchange.bodies import BODY, BODY_OPTIONS, PAIR, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import read_foreign_text
 from suta_calib.exchange.cut_off import COMPLETE, check_count, check_end_of_yaml
-from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
-from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.imported import ImportedRows, checked_places
+from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
@@ -29,26 +28,17 @@ from suta_calib.words import listed
 _NAME: Final = re.compile(r"(.*?)_?(\d{1,6})")
 # Keys that say how many matrices a series has.
 _COUNTS: Final = ("frameCount", "frame_count", "nframes", "count")
-_PREFIXES: Final = ("a_", "b_")
 
 
 class OpencvStorageReader(Reader):
     """Matrices of one name and a running number are the poses of one body; two series are pairs."""
 
-    name: ClassVar[str] = "opencv-yaml"
-    summary: ClassVar[str] = (
-        "OpenCV FileStorage (YAML): 4x4 matrices T1_0, T1_1, …, one or two series"
-    )
-    example: ClassVar[str] = "poses.yml --format opencv-yaml --unit m --out pairs.csv"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, UNIT, COMPLETE)
-    suffixes: ClassVar[tuple[str, ...]] = (".yml", ".yaml", ".xml")
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """OpenCV's first line, or its matrices."""
-        del path
-        begin = head.lstrip()
-        storage = begin.startswith("%YAML:1.0") or "<opencv_storage>" in head
-        return storage or "!!opencv-matrix" in head
+    name = "opencv-yaml"
+    summary = "OpenCV FileStorage (YAML): 4x4 matrices T1_0, T1_1, …, one or two series"
+    example = "poses.yml --format opencv-yaml --unit m --out pairs.csv"
+    signature = re.compile(r"\A\s*%YAML:1\.0|<opencv_storage>|!!opencv-matrix")
+    options = (*BODY_OPTIONS, UNIT, COMPLETE)
+    suffixes = (".yml", ".yaml", ".xml")
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """Pairs ``a_…``, ``b_…`` of two series of as many matrices, or the series of ``--body``."""
@@ -61,12 +51,10 @@ class OpencvStorageReader(Reader):
         data, lines = plain_data(path, text, ForeignFileError)
         series = _series(path, data, lines)
         if not series:
-            raise ForeignFileError(
-                f"no 4x4 matrices with a number in their names among {listed(list(data))}",
-                "poses as T1_0, T1_1, …",
-                file=path,
-                hint="a camera in such a file is read where --camera asks for one",
-            )
+            problem = f"no 4x4 matrices with a number in their names among {listed(list(data))}"
+            expected = "poses as T1_0, T1_1, …"
+            hint = "a camera in such a file is read where --camera asks for one"
+            raise ForeignFileError(problem, expected, file=path, hint=hint)
         # Of one series or of all: nothing says which.
         counts = [data[key] for key in _COUNTS if isinstance(data.get(key), int)]
         check_count(path, sum(map(len, series.values())), max(counts, default=0), "matrices", given)
@@ -76,45 +64,30 @@ class OpencvStorageReader(Reader):
         bodies = {name: _body(path, matrices, lines, unit) for name, matrices in series.items()}
         unit_text = f"in {unit}" + ("" if UNIT in given else f", unless {UNIT.switch} says else")
         numbers = {tuple(sorted(matrices)) for matrices in series.values()}
-        pair = len(bodies) == len(_PREFIXES) and BODY not in given
+        pair = len(bodies) == len(PAIR) and BODY not in given
         if len(numbers) > 1 and (pair or REFERENCE in given):
             lengths = " and ".join(f"{len(matrices)} {name}" for name, matrices in series.items())
-            raise ForeignFileError(
-                f"matrices of other numbers: {lengths}",
-                "the same numbers in each, so that the matrices are pairs",
-                file=path,
-                hint=f"say {BODY.switch} {next(iter(series))} for one of them",
-            )
+            problem = f"matrices of other numbers: {lengths}"
+            expected = "the same numbers in each, so that the matrices are pairs"
+            hint = f"say {BODY.switch} {next(iter(series))} for one of them"
+            raise ForeignFileError(problem, expected, file=path, hint=hint)
         notes = [
             f"{key} is {stated}, and there are {len(matrices)} matrices {name}."
             for key, stated in data.items()
             for name, matrices in series.items()
             if key in _COUNTS and stated != len(matrices)
         ]
-        if pair:
-            rows = self._pairs(path, bodies, unit_text)
+        recording = Recording(path, bodies, None, unit_text)
+        if not pair:
+            rows = recording.imported(self.name, given)
         else:
-            rows = Recording(path, bodies, None, unit_text).imported(self.name, given)
+            rows = recording.pairs(self.name)
+            hand, target = bodies
+            notes.append(
+                f"{hand} is taken for the hand in the base (a_), {target} for the target in the "
+                f"eye (b_): if they are others, take each with {BODY.switch}."
+            )
         return replace(rows, notes=(*notes, *rows.notes))
-
-    def _pairs(self, path: Path, bodies: Mapping[str, Body], unit_text: str) -> ImportedRows:
-        """Rows of a hand-eye problem, of two bodies of as many poses."""
-        columns: dict[str, NDArray[Any]] = {}
-        for prefix, body in zip(_PREFIXES, bodies.values(), strict=True):
-            columns |= pose_columns(body.position, body.rotation, prefix)
-        hand, target = bodies
-        notes = [
-            f"{hand} is taken for the hand in the base (a_), {target} for the target in the eye "
-            f"(b_): if they are others, take each with {BODY.switch}."
-        ]
-        asked = (distance_note(body.position, f"lengths {unit_text}") for body in bodies.values())
-        return ImportedRows(
-            source=path,
-            form=self.name,
-            columns=columns,
-            notes=(*notes, *filter(None, asked)),
-            remarks=(f"Lengths are {unit_text}.",),
-        )
 
 
 def _series(
@@ -129,32 +102,32 @@ def _series(
         if (match := _NAME.fullmatch(key))
     ]
     transforms = {match[1] for _, match, value in matrices if _shape(value) in shapes}
-    last_row = (0.0, 0.0, 0.0, 1.0)
     for key, match, value in matrices:
         if match[1] not in transforms:
             continue
-        numbers, shape = value.get("data"), _shape(value)
-        line = lines[(key,)]
-        if shape not in shapes or not isinstance(numbers, list):
-            problem = f"a matrix of {shape[0]} x {shape[1]}" if value else "no matrix"
-            raise ForeignFileError(problem, "a 4x4 matrix", file=path, line=line, where=key)
-        count = shape[0] * shape[1]
-        finite = all(isinstance(n, int | float) and np.isfinite(n) for n in numbers)
-        if len(numbers) != count or not finite:
-            expected = f"{count} finite numbers"
-            raise ForeignFileError("other data", expected, file=path, line=line, where=key)
-        if tuple(numbers[12:]) not in ((), last_row):
-            problem = "a last row that is not 0 0 0 1"
-            raise ForeignFileError(problem, "a transform", file=path, line=line, where=key)
-        by_series.setdefault(match[1] or "T", {})[int(match[2])] = (
-            key,
-            [*map(float, numbers[:12])],
-        )
+        numbers: Any = value.get("data")
+        (rows, columns), problem = _shape(value), ""
+        if (rows, columns) not in shapes or not isinstance(numbers, list):
+            problem = f"a matrix of {rows} x {columns}" if value else "no matrix"
+            expected = "a 4x4 matrix"
+        elif len(numbers) != rows * columns or not all(map(_is_finite, numbers)):
+            problem, expected = "other data", f"{rows * columns} finite numbers"
+        elif numbers[12:] not in ([], [0.0, 0.0, 0.0, 1.0]):
+            problem, expected = "a last row that is not 0 0 0 1", "a transform"
+        if problem:
+            line = lines[(key,)]
+            raise ForeignFileError(problem, expected, file=path, line=line, where=key)
+        series = by_series.setdefault(match[1] or "T", {})
+        series[int(match[2])] = key, [*map(float, numbers[:12])]
     return by_series
 
 
 def _shape(value: Mapping[str, Any]) -> tuple[Any, Any]:
     return value.get("rows"), value.get("cols")
+
+
+def _is_finite(number: object) -> bool:
+    return isinstance(number, int | float) and bool(np.isfinite(number))
 
 
 def _body(

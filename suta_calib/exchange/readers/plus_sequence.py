@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import MOST_BYTES, is_plain_file, read_bounded
 from suta_calib.exchange.cut_off import COMPLETE, cut_off
 from suta_calib.exchange.imported import ImportedRows, checked_places
-from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.measurements.csv_table import number_in
@@ -28,16 +28,12 @@ _END: Final = "ElementDataFile"
 class PlusSequenceReader(Reader):
     """Transforms by the names that PLUS gives them, ``ProbeToTracker``; pictures are not read."""
 
-    name: ClassVar[str] = "plus-sequence"
-    summary: ClassVar[str] = "PLUS: sequence files .mha/.mhd, transforms of every frame"
-    example: ClassVar[str] = "run.mha --body StylusToTracker --reference ReferenceToTracker"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, COMPLETE)
-    suffixes: ClassVar[tuple[str, ...]] = (".mha", ".mhd")
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """A header of MetaIO: the frames' fields may begin far below."""
-        del path
-        return "ObjectType = Image" in head or "Seq_Frame" in head
+    name = "plus-sequence"
+    summary = "PLUS: sequence files .mha/.mhd, transforms of every frame"
+    example = "run.mha --body StylusToTracker --reference ReferenceToTracker"
+    signature = re.compile("ObjectType = Image|Seq_Frame")
+    options = (*BODY_OPTIONS, COMPLETE)
+    suffixes = (".mha", ".mhd")
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """The transform that is asked for, in m; frames in which it is not valid are left out."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.exchange.robot_program import NUMBER, ProgramReader
@@ -31,20 +31,16 @@ _JOINTS: Final = rf"\[\s*({_list(6)})\s*,\s*\["
 class RapidReader(ProgramReader):
     """``[[x,y,z],[q1,q2,q3,q4],…]`` in mm, scalar first, and ``[[j1,…,j6],…]`` in degrees."""
 
-    name: ClassVar[str] = "rapid"
-    summary: ClassVar[str] = "ABB RAPID (.mod): robtargets or jointtargets"
-    example: ClassVar[str] = "Module1.mod --what joints --out samples.csv"
-    suffixes: ClassVar[tuple[str, ...]] = (".mod", ".modx", ".prg", ".sys")
-    joint_pattern: ClassVar[re.Pattern[str]] = re.compile(_JOINTS, re.ASCII)
-    pose_pattern: ClassVar[re.Pattern[str]] = re.compile(_TARGET, re.ASCII)
-    comment: ClassVar[str] = "!"
-    opening: ClassVar[re.Pattern[str]] = re.compile(r"MODULE\s", re.IGNORECASE)
-    closing: ClassVar[re.Pattern[str]] = re.compile(r"ENDMODULE$", re.IGNORECASE)
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """Declarations of targets, or a module's beginning."""
-        del path
-        return re.search(r"\b(?:robtarget|jointtarget|MODULE)\b", head) is not None
+    name = "rapid"
+    summary = "ABB RAPID (.mod): robtargets or jointtargets"
+    example = "Module1.mod --what joints --out samples.csv"
+    signature = re.compile(r"\b(?:robtarget|jointtarget|MODULE)\b")
+    suffixes = (".mod", ".modx", ".prg", ".sys")
+    joint_pattern = re.compile(_JOINTS, re.ASCII)
+    pose_pattern = re.compile(_TARGET, re.ASCII)
+    comment = "!"
+    opening = re.compile(r"MODULE\s", re.IGNORECASE)
+    closing = re.compile(r"ENDMODULE$", re.IGNORECASE)
 
     def external(self, position: str) -> Mapping[str, float]:
         """The six numbers of the last list; a robtarget has its configuration before."""

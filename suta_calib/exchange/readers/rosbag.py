@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -46,9 +45,6 @@ _POSES: Final = {
     "geometry_msgs/msg/TransformStamped": ("transform",),
     "nav_msgs/msg/Odometry": ("pose", "pose"),
 }
-_PICTURES: Final = frozenset({IMAGE, COMPRESSED})
-# How long a joint is where it was said to be last, s.
-_HELD: Final = 0.5
 
 
 @dataclass(eq=False)
@@ -58,12 +54,8 @@ class _Bag:
     Of cameras the first message, of pictures the names of their topics.
     """
 
-    joints: dict[str, list[tuple[float, dict[str, float]]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
-    poses: dict[str, list[tuple[float, list[float]]]] = field(
-        default_factory=lambda: defaultdict(list)
-    )
+    joints: dict[str, list[tuple[float, dict[str, float]]]] = field(default_factory=dict)
+    poses: dict[str, list[tuple[float, list[float]]]] = field(default_factory=dict)
     transforms: list[tuple[float, str, str, list[float]]] = field(default_factory=list)
     cameras: dict[str, Any] = field(default_factory=dict)
     pictures: set[str] = field(default_factory=set)
@@ -72,15 +64,11 @@ class _Bag:
 class RosbagReader(Reader):
     """Rests of the joint states with the poses of a topic or of tf; or such poses alone."""
 
-    name: ClassVar[str] = "rosbag"
-    summary: ClassVar[str] = (
-        "ROS 1 and 2 recordings (.bag, .db3, MCAP): joint states, poses, tf, pictures"
-    )
-    example: ClassVar[str] = "run_1 --format rosbag --body tool0 --reference tracker --out a.csv"
-    options: ClassVar[tuple[Option, ...]] = (
-        *(JOINT_TOPIC, POSE_TOPIC, IMAGE_TOPIC, BODY, REFERENCE, PREFIX, INVERT, SECONDS),
-    )
-    extra: ClassVar[str] = "ros"
+    name = "rosbag"
+    summary = "ROS 1 and 2 recordings (.bag, .db3, MCAP): joint states, poses, tf, pictures"
+    example = "run_1 --format rosbag --body tool0 --reference tracker --out a.csv"
+    options = (*(JOINT_TOPIC, POSE_TOPIC, IMAGE_TOPIC, BODY, REFERENCE, PREFIX, INVERT, SECONDS),)
+    extra = "ros"
 
     def recognises(self, path: Path, head: str) -> bool:
         """A folder with metadata.yaml, a file of one, or the first line of a bag."""
@@ -110,14 +98,12 @@ class RosbagReader(Reader):
             left = {"prefix": given.text(PREFIX) or None, "invert": INVERT in given}
             return recording.imported(self.name, Given(self.options, left, self.name))
         names, time, angles = _together(path, joints, bag.joints[joints])
-        moving = poses
-        if moving is not None and INVERT in given:
-            moving = (moving[0], moving[1].inverse())
+        if poses is not None and INVERT in given:
+            poses = poses[0], poses[1].inverse()
         rests = found_rests(path, names, time, angles, given)
         pictures = _pictures(path, bag, rests, given) if IMAGE_TOPIC in given else None
-        rows = imported_rests(
-            path, self.name, names, rests, moving, given.text(PREFIX), pictures=pictures
-        )
+        prefix = given.text(PREFIX)
+        rows = imported_rests(path, self.name, names, rests, poses, prefix, pictures)
         return rows if pictures is None else _with_camera(rows, bag, given.text(IMAGE_TOPIC))
 
     def _poses(self, path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body] | None:
@@ -140,10 +126,7 @@ def _together(
     """Names of all joints, times (n,), s, and their readings (n, joints) whenever one was told.
 
     An arm and its gripper often tell of theirs in messages of their own on one topic. What was
-    told last holds for `_HELD`; no longer, or a joint whose driver died would rest.
-
-    Raises:
-        ForeignFileError: never were all of them told at once.
+    told last holds for half a second; no longer, or a joint whose driver died would rest.
     """
     names = sorted({name for _, row in messages for name in row})
     latest = dict[str, tuple[float, float]]()
@@ -151,14 +134,14 @@ def _together(
     for at, row in messages:
         latest |= {name: (at, value) for name, value in row.items()}
         complete = len(row) == len(names) or (
-            len(latest) == len(names) and all(abs(at - when) < _HELD for when, _ in latest.values())
+            len(latest) == len(names) and all(abs(at - when) < 0.5 for when, _ in latest.values())
         )
         if complete:
             time.append(at)
             angles.append([latest[name][1] for name in names])
     if not time:
         problem = f"no time at which {topic} tells every joint of {listed(names)}"
-        raise ForeignFileError(problem, f"each of them within {_HELD:g} s", file=path)
+        raise ForeignFileError(problem, "each of them within 0.5 s", file=path)
     return names, np.array(time), np.array(angles)
 
 
@@ -168,7 +151,8 @@ def _pictures(
     """A picture of each rest."""
     topic = _chosen(path, dict.fromkeys(bag.pictures), given, IMAGE_TOPIC)
     with _read_errors(path):
-        return pictures_at(path, topic, rests, _later_messages(_folder_of(path), topic))
+        messages = _messages(_folder_of(path), lambda _, other: other == topic)
+        return pictures_at(path, topic, rests, ((at, message) for _, _, at, message in messages))
 
 
 def _with_camera(rows: ImportedRows, bag: _Bag, topic: str) -> ImportedRows:
@@ -196,35 +180,33 @@ def _chosen(path: Path, topics: dict[str, Any], given: Given, option: Option) ->
     if option not in given and option.metavar in topics:
         return option.metavar
     if name not in topics:
-        problem = (
-            f"no topic {name!r} of that kind" if name else f"{len(topics)} topics of that kind"
-        )
+        problem = (f"no topic {name!r}" if name else f"{len(topics)} topics") + " of that kind"
         hint = f"say which with {option.switch}"
         raise ForeignFileError(problem, f"one of {listed(list(topics))}", file=path, hint=hint)
     return name
 
 
 def _read(path: Path, extra: str) -> _Bag:
-    """Everything that matters in a recording.
-
-    Raises:
-        ForeignFileError: it is missing, damaged, or without end.
-        MissingExtraError: rosbags is not installed.
-    """
+    """Everything that matters in a recording; of pictures the topics: memory may hold fewer."""
     most_messages = 5_000_000
     if not (is_folder(path) or is_plain_file(path)):
         raise ForeignFileError("no such file", "a recording", file=path)
     load("rosbags", extra)
-    folder = _folder_of(path)
+    folder, bag = _folder_of(path), _Bag()
     for file in [folder] if folder.is_file() else sorted(folder.iterdir()):
         note_input(file)
-    bag = _Bag()
+
+    def matters(kind: str, topic: str) -> bool:
+        if kind in (IMAGE, COMPRESSED):
+            bag.pictures.add(topic)
+        return kind in {_JOINT_STATE, _TF, CAMERA_INFO, *_POSES}
+
     with _read_errors(path):
-        for count, (kind, topic, at, message) in enumerate(_messages(folder, bag)):
+        for count, message in enumerate(_messages(folder, matters)):
             if count > most_messages:
                 problem = f"more than {most_messages} messages"
                 raise ForeignFileError(problem, "a shorter recording", file=path)
-            _take(bag, kind, topic, at, message)
+            _take(bag, *message)
     return bag
 
 
@@ -247,82 +229,52 @@ def _read_errors(path: Path) -> Iterator[None]:
         raise
     except Exception as problem:  # noqa: BLE001
         message = " ".join(f"{type(problem).__name__}: {problem}".split())[:160]
-        raise ForeignFileError(
-            f"a recording that cannot be read ({message})",
-            "a .bag file, or a folder that ros2 bag recorded",
-            file=path,
-        ) from None
+        description = f"a recording that cannot be read ({message})"
+        expected = "a .bag file, or a folder that ros2 bag recorded"
+        raise ForeignFileError(description, expected, file=path) from None
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
+def _messages(
+    path: Path, chosen: Callable[[str, str], bool]
+) -> Iterator[tuple[str, str, float, Any]]:
+    """Type, topic, time (s, of the header where there is one) and content, in order.
+
+    ``chosen`` says of a type and a topic whether its messages are wanted.
+    """
     from rosbags.highlevel import AnyReader
     from rosbags.typesys import Stores, get_typestore
 
     with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_HUMBLE)) as reader:
-        yield reader
-
-
-def _messages(path: Path, bag: _Bag) -> Iterator[tuple[str, str, float, Any]]:
-    """Type, topic, time (s, of the header where there is one) and content, in order.
-
-    Of pictures only the topics are noted: there may be more of them than memory.
-    """
-    types = {_JOINT_STATE, _TF, CAMERA_INFO, *_POSES}
-    with _opened(path) as reader:
-        bag.pictures |= {
-            connection.topic for connection in reader.connections if connection.msgtype in _PICTURES
-        }
-        connections = [
-            connection for connection in reader.connections if connection.msgtype in types
-        ]
-        for connection, stamp, raw in reader.messages(connections=connections):
-            if connection.topic in bag.cameras:
-                continue
-            message = reader.deserialize(raw, connection.msgtype)
-            yield connection.msgtype, connection.topic, _stamped(message, stamp), message
-
-
-def _later_messages(path: Path, topic: str) -> Iterator[tuple[float, Any]]:
-    """Time, s, of each message of a topic, and the message."""
-    with _opened(path) as reader:
-        connections = [connection for connection in reader.connections if connection.topic == topic]
+        connections = [c for c in reader.connections if chosen(c.msgtype, c.topic)]
         for connection, stamp, raw in reader.messages(connections=connections):
             message = reader.deserialize(raw, connection.msgtype)
-            yield _stamped(message, stamp), message
+            at = _seconds(message.header) if hasattr(message, "header") else 0.0
+            yield connection.msgtype, connection.topic, at or 1e-9 * stamp, message
 
 
-def _stamped(message: Any, stamp: int) -> float:
-    """Time, s: of the header where there is one, else when it was recorded."""
-    header_time = 0.0
-    if hasattr(message, "header"):
-        header_time = message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec
-    return header_time or 1e-9 * stamp
+def _seconds(header: Any) -> float:
+    return float(header.stamp.sec + 1e-9 * header.stamp.nanosec)
 
 
 def _take(bag: _Bag, kind: str, topic: str, at: float, message: Any) -> None:
     if kind == _JOINT_STATE:
-        numbers = map(float, message.position)
-        row = dict(zip(message.name, numbers, strict=False))
+        row = dict(zip(message.name, map(float, message.position), strict=False))
         if row and all(map(np.isfinite, row.values())):
-            bag.joints[topic].append((at, row))
+            bag.joints.setdefault(topic, []).append((at, row))
     elif kind == _TF:
         for transform in message.transforms:
-            stamp = transform.header.stamp.sec + 1e-9 * transform.header.stamp.nanosec
-            parent, child = (
-                name.lstrip("/") for name in (transform.header.frame_id, transform.child_frame_id)
-            )
-            numbers_ = _numbers(transform.transform)
-            bag.transforms.append(
-                (0.0 if topic.endswith("static") else stamp or at, parent, child, numbers_)
-            )
+            ends = (transform.header.frame_id, transform.child_frame_id)
+            parent, child = (name.lstrip("/") for name in ends)
+            # Static ones hold from the beginning.
+            when = 0.0 if topic.endswith("static") else _seconds(transform.header) or at
+            bag.transforms.append((when, parent, child, _numbers(transform.transform)))
     elif kind == CAMERA_INFO:
         bag.cameras.setdefault(topic, message)
     else:
         pose = message
         for name in _POSES[kind]:
             pose = getattr(pose, name)
-        bag.poses[topic].append((at, _numbers(pose)))
+        bag.poses.setdefault(topic, []).append((at, _numbers(pose)))
 
 
 def _numbers(pose: Any) -> list[float]:
@@ -345,7 +297,6 @@ def _through_tf(path: Path, bag: _Bag, given: Given) -> tuple[FloatArray, Body]:
         raise given.refuse(REFERENCE, f"{body!r}, the body itself", "another frame than --body")
     latest: dict[str, tuple[str, FloatArray]] = {}
     times, poses = list[float](), list[FloatArray]()
-    # Static ones first: they hold from the beginning.
     for at, parent, child, numbers in sorted(bag.transforms, key=lambda sample: sample[0]):
         rotation = rotation_from_quaternion(numbers[3:]) if any(numbers[3:]) else np.eye(3)
         latest[child] = (parent, homogeneous(rotation, numbers[:3]))

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS, REFERENCE, Body, Recording
-from suta_calib.exchange.cells import is_plain_file
+from suta_calib.exchange.bodies import BODY_OPTIONS, PAIR, REFERENCE, Body, Recording
+from suta_calib.exchange.cells import LENGTH_UNITS, is_plain_file
 from suta_calib.exchange.column_names import (
     COLUMNS,
     JOINT_NAMES,
@@ -29,11 +29,9 @@ from suta_calib.exchange.imported import (
     GRID_HINT,
     ORIGIN,
     ImportedRows,
-    checked_places,
     distance_note,
+    from_origin,
     origin_of,
-    origin_told,
-    pose_columns,
 )
 from suta_calib.exchange.joint_readings import READING_OPTIONS, Readings
 from suta_calib.exchange.nameless_poses import nameless_pose
@@ -55,7 +53,7 @@ from suta_calib.exchange.table_roles import (
 )
 from suta_calib.measurements.csv_table import SIGMA, SIGMAS
 from suta_calib.terms import KINDS
-from suta_calib.units import from_deg, from_mm
+from suta_calib.units import from_deg
 from suta_calib.words import listed
 
 JOINTS: Final = Option(
@@ -68,8 +66,6 @@ FROM: Final = Option(
 _DIRECTION: Final = ".direction"
 # What a column with the time of its row is called.
 _CLOCKS: Final = ("time", "timestamp", "frame")
-# Poses of hand-eye files, which stand side by side.
-_PAIR: Final = ("a_", "b_")
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
 
@@ -77,12 +73,12 @@ _FEW_TURNS: Final = 13.0
 class TableReader(Reader):
     """Rows of numbers, with or without names."""
 
-    name: ClassVar[str] = TABLE
-    summary: ClassVar[str] = (
+    name = TABLE
+    summary = (
         "any text table or .xlsx: joints, points, poses as 7, 12, 16 numbers, 4x4 blocks, angles"
     )
-    example: ClassVar[str] = "poses.txt --format table --unit mm --rotation wxyz --out poses.csv"
-    options: ClassVar[tuple[Option, ...]] = (
+    example = "poses.txt --format table --unit mm --rotation wxyz --out poses.csv"
+    options = (
         UNIT,
         COLUMNS,
         JOINTS,
@@ -93,11 +89,6 @@ class TableReader(Reader):
         *READING_OPTIONS,
         *BODY_OPTIONS,
     )
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """Never: it is what is left."""
-        del path, head
-        return False
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """Rows in SI; those in which a number is missing are left out and counted."""
@@ -111,14 +102,11 @@ class TableReader(Reader):
 
 
 def _understood(path: Path, given: Given) -> _Columns:
-    """A file whose columns are known."""
     sheet = read_sheet(path, given)
     if FROM in given:
-        text, count = given.text(FROM), len(sheet.names)
-        short = text.isascii() and text.isdigit() and len(text) <= len(str(count))
-        if not (short and 1 <= int(text) <= count):
-            raise given.refuse(FROM, repr(text), f"the number of a column, from 1 to {count}")
-        sheet = sheet.from_column(int(text))
+        count = len(sheet.names)
+        expected = f"the number of a column, from 1 to {count}"
+        sheet = sheet.from_column(given.whole(FROM, "", 1, count, expected))
     if sheet.comment:
         by_comment = sheet.named_by_comment()
         names = renamed(by_comment, given)
@@ -127,41 +115,32 @@ def _understood(path: Path, given: Given) -> _Columns:
     names = renamed(sheet, given)
     poses = named_poses(sheet, names, given)
     named = COLUMNS in given or JOINTS in given
-    joints = any(map(is_joint, names))
-    bare = not sheet.headed or FROM in given or (len(names) in OF_MATRIX and not joints)
-    if not poses and not named and sheet.headed:
-        refuse_numbered(sheet, names)
-    if not poses and not named and bare:
-        pose, sheet = nameless_pose(sheet, given)
-        names, poses = list(sheet.names), [pose] if pose is not None else []
+    if not poses and not named:
+        if sheet.headed:
+            refuse_numbered(sheet, names)
+        matrix = len(names) in OF_MATRIX and not any(map(is_joint, names))
+        if not sheet.headed or FROM in given or matrix:
+            pose, sheet = nameless_pose(sheet, given)
+            names, poses = list(sheet.names), [pose] if pose is not None else []
     return _Columns(sheet, names, poses, given)
 
 
 class _Columns:
-    """A sheet whose columns are understood.
-
-    Args:
-        sheet: of text.
-        names: of its columns, as they are to be called.
-        poses: which of them are poses.
-        given: the options.
-    """
+    """A sheet whose columns are understood: their names, and which of them are poses."""
 
     def __init__(
         self, sheet: Sheet, names: Sequence[str], poses: Sequence[PoseColumns], given: Given
     ) -> None:
         self._sheet, self._names, self._poses, self._given = sheet, names, poses, given
-        units = dict.fromkeys(given.texts(UNIT))
-        lengths = [unit for unit in units if unit in LENGTHS]
-        angles = [unit for unit in units if unit not in LENGTHS]
-        for several in (lengths, angles):
-            if len(several) > 1:
-                several_units = " and ".join(several)
-                raise given.refuse(UNIT, several_units, "one of lengths and one of angles")
-        self._length = next(iter(lengths), "")
-        self._angle = next(iter(angles), "")
+        asked = dict.fromkeys(given.texts(UNIT))
+        lengths = [unit for unit in asked if unit in LENGTHS]
+        angles = [unit for unit in asked if unit not in LENGTHS]
+        for units in (lengths, angles):
+            if len(units) > 1:
+                raise given.refuse(UNIT, " and ".join(units), "one of lengths and one of angles")
+        self._length, self._angle = "".join(lengths), "".join(angles)
         self._notes: list[str] = []
-        self._seen = list(sheet.remarks)
+        self._remarks = list(sheet.remarks)
         self._angles_used = False
         self._readings: set[int] = set()
         self._others: dict[str, Body] = {}
@@ -170,11 +149,7 @@ class _Columns:
         self._units: dict[str, str] = {}
 
     def relative_to(self, other: _Columns, name: str) -> None:
-        """Another file of the same rows holds the body that this one's pose is told relative to.
-
-        Raises:
-            ForeignFileError: one of them has not one pose, or they have other numbers of rows.
-        """
+        """Another file of the same rows holds the body that this one's pose is told relative to."""
         for table in (self, other):
             if len(table._poses) != 1:
                 description = f"{len(table._poses)} poses in a row"
@@ -186,12 +161,11 @@ class _Columns:
             raise ForeignFileError(problem, expected, file=other._sheet.path)
         clocks = self._clock(), other._clock()
         if (row := _first_disagreement(*clocks)) is not None:
+            problem = "a row of another time"
+            expected = f"the times of {self._sheet.path}: rows correspond"
+            hint = "leave out the rows that only one of the files has"
             raise ForeignFileError(
-                "a row of another time",
-                f"the times of {self._sheet.path}: rows correspond",
-                file=other._sheet.path,
-                line=other._sheet.lines[row],
-                hint="leave out the rows that only one of the files has",
+                problem, expected, file=other._sheet.path, line=other._sheet.lines[row], hint=hint
             )
         self._others[name] = other._body(other._poses[0])
 
@@ -221,12 +195,12 @@ class _Columns:
                 self._question(complete_bodies[pose.prefix or "pose"].position, pose)
         made = self._together(complete_bodies, columns)
         if self._guessing:
-            self._seen += [self._pose_remark(pose) for pose in self._poses]
+            self._remarks += [self._pose_remark(pose) for pose in self._poses]
         return replace(
             made,
             dropped=len(complete) - len(rows),
-            notes=(*made.notes, *self._notes, *self._given.guesses),
-            remarks=tuple(self._seen),
+            notes=(*self._notes, *self._given.guesses),
+            remarks=tuple(self._remarks),
         )
 
     def _together(
@@ -235,15 +209,11 @@ class _Columns:
         path = self._sheet.path
         if not bodies:
             return ImportedRows(source=path, form=TABLE, columns=dict(columns))
-        if set(bodies) == set(_PAIR):
-            both = dict(columns)
-            for prefix, body in bodies.items():
-                both |= pose_columns(body.position, body.rotation, prefix)
-            return ImportedRows(source=path, form=TABLE, columns=both)
-        alone = next(iter(bodies)) if len(bodies) == 1 else ""
         recording = Recording(path, bodies, None, "as they were read", dict(columns))
-        made = recording.imported(TABLE, self._given, alone if alone in _PAIR else "")
-        return replace(made, notes=(), remarks=())
+        if set(bodies) == set(PAIR):
+            return recording.pairs(TABLE)
+        alone = next(iter(bodies)) if len(bodies) == 1 else ""
+        return recording.imported(TABLE, self._given, alone if alone in PAIR else "")
 
     def _body(self, pose: PoseColumns) -> Body:
         path = self._sheet.path
@@ -256,36 +226,30 @@ class _Columns:
             unit = guessed_length(self._sheet, near, self._given) if self._guessing else "m"
         self._units[pose.prefix] = unit
         if self._length and pose.unit and self._length != pose.unit:
-            raise ForeignFileError(
-                f"columns named as {pose.unit}, with --unit {self._length}",
-                "one unit",
-                file=path,
-                line=self._sheet.lines[0],
-            )
-        position = _metres(unit) * position
-        origin = origin_of(self._given, position)
-        if origin is not None:
-            if len(self._poses) > 1 or REFERENCE in self._given:
-                raise self._given.refuse(ORIGIN, "an origin, and several poses in a row", "one")
-            position = position - origin
-            self._seen.append(origin_told(origin))
-        position = checked_places(path, self._sheet.lines, position, GRID_HINT)
+            problem = f"columns named as {pose.unit}, with --unit {self._length}"
+            raise self._sheet.refuse(problem, "one unit")
+        if ORIGIN in self._given and (len(self._poses) > 1 or REFERENCE in self._given):
+            raise self._given.refuse(ORIGIN, "an origin, and several poses in a row", "one")
+        position = LENGTH_UNITS.get(unit, 1.0) * position
+        position, remarks = from_origin(path, self._sheet.lines, position, self._given)
+        self._remarks += remarks
         if not pose.form:
             return Body(position)
         numbers = self._sheet.numbers(pose.rotation)
-        angles = NUMBERS[pose.form] == 3
-        if angles and (self._angle or pose.angle) == "deg":
-            numbers = from_deg(numbers)
-        elif angles and not (self._angle or pose.angle):
-            most = float(np.nanmax(np.abs(numbers), initial=0.0))
-            if self._guessing:
-                unit = guessed_angle(self._sheet, pose.form, numbers, self._given)
-                numbers = from_deg(numbers) if unit == "deg" else numbers
-            elif most > _FEW_TURNS / 2:
-                raise self._degrees("angles of an orientation", most)
-            else:
-                self._seen.append(f"Angles up to {most:.4g} were taken for rad; --unit says else.")
+        if NUMBERS[pose.form] == 3:
+            unit = self._angle or pose.angle or self._unstated_angle(pose.form, numbers)
+            numbers = from_deg(numbers) if unit == "deg" else numbers
         return Body(position, rotations_from(pose.form, numbers, path, self._sheet.lines))
+
+    def _unstated_angle(self, form: str, numbers: FloatArray) -> str:
+        """The unit of angles (n, 3) of which nobody says it."""
+        if self._guessing:
+            return guessed_angle(self._sheet, form, numbers, self._given)
+        most = float(np.nanmax(np.abs(numbers), initial=0.0))
+        if most > _FEW_TURNS / 2:
+            raise self._degrees("angles of an orientation", most)
+        self._remarks.append(f"Angles up to {most:.4g} were taken for rad; --unit says else.")
+        return "rad"
 
     def _question(self, position: FloatArray, pose: PoseColumns) -> None:
         """Lengths of an odd size: refused where nobody said their unit, noted where one did."""
@@ -298,11 +262,9 @@ class _Columns:
             # arm's in mm.
             far = float(np.linalg.norm(position, axis=1).min()) > 1e4
             grid = f"; {GRID_HINT}" if far and ORIGIN not in self._given else ""
-            raise self._sheet.refuse(
-                f"{note[0].lower()}{note[1:]}",
-                "the unit",
-                hint=f"say --unit mm or --unit m; nothing is scaled unasked{grid}",
-            )
+            problem = f"{note[0].lower()}{note[1:]}"
+            hint = f"say --unit mm or --unit m; nothing is scaled unasked{grid}"
+            raise self._sheet.refuse(problem, "the unit", hint=hint)
         self._notes += [note] if note else []
 
     def _beside(self) -> tuple[dict[str, NDArray[Any]], BoolArray]:
@@ -328,7 +290,7 @@ class _Columns:
                 numbers = sheet.numbers([k])[:, 0]
                 complete &= np.isfinite(numbers)
                 length = unit or self._length or next((p.unit for p in self._poses if p.unit), "m")
-                columns[bare.lower()] = _metres(length) * numbers
+                columns[bare.lower()] = LENGTH_UNITS.get(length, 1.0) * numbers
                 continue
             values = sheet.values[k]
             if values is not None and (per_second := seconds_in(name)):
@@ -360,15 +322,14 @@ class _Columns:
             (self._length, bool(self._poses), "a position", COLUMNS),
         ):
             if unit and not used:
-                raise self._sheet.refuse(
-                    f"{UNIT.switch} {unit}, and no columns of {what}",
-                    "columns that are in this unit",
-                    hint=f"say which they are with {where.switch} {where.metavar}",
-                )
+                problem = f"{UNIT.switch} {unit}, and no columns of {what}"
+                expected = "columns that are in this unit"
+                hint = f"say which they are with {where.switch} {where.metavar}"
+                raise self._sheet.refuse(problem, expected, hint=hint)
 
     def _joint(self, readings: Readings, joint: str, numbers: FloatArray, unit: str) -> FloatArray:
         if unit in LENGTHS:  # a joint that slides
-            return from_mm(numbers) if unit == "mm" else numbers
+            return LENGTH_UNITS[unit] * numbers
         angles = readings.angles(joint, numbers)
         most = float(np.nanmax(np.abs(angles), initial=0.0))
         if readings.unit != "rad" or most <= _FEW_TURNS:
@@ -384,11 +345,9 @@ class _Columns:
         return replace(readings, unit="deg").angles(joint, numbers)
 
     def _degrees(self, of: str, most: float) -> ForeignFileError:
-        return self._sheet.refuse(
-            f"{of} up to {most:.4g}, which look like degrees",
-            "that it be said",
-            hint="say --unit deg, --unit ticks or --unit rad; nothing is scaled unasked",
-        )
+        problem, expected = f"{of} up to {most:.4g}, which look like degrees", "that it be said"
+        hint = "say --unit deg, --unit ticks or --unit rad; nothing is scaled unasked"
+        return self._sheet.refuse(problem, expected, hint=hint)
 
     def _pose_remark(self, pose: PoseColumns) -> str:
         names = [self._names[k] for k in (*pose.position, *pose.rotation)]
@@ -420,11 +379,6 @@ def _first_disagreement(a: FloatArray | None, b: FloatArray | None) -> int | Non
     off = np.abs((a - a[0]) - (b - b[0]))
     disagreeing = np.flatnonzero(off > step / 2)
     return int(disagreeing[0]) if len(disagreeing) else None
-
-
-def _metres(unit: str) -> float:
-    """What a length in a unit is multiplied with."""
-    return {"m": 1.0, "mm": from_mm(1.0), "cm": from_mm(10.0)}.get(unit, 1.0)
 
 
 def _labels() -> set[str]:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
-from suta_calib.exchange.cells import TableRow
+from suta_calib.exchange.bodies import BODY_OPTIONS, Body, InstrumentReader, Recording, body_of
+from suta_calib.exchange.cells import LENGTH_UNITS, TableRow
 from suta_calib.exchange.cut_off import COMPLETE
-from suta_calib.exchange.instrument import LENGTH_UNITS, InstrumentReader, body_of
-from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.option import Given
 from suta_calib.exchange.table_roles import ROTATION
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_deg
@@ -30,15 +30,11 @@ _GLOBAL: Final = "Global Angle "
 class ViconReader(InstrumentReader):
     """Segments with their angles, markers as points; a file may have a block of each."""
 
-    name: ClassVar[str] = "vicon"
-    summary: ClassVar[str] = "Vicon: CSV of Nexus or Tracker, segments or objects, trajectories"
-    example: ClassVar[str] = "trial.csv --format vicon --body probe:probe --rotation vector"
-    options: ClassVar[tuple[Option, ...]] = (*BODY_OPTIONS, ROTATION, COMPLETE)
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """It begins with the name of a block, and has frames with sub-frames."""
-        del path
-        return head.lstrip().startswith(_BLOCKS) and "Sub Frame" in head
+    name = "vicon"
+    summary = "Vicon: CSV of Nexus or Tracker, segments or objects, trajectories"
+    example = "trial.csv --format vicon --body probe:probe --rotation vector"
+    signature = re.compile(rf"\A\s*(?:{'|'.join(_BLOCKS)}).*Sub Frame", re.DOTALL)
+    options = (*BODY_OPTIONS, ROTATION, COMPLETE)
 
     def recording(self, path: Path, rows: Sequence[TableRow], given: Given) -> Recording:
         """Segments and markers by name, as many rows as the first block has."""
@@ -93,14 +89,13 @@ class ViconReader(InstrumentReader):
 def _quaternion_form(path: Path, given: Given, line: int) -> str:
     """What RX, RY and RZ are: the file does not say."""
     if ROTATION not in given:
-        raise ForeignFileError(
-            "RX, RY, RZ, which may be a rotation vector or Euler angles",
-            "that it be said which",
-            file=path,
-            line=line,
-            hint="say --rotation vector (what Tracker and Nexus export unless told otherwise), or "
-            "the order of the angles: --rotation XYZ|ZYX|…",
+        problem = "RX, RY, RZ, which may be a rotation vector or Euler angles"
+        expected = "that it be said which"
+        hint = (
+            "say --rotation vector (what Tracker and Nexus export unless told otherwise), or "
+            "the order of the angles: --rotation XYZ|ZYX|…"
         )
+        raise ForeignFileError(problem, expected, file=path, line=line, hint=hint)
     form = given.text(ROTATION)
     if form in ("xyzw", "wxyz", "rows", "columns"):
         raise given.refuse(ROTATION, form, "vector, or an order of Euler angles")

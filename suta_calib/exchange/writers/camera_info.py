@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,11 +19,11 @@ NAME: Final = Option("camera_name", "What the camera is called.", "NAME")
 class CameraInfoWriter(Writer):
     """The camera's intrinsics as ROS's camera_info_manager has them."""
 
-    name: ClassVar[str] = "camera-info"
-    summary: ClassVar[str] = "camera_info YAML of ROS, read by OpenCV too"
-    example: ClassVar[str] = "results --format camera-info --out camera.yaml"
-    options: ClassVar[tuple[Option, ...]] = (NAME,)
-    file: ClassVar[str] = "exported_camera.yaml"
+    name = "camera-info"
+    summary = "camera_info YAML of ROS, read by OpenCV too"
+    example = "results --format camera-info --out camera.yaml"
+    options = (NAME,)
+    file = "exported_camera.yaml"
 
     def content(self, result: Result, given: Given) -> bytes:
         """`camera.yaml`, with the matrices of a camera that is not rectified."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import ClassVar, Final, cast, get_args
+from typing import Final, cast, get_args
 
 from suta_calib.errors import InputError
 from suta_calib.exchange.option import Given, Option
@@ -19,11 +19,11 @@ CONVENTION: Final = Option(
 class DhWriter(Writer):
     """A table of the calibrated chain, in mm and degrees."""
 
-    name: ClassVar[str] = "dh"
-    summary: ClassVar[str] = "Denavit-Hartenberg table as CSV, classic or modified (Craig)"
-    example: ClassVar[str] = "results --format dh --convention modified --out arm_dh.csv"
-    options: ClassVar[tuple[Option, ...]] = (CONVENTION,)
-    file: ClassVar[str] = "exported_dh.csv"
+    name = "dh"
+    summary = "Denavit-Hartenberg table as CSV, classic or modified (Craig)"
+    example = "results --format dh --convention modified --out arm_dh.csv"
+    options = (CONVENTION,)
+    file = "exported_dh.csv"
 
     def content(self, result: Result, given: Given) -> bytes:
         """The table; the offsets are part of theta (of d for a slide)."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import CalibratedArm, Result
 from suta_calib.exchange.writer import Writer
@@ -12,17 +10,26 @@ from suta_calib.model.parameters import OFFSET
 from suta_calib.units import shown, unit_name
 
 
-class JointOffsetsWriter(Writer):
+class OffsetsWriter(Writer):
+    """A format that holds nothing but the offsets of joints that are read."""
+
+    def lost(self, arm: CalibratedArm) -> list[str]:
+        """Everything else that differs from nominal."""
+        offsets = {f"{joint}.{OFFSET}" for joint in arm.model.joints}
+        values = ((n, x) for n, x in arm.values.items() if n in arm.model.offered)
+        return [n for n, x in values if n not in offsets and x != arm.model.offered[n].nominal]
+
+
+class JointOffsetsWriter(OffsetsWriter):
     """What is to be added to the reading of each joint, in SI and in degrees or mm."""
 
-    name: ClassVar[str] = "joint-offsets"
-    summary: ClassVar[str] = "YAML with what is added to each joint's reading"
-    example: ClassVar[str] = "results --format joint-offsets --out joint_offsets.yaml"
-    file: ClassVar[str] = "exported_joint_offsets.yaml"
+    name = "joint-offsets"
+    summary = "YAML with what is added to each joint's reading"
+    example = "results --format joint-offsets --out joint_offsets.yaml"
+    file = "exported_joint_offsets.yaml"
 
-    def content(self, result: Result, given: Given) -> bytes:
+    def content(self, result: Result, _given: Given) -> bytes:
         """``joint_offsets: {joint: {offset_rad, offset_deg}, …}``; m and mm for slides."""
-        del given
         arm = result.need_arm(self.name)
         offsets = {}
         for joint, unit in arm.model.units.items():
@@ -33,18 +40,3 @@ class JointOffsetsWriter(Writer):
             }
         comment = "Added to the reading of each joint: angle = reading + offset."
         return yaml_text({"joint_offsets": offsets}, comment).encode()
-
-    def lost(self, arm: CalibratedArm) -> list[str]:
-        """Everything that differs from nominal but the offsets of joints that are read."""
-        return lost_beside_offsets(arm)
-
-
-def lost_beside_offsets(arm: CalibratedArm) -> list[str]:
-    """Names of values that differ from nominal and are no offset of a joint that is read."""
-    offsets = {f"{joint}.{OFFSET}" for joint in arm.model.joints}
-    offered = arm.model.offered
-    return [
-        name
-        for name, value in arm.values.items()
-        if name in offered and name not in offsets and value != offered[name].nominal
-    ]

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Final
+from typing import Final
 
 from suta_calib.errors import InputError
-from suta_calib.exchange.lerobot_motors import (
-    COUNTS,
-    DYNAMIXEL,
-    FEETECH,
-    MOTORS,
-    counts_of,
-    read_motors,
-)
+from suta_calib.exchange.joint_readings import COUNTS
+from suta_calib.exchange.lerobot_motors import DYNAMIXEL, FEETECH, MOTORS, counts_of, read_motors
 from suta_calib.exchange.option import Given, Option
-from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
-from suta_calib.exchange.writer import Writer
-from suta_calib.exchange.writers.joint_offsets import lost_beside_offsets
+from suta_calib.exchange.result import Result, json_bytes
+from suta_calib.exchange.writers.joint_offsets import OffsetsWriter
 from suta_calib.model.parameters import OFFSET
 
 CALIBRATION: Final = Option(
@@ -30,15 +23,15 @@ BUS: Final = Option(
 )
 
 
-class LerobotWriter(Writer):
+class LerobotWriter(OffsetsWriter):
     """An existing calibration whose ``homing_offset`` take the joints' offsets in."""
 
-    name: ClassVar[str] = "lerobot"
-    summary: ClassVar[str] = "LeRobot calibration JSON with corrected homing_offset"
-    example: ClassVar[str] = "results --format lerobot --calibration so101.json --out new.json"
-    options: ClassVar[tuple[Option, ...]] = (CALIBRATION, BUS, MOTORS, COUNTS)
-    file: ClassVar[str] = "exported_lerobot.json"
-    notes: ClassVar[tuple[str, ...]] = (
+    name = "lerobot"
+    summary = "LeRobot calibration JSON with corrected homing_offset"
+    example = "results --format lerobot --calibration so101.json --out new.json"
+    options = (CALIBRATION, BUS, MOTORS, COUNTS)
+    file = "exported_lerobot.json"
+    notes = (
         "Homing offsets are whole ticks: what is less than half of one is lost.",
         "Write them to the motors: LeRobot's own check of a calibration does.",
         "Readings count as Present_Position does, whatever the drive_mode: as LeRobot's degrees, "
@@ -62,12 +55,10 @@ class LerobotWriter(Writer):
         sign = 1 if given.text(BUS, FEETECH) == DYNAMIXEL else -1
         joints = {names.get(motor, motor): motor for motor in motors}
         if missing := [joint for joint in arm.model.joints if joint not in joints]:
-            raise InputError(
-                f"no motor of the joint {missing[0]!r} among {', '.join(motors)}",
-                "a motor for each joint of the arm",
-                file=path,
-                hint=f"say which with {MOTORS.switch} MOTOR={missing[0]}",
-            )
+            problem = f"no motor of the joint {missing[0]!r} among {', '.join(motors)}"
+            expected = "a motor for each joint of the arm"
+            hint = f"say which with {MOTORS.switch} MOTOR={missing[0]}"
+            raise InputError(problem, expected, file=path, hint=hint)
         for joint in arm.model.joints:
             if arm.model.units[joint] != "rad":
                 raise InputError(f"{joint}, which slides", "joints that turn", file=path)
@@ -75,7 +66,3 @@ class LerobotWriter(Writer):
             motor = motors[joints[joint]]
             motor["homing_offset"] += sign * round(ticks)
         return json_bytes(motors)
-
-    def lost(self, arm: CalibratedArm) -> list[str]:
-        """Everything that differs from nominal but the offsets of joints that are read."""
-        return lost_beside_offsets(arm)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar
 
 import numpy as np
 from lxml import etree
@@ -18,17 +17,16 @@ from suta_calib.geometry.numbers import quaternion_from_rotation
 class MjcfWriter(Writer):
     """Bodies, joints and a site at the tip; no shapes, and masses of no meaning."""
 
-    name: ClassVar[str] = "mjcf"
-    summary: ClassVar[str] = "the chain as MuJoCo model: bodies, joints, a site at the tip"
-    example: ClassVar[str] = "results --format mjcf --out arm.xml"
-    file: ClassVar[str] = "exported_mjcf.xml"
-    notes: ClassVar[tuple[str, ...]] = (
+    name = "mjcf"
+    summary = "the chain as MuJoCo model: bodies, joints, a site at the tip"
+    example = "results --format mjcf --out arm.xml"
+    file = "exported_mjcf.xml"
+    notes = (
         "The model holds the kinematics of the chain alone: shapes and masses are the URDF's.",
     )
 
-    def content(self, result: Result, given: Given) -> bytes:
+    def content(self, result: Result, _given: Given) -> bytes:
         """The file; its world is the chain's base, its site the tip."""
-        del given
         arm = result.need_arm(self.name)
         chain = arm.model.chain
         root = etree.Element("mujoco", model=chain.robot)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 from lxml import etree
 
@@ -24,14 +22,13 @@ def in_mm(matrix: FloatArray) -> FloatArray:
 class PlusWriter(Writer):
     """``CoordinateDefinitions`` that are merged into a device-set file."""
 
-    name: ClassVar[str] = "plus"
-    summary: ClassVar[str] = "PLUS device-set XML: CoordinateDefinitions with the poses, mm"
-    example: ClassVar[str] = "results --format plus --out PlusDeviceSet_Tool.xml"
-    file: ClassVar[str] = "exported_plus.xml"
+    name = "plus"
+    summary = "PLUS device-set XML: CoordinateDefinitions with the poses, mm"
+    example = "results --format plus --out PlusDeviceSet_Tool.xml"
+    file = "exported_plus.xml"
 
-    def content(self, result: Result, given: Given) -> bytes:
+    def content(self, result: Result, _given: Given) -> bytes:
         """A ``PlusConfiguration`` with one ``Transform From To Matrix`` for each pose."""
-        del given
         root = etree.Element("PlusConfiguration", version="2.1")
         definitions = etree.SubElement(root, "CoordinateDefinitions")
         for transform in result.need_transforms(self.name):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
 from xml.sax.saxutils import escape, quoteattr
 
 from suta_calib.errors import InputError
@@ -24,14 +23,13 @@ _HEAD = """\
 class XacroWriter(Writer):
     """The macro ``calibrated_origin``, which stands for a joint's ``<origin>``."""
 
-    name: ClassVar[str] = "xacro"
-    summary: ClassVar[str] = "a macro calibrated_origin to include in one's own .xacro"
-    example: ClassVar[str] = "results --format xacro --out calibrated_origins.xacro"
-    file: ClassVar[str] = "exported_origins.xacro"
+    name = "xacro"
+    summary = "a macro calibrated_origin to include in one's own .xacro"
+    example = "results --format xacro --out calibrated_origins.xacro"
+    file = "exported_origins.xacro"
 
-    def content(self, result: Result, given: Given) -> bytes:
+    def content(self, result: Result, _given: Given) -> bytes:
         """One condition for each joint, numbers to 1e-12."""
-        del given
         arm = result.need_arm(self.name)
         parts = [_HEAD]
         for name, (xyz, rpy) in arm.model.origins(arm.values).items():

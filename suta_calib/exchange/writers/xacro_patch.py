@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import os
 from pathlib import Path
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -31,12 +31,12 @@ _NO_END: Final = b"\\ No newline at end of file\n"
 class XacroPatchWriter(Writer):
     """A unified diff, as ``patch`` and ``git apply`` take it, of the origins that changed."""
 
-    name: ClassVar[str] = "xacro-patch"
-    summary: ClassVar[str] = "a patch (unified diff) of the <origin>s in one's own .xacro files"
-    example: ClassVar[str] = "results --format xacro-patch --source urdf/arm_macro.xacro"
-    options: ClassVar[tuple[Option, ...]] = (SOURCE,)
-    file: ClassVar[str] = "exported_origins.patch"
-    notes: ClassVar[tuple[str, ...]] = (
+    name = "xacro-patch"
+    summary = "a patch (unified diff) of the <origin>s in one's own .xacro files"
+    example = "results --format xacro-patch --source urdf/arm_macro.xacro"
+    options = (SOURCE,)
+    file = "exported_origins.patch"
+    notes = (
         "Apply it in the folder that all the files are in: patch -p1 < FILE, or git apply FILE.",
         "Every robot that these files make gets these origins: for one of several, include the "
         "format xacro, or load xacro-yaml.",
@@ -63,12 +63,10 @@ class XacroPatchWriter(Writer):
                 placed[name] = path
             parts.append(_difference(path.resolve().relative_to(folder), before, after))
         if missing := [name for name in origins if name not in placed]:
-            raise InputError(
-                f"no joint {listed(missing)} in {listed(list(map(str, paths)))}",
-                "every joint whose origin changed",
-                where=SOURCE.switch,
-                hint=f"name the file that it stands in with another {SOURCE.switch} FILE.xacro",
-            )
+            problem = f"no joint {listed(missing)} in {listed(list(map(str, paths)))}"
+            expected = "every joint whose origin changed"
+            hint = f"name the file that it stands in with another {SOURCE.switch} FILE.xacro"
+            raise InputError(problem, expected, where=SOURCE.switch, hint=hint)
         return b"".join(parts)
 
 

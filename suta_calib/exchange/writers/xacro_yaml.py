@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
@@ -30,14 +30,13 @@ class XacroYamlWriter(Writer):
     no place in such a file: the description has their origins itself.
     """
 
-    name: ClassVar[str] = "xacro-yaml"
-    summary: ClassVar[str] = "origins by link as ROS kinematics YAML (default_kinematics.yaml)"
-    example: ClassVar[str] = "results --format xacro-yaml --out calibrated_kinematics.yaml"
-    file: ClassVar[str] = "exported_kinematics.yaml"
+    name = "xacro-yaml"
+    summary = "origins by link as ROS kinematics YAML (default_kinematics.yaml)"
+    example = "results --format xacro-yaml --out calibrated_kinematics.yaml"
+    file = "exported_kinematics.yaml"
 
-    def content(self, result: Result, given: Given) -> bytes:
+    def content(self, result: Result, _given: Given) -> bytes:
         """``kinematics: {link: {x, y, z, roll, pitch, yaw}, …, hash}``, m and rad."""
-        del given
         arm = result.need_arm(self.name)
         origins = arm.model.origins(arm.values)
         moving = [joint for joint in arm.model.chain.joints if joint.moving]

@@ -1,5 +1,6 @@
 """A reader: the log of a data logger, ``joint=deg …; roll=deg pitch=deg`` in each line."""
 
+import re
 from pathlib import Path
 from typing import ClassVar
 
@@ -18,10 +19,7 @@ class TiltLog(Reader):
     summary: ClassVar[str] = "a tilt logger's text: joint readings, roll and pitch in degrees"
     example: ClassVar[str] = "run.tilt"
     suffixes: ClassVar[tuple[str, ...]] = (".tilt",)
-
-    def recognises(self, path: Path, head: str) -> bool:
-        """Its first line says what it is."""
-        return head.startswith("TILTLOG")
+    signature: ClassVar[re.Pattern[str]] = re.compile(r"\ATILTLOG")
 
     def read(self, path: Path, given: Given) -> Imported:
         """One row for each line after the first."""
