@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import json
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,9 @@ LENGTH_UNITS: Final[dict[str, float]] = {
     **dict.fromkeys(("mm", "millimeters", "millimetres"), from_mm(1.0)),
 }
 
+# No where that cannot be told: methods of a path raise on names that are too long.
+is_folder, is_plain_file = os.path.isdir, os.path.isfile
+
 
 @dataclass(frozen=True)
 class TableRow:
@@ -47,22 +51,6 @@ class TableRow:
         """The row with nothing in some of its cells."""
         blank = ("",) * len(self.cells[start:stop])
         return TableRow(self.line, (*self.cells[:start], *blank, *self.cells[stop:]))
-
-
-def is_folder(path: Path) -> bool:
-    """Whether it is one; no where that cannot be told, as of a name that is too long."""
-    try:
-        return path.is_dir()
-    except (OSError, ValueError):
-        return False
-
-
-def is_plain_file(path: Path) -> bool:
-    """Whether it is a file and no device; no where that cannot be told."""
-    try:
-        return path.is_file()
-    except (OSError, ValueError):
-        return False
 
 
 def read_bounded(path: Path) -> bytes:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import re
-from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple
 
@@ -19,8 +18,10 @@ from suta_calib.exchange.external_axes import EXTERNAL_UNIT, ExternalAxes
 from suta_calib.exchange.imported import ImportedRows, checked_places, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.rotations import NUMBERS, rotations_from
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
+from suta_calib.units import from_deg, from_mm
 from suta_calib.words import listed
 
 WHAT: Final = Option("what", "Which positions, where there are both.", choices=("joints", "poses"))
@@ -58,6 +59,8 @@ class ProgramReader(Reader):
         closing: matches the end of one.
         last_word: matches such an end that is no beginning of another word; closing where None.
         settings: matches what sets something other than a position, up to its end.
+        metric: whether lengths are in m and angles in rad, not in mm and degrees.
+        pose_form: of the orientation behind the position (`rotations.NUMBERS`).
     """
 
     options: ClassVar[tuple[Option, ...]] = (WHAT, NAMES, EXTERNAL_UNIT, COMPLETE)
@@ -68,16 +71,8 @@ class ProgramReader(Reader):
     closing: ClassVar[re.Pattern[str]]
     last_word: ClassVar[re.Pattern[str] | None] = None
     settings: ClassVar[re.Pattern[str] | None] = None
-
-    @abstractmethod
-    def joints(self, numbers: FloatArray) -> FloatArray:
-        """Numbers of joint positions (n, joints) in rad."""
-
-    @abstractmethod
-    def poses(
-        self, numbers: FloatArray, path: Path, lines: Sequence[int]
-    ) -> tuple[FloatArray, FloatArray]:
-        """Numbers of poses (n, …) as rotations (n, 3, 3) and positions (n, 3), m."""
+    metric: ClassVar[bool] = False
+    pose_form: ClassVar[str]
 
     def external(self, position: str) -> Mapping[str, float]:
         """External axes by name in the text behind the numbers of a position."""
@@ -109,7 +104,11 @@ class ProgramReader(Reader):
         if any(labels):
             beside["name"] = np.array(labels)
         if what == "poses":
-            rotation, position = self.poses(numbers, path, lines)
+            position, turn = numbers[:, :3], numbers[:, 3:]
+            if not self.metric:
+                position = from_mm(position)
+                turn = from_deg(turn) if NUMBERS[self.pose_form] == 3 else turn
+            rotation = rotations_from(self.pose_form, turn, path, lines)
             position = checked_places(path, lines, position)
             more, notes = axes.columns(axes.used((), 0), (), given, required=False)
             columns = {**pose_columns(position, rotation), **more, **beside}
@@ -122,8 +121,8 @@ class ProgramReader(Reader):
             expected = f"{count} different ones{with_them}"
             raise given.refuse(NAMES, f"{len(names)} names", expected)
         more, notes = axes.columns(used, names[count:], given, required=True)
-        angles = dict(zip(names[:count], self.joints(numbers).T, strict=True))
-        columns = {**angles, **more, **beside}
+        angles = numbers if self.metric else from_deg(numbers)
+        columns = {**dict(zip(names[:count], angles.T, strict=True)), **more, **beside}
         return ImportedRows(source=path, form=self.name, columns=columns, notes=tuple(notes))
 
     def _positions(self, path: Path, text: str, pattern: re.Pattern[str]) -> _Positions:

@@ -39,38 +39,55 @@ def rotations_from(form: str, numbers: FloatArray, path: Path, lines: Sequence[i
         ForeignFileError: a quaternion that is not of length 1, a matrix that is no rotation, or an
             angle of thousands of turns; with the line.
     """
-    matrices = np.full((len(numbers), 3, 3), np.nan)
-    complete = np.asarray(np.isfinite(numbers).all(axis=1))
     if numbers.shape[1] != NUMBERS[form]:
         problem = f"{numbers.shape[1]} columns of a rotation"
         raise ForeignFileError(problem, f"{NUMBERS[form]}, as {form} has", file=path)
-    if not complete.any():
+    matrices = np.full((len(numbers), 3, 3), np.nan)
+    complete = np.flatnonzero(np.isfinite(numbers).all(axis=1))
+    if not len(complete):
         return matrices
     values = numbers[complete]
+
+    def check(right: BoolArray, problem: str, expected: str) -> None:
+        for row in np.flatnonzero(~right)[:1]:
+            line, hint = lines[int(complete[row])], "say what they are with --rotation"
+            raise ForeignFileError(problem, expected, file=path, line=line, hint=hint)
+
     if form in ("xyzw", "wxyz"):
         quaternion = values if form == "xyzw" else np.roll(values, -1, axis=1)
-        with np.errstate(over="ignore"):
-            off = np.abs(np.linalg.norm(quaternion, axis=1) - 1.0)
-        _refuse(off, complete, path, lines, "four numbers that are no quaternion", "length 1")
+        check(_are_unit(quaternion), "four numbers that are no quaternion", "length 1")
         matrices[complete] = rotation_from_quaternion(quaternion)
     elif form in ("rows", "columns"):
         matrix = values.reshape(-1, 3, 3)
-        matrices[complete] = _rotation(
-            matrix if form == "rows" else matrix.swapaxes(1, 2), complete, path, lines
-        )
+        matrix = matrix if form == "rows" else matrix.swapaxes(1, 2)
+        problem = "nine numbers that are no rotation matrix"
+        check(_error(matrix) < _ROUNDED, problem, "orthonormal, right-handed")
+        # The nearest rotation: what a few written decimals leave of one is not orthonormal.
+        left, _, right = np.linalg.svd(matrix)
+        matrices[complete] = left @ right
     else:
-        _refuse_angles(values, complete, path, lines)
-        if form == "vector":
-            matrices[complete] = rotation_from_vector(values)
-            return matrices
-
-        matrices[complete] = Rotation.from_euler(form, values).as_matrix()
+        # Angles of so many turns are none, and their sines no numbers any more; rad.
+        most, most_angle = np.abs(values).max(axis=1), 1e4
+        for row in np.flatnonzero(most > most_angle)[:1]:
+            problem, line = f"an angle of {most[row]:.3g} rad", lines[int(complete[row])]
+            raise ForeignFileError(problem, f"one within {most_angle:g} rad", file=path, line=line)
+        vector = form == "vector"
+        matrices[complete] = (
+            rotation_from_vector(values)
+            if vector
+            else Rotation.from_euler(form, values).as_matrix()
+        )
     return matrices
 
 
 def are_quaternions(numbers: FloatArray) -> bool:
     """Whether all of (n, 4) numbers have together the length one but for rounding."""
-    return bool(np.all(np.abs(np.linalg.norm(numbers, axis=1) - 1.0) < _ROUNDED))
+    return bool(_are_unit(numbers).all())
+
+
+def _are_unit(numbers: FloatArray) -> BoolArray:
+    with np.errstate(over="ignore"):
+        return np.asarray(np.abs(np.linalg.norm(numbers, axis=1) - 1.0) < _ROUNDED)
 
 
 def is_rotation(matrix: FloatArray) -> bool:
@@ -83,40 +100,3 @@ def _error(matrix: FloatArray) -> FloatArray:
         off = np.abs(matrix @ matrix.swapaxes(1, 2) - np.eye(3)).max(axis=(1, 2))
         off[np.linalg.det(np.where(np.isfinite(matrix), matrix, 0.0)) < 0] = np.inf
     return np.asarray(np.nan_to_num(off, nan=np.inf))
-
-
-def _rotation(
-    matrix: FloatArray, complete: BoolArray, path: Path, lines: Sequence[int]
-) -> FloatArray:
-    problem = "nine numbers that are no rotation matrix"
-    _refuse(_error(matrix), complete, path, lines, problem, "orthonormal, right-handed")
-    # The nearest rotation: what a few written decimals leave of one is not orthonormal.
-    left, _, right = np.linalg.svd(matrix)
-    return np.asarray(left @ right)
-
-
-def _refuse_angles(
-    values: FloatArray, complete: BoolArray, path: Path, lines: Sequence[int]
-) -> None:
-    """Angles of so many turns are none, and their sines no numbers any more."""
-    most = np.abs(values).max(axis=1)
-    # Of no orientation, nor of any that has been counted on; rad.
-    most_angle = 1e4
-    for row in np.flatnonzero(most > most_angle):
-        line = lines[int(np.flatnonzero(complete)[row])]
-        problem = f"an angle of {most[row]:.3g} rad"
-        raise ForeignFileError(problem, f"one within {most_angle:g} rad", file=path, line=line)
-
-
-def _refuse(
-    off: FloatArray,
-    complete: BoolArray,
-    path: Path,
-    lines: Sequence[int],
-    problem: str,
-    expected: str,
-) -> None:
-    for row in np.flatnonzero(~(off < _ROUNDED)):
-        line = lines[int(np.flatnonzero(complete)[row])]
-        hint = "say what they are with --rotation"
-        raise ForeignFileError(problem, expected, file=path, line=line, hint=hint)

@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Final
 
-from suta_calib.arrays import FloatArray
 from suta_calib.exchange.robot_program import NUMBER, ProgramReader
-from suta_calib.exchange.rotations import rotations_from
 from suta_calib.measurements.csv_table import number_in
-from suta_calib.units import from_deg, from_mm
 
 
 def _named(names: str) -> str:
@@ -36,6 +32,8 @@ class KrlReader(ProgramReader):
     suffixes = (".src", ".dat")
     joint_pattern = re.compile(rf"\{{[^{{}}]*?({_AXES})", re.IGNORECASE)
     pose_pattern = re.compile(rf"\{{[^{{}}]*?({_FRAME})", re.IGNORECASE)
+    # A about Z, then B about the new Y, then C about the new X.
+    pose_form = "ZYX"
     comment = ";"
     opening = re.compile(r"(GLOBAL\s+)?DEF(DAT|FCT)?\s", re.IGNORECASE)
     closing = re.compile(r"END(DAT|FCT)?$", re.IGNORECASE)
@@ -46,14 +44,3 @@ class KrlReader(ProgramReader):
         """``E1 …`` to the position's end."""
         axes = _EXTERNAL.findall(position.partition("}")[0])
         return {name.upper(): number_in(number) for name, number in axes}
-
-    def joints(self, numbers: FloatArray) -> FloatArray:
-        """They are in degrees."""
-        return from_deg(numbers)
-
-    def poses(
-        self, numbers: FloatArray, path: Path, lines: Sequence[int]
-    ) -> tuple[FloatArray, FloatArray]:
-        """A about Z, then B about the new Y, then C about the new X."""
-        rotation = rotations_from("ZYX", from_deg(numbers[:, 3:]), path, lines)
-        return rotation, from_mm(numbers[:, :3])

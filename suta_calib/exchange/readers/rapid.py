@@ -3,15 +3,11 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Mapping
 from typing import Final
 
-from suta_calib.arrays import FloatArray
 from suta_calib.exchange.robot_program import NUMBER, ProgramReader
-from suta_calib.exchange.rotations import rotations_from
 from suta_calib.measurements.csv_table import number_in
-from suta_calib.units import from_deg, from_mm
 
 
 def _list(count: int) -> str:
@@ -38,6 +34,7 @@ class RapidReader(ProgramReader):
     suffixes = (".mod", ".modx", ".prg", ".sys")
     joint_pattern = re.compile(_JOINTS, re.ASCII)
     pose_pattern = re.compile(_TARGET, re.ASCII)
+    pose_form = "wxyz"
     comment = "!"
     opening = re.compile(r"MODULE\s", re.IGNORECASE)
     closing = re.compile(r"ENDMODULE$", re.IGNORECASE)
@@ -47,13 +44,3 @@ class RapidReader(ProgramReader):
         match = _EXTERNAL.match(position)
         numbers = [] if match is None else match[1].split(",")
         return {f"eax_{'abcdef'[k]}": number_in(number) for k, number in enumerate(numbers)}
-
-    def joints(self, numbers: FloatArray) -> FloatArray:
-        """They are in degrees."""
-        return from_deg(numbers)
-
-    def poses(
-        self, numbers: FloatArray, path: Path, lines: Sequence[int]
-    ) -> tuple[FloatArray, FloatArray]:
-        """A position in mm and a quaternion, scalar first."""
-        return rotations_from("wxyz", numbers[:, 3:], path, lines), from_mm(numbers[:, :3])

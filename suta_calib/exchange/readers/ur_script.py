@@ -3,13 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Final
 
-from suta_calib.arrays import FloatArray
 from suta_calib.exchange.robot_program import NUMBER, ProgramReader
-from suta_calib.exchange.rotations import rotations_from
 
 _SIX: Final = rf"\[((?:\s*{NUMBER}\s*,){{5}}\s*{NUMBER}\s*)\]"
 
@@ -26,18 +22,10 @@ class UrScriptReader(ProgramReader):
     suffixes = (".script", ".urscript", ".txt")
     joint_pattern = re.compile(rf"(?<![\w.]){_SIX}", re.ASCII)
     pose_pattern = re.compile(_POSE, re.ASCII)
+    pose_form = "vector"
+    metric = True
     comment = "#"
     opening = re.compile(r"(?:def|thread|sec|if|while|for)\b.*:$")
     closing = re.compile(r"end$")
     # A tool's frame and a payload's inertia have as many numbers as a position.
     settings = re.compile(r"\bset_\w+\s*\([^()]*\)")
-
-    def joints(self, numbers: FloatArray) -> FloatArray:
-        """They are in rad."""
-        return numbers
-
-    def poses(
-        self, numbers: FloatArray, path: Path, lines: Sequence[int]
-    ) -> tuple[FloatArray, FloatArray]:
-        """A position in m and a rotation vector."""
-        return rotations_from("vector", numbers[:, 3:], path, lines), numbers[:, :3]

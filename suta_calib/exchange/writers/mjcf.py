@@ -45,19 +45,13 @@ class MjcfWriter(Writer):
             if math.isfinite(joint.lower) and math.isfinite(joint.upper):
                 moved.set("range", _text(np.array([joint.lower, joint.upper])))
         etree.SubElement(body, "site", name=arm.model.tip, **_placed(end))
-        mimics = [step.joint for step in steps if step.joint.mimic is not None]
+        mimics = [(step.joint.name, step.joint.mimic) for step in steps if step.joint.mimic]
         if mimics:
             equality = etree.SubElement(root, "equality")
-            for joint in mimics:
-                assert joint.mimic is not None
-                coefficients = np.array([joint.mimic.offset, joint.mimic.multiplier, 0, 0, 0])
-                etree.SubElement(
-                    equality,
-                    "joint",
-                    joint1=joint.name,
-                    joint2=joint.mimic.joint,
-                    polycoef=_text(coefficients),
-                )
+            for name, mimic in mimics:
+                coupling = {"joint1": name, "joint2": mimic.joint}
+                coefficients = _text(np.array([mimic.offset, mimic.multiplier, 0, 0, 0]))
+                etree.SubElement(equality, "joint", coupling, polycoef=coefficients)
         return bytes(
             etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="utf-8")
         )

@@ -5,18 +5,10 @@ from __future__ import annotations
 import numpy as np
 from lxml import etree
 
-from suta_calib.arrays import FloatArray
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import Result
 from suta_calib.exchange.writer import Writer
 from suta_calib.units import mm
-
-
-def in_mm(matrix: FloatArray) -> FloatArray:
-    """A transform (4, 4) with its position in mm."""
-    scaled = np.array(matrix)
-    scaled[:3, 3] = mm(scaled[:3, 3])
-    return scaled
 
 
 class PlusWriter(Writer):
@@ -32,14 +24,15 @@ class PlusWriter(Writer):
         root = etree.Element("PlusConfiguration", version="2.1")
         definitions = etree.SubElement(root, "CoordinateDefinitions")
         for transform in result.need_transforms(self.name):
-            numbers = in_mm(transform.matrix).ravel()
+            matrix = np.array(transform.matrix)
+            matrix[:3, 3] = mm(matrix[:3, 3])
             # PLUS's XToY maps coordinates in X to those in Y: T_Y_X.
             etree.SubElement(
                 definitions,
                 "Transform",
                 From=_letters(transform.child),
                 To=_letters(transform.parent),
-                Matrix=" ".join(repr(float(value)) for value in numbers),
+                Matrix=" ".join(map(repr, matrix.ravel().tolist())),
             )
         return bytes(
             etree.tostring(root, pretty_print=True, xml_declaration=True, encoding="utf-8")
