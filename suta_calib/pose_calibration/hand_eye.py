@@ -34,7 +34,7 @@ from suta_calib.pose_calibration.inputs import checked_poses, error_context
 from suta_calib.pose_calibration.robot_noise import EYE, TARGET, RobotNoise, noise_made_directions
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
-from suta_calib.pose_calibration.undetermined import axis_of_all_turns, refuse_undetermined
+from suta_calib.pose_calibration.undetermined import axes_that_stand, refuse_undetermined
 from suta_calib.showing import Displayable
 from suta_calib.solver.covariance import observed_parts
 from suta_calib.solver.problem import Problem
@@ -256,7 +256,8 @@ def calibrate_hand_eye(
         fit = robust_fit(noise.make, start, floors, robust=robust)
     made_by_noise = noise_made_directions(fit, noise)
     refuse_strangers(fit, start, A[0], length, made_by_noise)
-    axis = axis_of_all_turns(A[0][fit.inliers], fit.sigmas[1])
+    still = axes_that_stand(A[0][fit.inliers], fit.sigmas[1])
+    axis = still if len(still) == 1 else None
     refuse_undetermined(fit.solution, EYE, "X", ADVICE, axis, made_by_noise)
     failed = list[str]()
     answer = fit.examined(length, "pairs", MAY_MOVE[setup])
@@ -284,7 +285,7 @@ def calibrate_hand_eye(
         inliers=fit.inliers,
         suspects=fit.suspects,
         axes=vector_from_rotation(np.swapaxes(A[0][1:], 1, 2) @ A[0][:-1]),
-        robot_noise_fraction=noise.fraction,
+        robot_noise_fraction=noise.lever.fraction,
         copies=_copies(scaled, target, fit),
         solution=fit.solution,
         length=length,

@@ -217,8 +217,9 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
     Care is asked for where what is known of the file's own errors does not explain it either, and
     wherever X follows the file.
     """
-    by_pictures, given = camera.by_pictures, camera.given
+    by_pictures, given, stds = camera.by_pictures, camera.given, camera.by_pictures.stds
     assert by_pictures.covariance is not None
+    assert stds is not None
     if given is None:
         return "", "good"
     if camera.same_corners and not camera.held:
@@ -231,7 +232,16 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
     stated = np.zeros((len(INTRINSICS),) * 2) if given.covariance is None else given.covariance
     if camera.held:
         off = [_significant(change[pair], by_pictures.covariance[pair, pair]) for pair in PAIRS]
-        return (_held_against(camera, given), "care") if any(off) else ("", "good")
+        changes = [
+            f"{key} {given.values[key]:.2f} → {by_pictures.values[key]:.2f} ± {std:.2f}"
+            for key, std in zip(("fx", "fy", "cx", "cy"), stds, strict=False)
+        ]
+        told = (
+            f"The pictures contradict the intrinsics that were held ({', '.join(changes)} px), and "
+            "X follows the camera's file: its ± does not cover that. Let the pictures correct them "
+            f"(--intrinsics free), or correct the file. {COUNTED}"
+        )
+        return (told, "care") if any(off) else ("", "good")
     prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
     expected = stated if given.covariance is not None else np.diag(prior**2)
     for pair in PAIRS:
@@ -239,8 +249,9 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
             return _contradiction(camera, given), "care"
     if not _significant(change[2:4], (by_pictures.covariance + stated)[2:4, 2:4]):
         return "", "good"
+    (u, v), (by_u, by_v) = by_pictures.intrinsics[2:4], stds[2:4]
     return (
-        f"The pictures put the principal point at {_told_centre(by_pictures)} px, "
+        f"The pictures put the principal point at ({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f}) px, "
         f"the camera's file at ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px: X "
         f"follows the pictures. {COUNTED}",
         "good",
@@ -251,7 +262,7 @@ def _better_if_held(camera: CameraEstimate) -> str:
     """How well X would be known with the intrinsics held, where that is worth a word."""
     if camera.if_held is None:
         return ""
-    (shift, turn) = camera.displaced_turned
+    shift, turn = camera.displaced_turned
     held_shift, held_turn = np.linalg.norm(camera.if_held.std.reshape(2, 3), axis=1)
     # Worth a word where X is so many times better known.
     if shift < 1.2 * held_shift and turn < 1.2 * held_turn:
@@ -260,30 +271,6 @@ def _better_if_held(camera: CameraEstimate) -> str:
         "If the ± of the intrinsics in the camera's file is right, --intrinsics fixed gives X "
         f"to ± {mm(held_shift):.2f} mm and ± {deg(held_turn):.3f}°, that ± included, instead of "
         f"± {mm(shift):.2f} mm and ± {deg(turn):.3f}°."
-    )
-
-
-def _told_centre(camera: Camera) -> str:
-    (u, v), (by_u, by_v) = camera.intrinsics[2:4], _stds(camera)[2:4]
-    return f"({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f})"
-
-
-def _stds(camera: Camera) -> FloatArray:
-    assert camera.stds is not None
-    return camera.stds
-
-
-def _held_against(camera: CameraEstimate, given: Camera) -> str:
-    """Intrinsics that were to be believed, and that the pictures do not bear out."""
-    stds = dict(zip(INTRINSICS, _stds(camera.by_pictures), strict=True))
-    changes = [
-        f"{key} {given.values[key]:.2f} → {camera.by_pictures.values[key]:.2f} ± {stds[key]:.2f}"
-        for key in ("fx", "fy", "cx", "cy")
-    ]
-    return (
-        f"The pictures contradict the intrinsics that were held ({', '.join(changes)} px), and X "
-        "follows the camera's file: its ± does not cover that. Let the pictures correct them "
-        f"(--intrinsics free), or correct the file. {COUNTED}"
     )
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from suta_calib.arrays import BoolArray
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements import Camera, Corners
 from suta_calib.pose_calibration.hand_eye import HandEyeCalibration, calibrate_hand_eye
@@ -26,7 +27,7 @@ def cause_of_disagreement(
     term: CameraView, corners: Corners, given: Camera | None, seed: int
 ) -> tuple[str, str]:
     """What is wrong with pictures that agree with no X, and what to do; empty if unknown."""
-    hand, board = _usable_poses(term)
+    _, hand, board = usable_poses(term)
     scale = _scale(as_eye_in_hand(hand, term.setup), board)
     # Ratio of two sizes that no measuring error explains.
     if scale > 0 and abs(np.log(scale)) > np.log(1.3):
@@ -38,7 +39,7 @@ def cause_of_disagreement(
                 "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
             )
     for sentence, read in term.misread:
-        if _agrees(*_usable_poses(read), term.setup, seed):
+        if _agrees(*usable_poses(read)[1:], term.setup, seed):
             return (
                 f"pictures that agree with the poses if {sentence}",
                 "u counts from the left and v from the top of pictures that are not mirrored",
@@ -54,7 +55,7 @@ def cause_of_disagreement(
     # Of two focal lengths of one camera, another focus.
     if abs(np.log(after / before)) < np.log(1.1):
         return "", ""
-    if _agrees(*_usable_poses(replace(term, camera=estimated)), term.setup, seed):
+    if _agrees(*usable_poses(replace(term, camera=estimated))[1:], term.setup, seed):
         return (
             f"pictures of a focal length of some {after:.0f} px, where the camera's file says "
             f"{before:.0f} px",
@@ -69,10 +70,10 @@ def loose(answer: HandEyeCalibration) -> bool:
     return bool(scatter > SUSPICIOUS and answer.rms_angle / np.sqrt(3.0) > TURNED)
 
 
-def _usable_poses(term: CameraView) -> tuple[Poses, Poses]:
-    """Poses of the hand, and of the board in the eye, of the pictures that tell it."""
+def usable_poses(term: CameraView) -> tuple[BoolArray, Poses, Poses]:
+    """(n,) pictures that tell where the board is, and poses of the hand and the board there."""
     posed = np.isfinite(term.seen_poses[1][:, 0])
-    return some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
+    return posed, some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
 
 
 def _scale(hand: Poses, eye: Poses) -> float:

@@ -36,7 +36,7 @@ from suta_calib.pose_calibration.picture_answer import (
     HeldIntrinsics,
     PictureCalibration,
 )
-from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose
+from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose, usable_poses
 from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS
 from suta_calib.pose_calibration.picture_noise import (
     Hands,
@@ -59,7 +59,6 @@ from suta_calib.terms.hand_eye_start import (
     EyeSetup,
     as_eye_in_hand,
     loop_closures,
-    some_poses,
 )
 from suta_calib.terms.misread_pictures import other_size
 
@@ -206,8 +205,7 @@ def _term(hand: HandPoses, view: View, setup: EyeSetup, intrinsics: Intrinsics) 
 
 def _agreeing(term: CameraView, view: View, robust: bool, seed: int) -> BoolArray:
     """(n,) pictures whose boards agree with one X; refuses what no X explains, by its cause."""
-    posed = np.isfinite(term.seen_poses[1][:, 0])
-    hand, eye = some_poses(term.poses.at({}), posed), some_poses(term.seen_poses, posed)
+    posed, hand, eye = usable_poses(term)
     answer, problem = None, None
     try:
         answer = calibrate_hand_eye(hand, eye, setup=term.setup, robust=robust, seed=seed)

@@ -52,17 +52,14 @@ class LeverModel:
         fraction: part of the rotational noise, as a variance, that is the hand's; between 0 and 1.
         std: its standard deviation.
         in_eye, in_target: (3,) in the axes of the eye and of the target, in the problem's unit.
+        at_most: the largest fraction that the residuals allow.
     """
 
     fraction: float = EXPECTED
     std: float = SPREAD
     in_eye: tuple[float, float, float] = (0.0, 0.0, 0.0)
     in_target: tuple[float, float, float] = (0.0, 0.0, 0.0)
-
-    @property
-    def at_most(self) -> float:
-        """The largest fraction that the residuals allow: two standard deviations more."""
-        return min(1.0, self.fraction + 2.0 * self.std)
+    at_most: float = 1.0
 
 
 def estimate_lever(
@@ -113,7 +110,9 @@ def estimate_lever(
             rest = position - fraction * columns[:, 0]
             beta = np.concatenate([[0.0], _ridge(columns[:, 1:], rest, centres[best])[1]])
     at = tuple(map(float, beta[1:])) if best else (0.0,) * 6
-    return LeverModel(fraction, std, at[:3], at[3:])  # type: ignore[arg-type]
+    # Two standard deviations more.
+    at_most = min(1.0, fraction + 2.0 * std)
+    return LeverModel(fraction, std, at[:3], at[3:], at_most)  # type: ignore[arg-type]
 
 
 def _believed(position: FloatArray) -> FloatArray:
@@ -190,7 +189,6 @@ class RobotNoise:
 
     Attributes:
         lever: by which turns in the residuals move the target, as `make` takes it.
-        at_most: largest part of the rotational noise that the residuals allow the hand.
     """
 
     def __init__(self, hand: Poses, eye: Poses, finest_turn: float) -> None:
@@ -200,17 +198,11 @@ class RobotNoise:
         # What noise makes up is judged here: `noise_made_directions`.
         self._poses = parts_of(MeasuredPoses(*hand, samples, judged=False))
         self.lever = LeverModel()
-        self.at_most = 1.0
 
     @property
     def moves_targets(self) -> bool:
         """Whether turns in the residuals are taken to move the target at all."""
         return bool(self.lever.fraction or any(self.lever.in_eye + self.lever.in_target))
-
-    @property
-    def fraction(self) -> float:
-        """Part of the rotational noise, as a variance, that is the hand's."""
-        return self.lever.fraction
 
     def make(self, rows: IntArray, noises: Sequence[Noise]) -> HandEye:
         """The term over some rows."""
@@ -225,11 +217,10 @@ class RobotNoise:
         in_eye = np.einsum("nij,nj->ni", R_seen, at_target[1])
         lever = p_seen + rotation_from_vector(x[3:]).T @ x[:3]
         self.lever = estimate_lever(at_target[0], in_eye, lever, R_seen, p_seen)
-        self.at_most = self.lever.at_most
 
     def forget(self) -> None:
         """Take the noise of places and turns for independent at the target's origin."""
-        self.lever, self.at_most = NO_LEVER, 1.0
+        self.lever = NO_LEVER
 
     def explains(self, fit: RobustFit) -> bool:
         """Whether the residuals at the target grew no more by it than by chance.
@@ -281,7 +272,7 @@ def noise_made_directions(fit: RobustFit, noise: RobotNoise) -> list[FloatArray]
     follow = np.vstack([np.eye(6), -scaled_inverse(information[6:, 6:]) @ information[6:, :6]])
     of_eye = follow.T @ information @ follow
     place, turned = sigmas
-    of_hand = noise.at_most * turned**2
+    of_hand = noise.lever.at_most * turned**2
     # What the point on the target moves by at which noise of places and of turns is independent.
     lever = -rotation_from_vector(x[9:12]) @ noise.lever.in_target
     target = np.hstack([np.eye(3), -skew(lever) @ rotation_from_vector(x[9:12])]) @ follow[6:]

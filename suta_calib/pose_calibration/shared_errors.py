@@ -41,13 +41,13 @@ def shared_errors(rotation: FloatArray, position: FloatArray) -> FloatArray:
         return np.zeros((n, WAYS, 0))
     distance = max(rms_length(position), NOWHERE)
     smooth = _components(embedded(rotation, position / distance))
-    parts = [np.einsum("nk,cd->nckd", smooth, np.eye(WAYS)).reshape(n, WAYS, -1)]
+    of_pose = np.einsum("nk,cd->nckd", smooth, np.eye(WAYS)).reshape(n, WAYS, -1)
     turned = slice(DIRECTIONS, WAYS)
     in_hand, about_base = np.zeros((2, n, WAYS, WAYS))
     in_hand[:, :DIRECTIONS, :DIRECTIONS] = in_hand[:, turned, turned] = rotation
     about_base += np.eye(WAYS)
     about_base[:, :DIRECTIONS, turned] = -skew(position)
-    return np.concatenate([*parts, np.sqrt(common) * in_hand, np.sqrt(common) * about_base], axis=2)
+    return np.concatenate([of_pose, *np.sqrt(common) * np.stack([in_hand, about_base])], axis=2)
 
 
 def _components(space: FloatArray) -> FloatArray:

@@ -33,7 +33,7 @@ def refuse_undetermined(
         more: displacements and turns (6,) that are undetermined beside what the solution holds.
     """
     directions = undetermined_directions(solution, unknown, more)
-    if directions and slides is not None and len(slides):
+    if directions and slides is not None:
         directions = [f"slide along {_vector(v)}" for v in slides]
     if directions:
         raise SamplesError(
@@ -66,19 +66,10 @@ def undetermined_directions(
     ]
 
 
-def axis_of_all_turns(rotation: FloatArray, noise: float) -> FloatArray:
-    """The axis (1, 3) in the body that all orientations are turned about; (0, 3) if not just one.
-
-    ``noise`` is of a component of their rotation vectors, rad.
-    """
-    still = axes_that_stand(rotation, noise)
-    return still if len(still) == 1 else np.zeros((0, 3))
-
-
 def axes_that_stand(rotation: FloatArray, noise: float) -> FloatArray:
     """Axes (k, 3) in the body that no orientation (n, 3, 3) turns; none if they turn about several.
 
-    ``noise`` as in `axis_of_all_turns`.
+    ``noise`` is of a component of their rotation vectors, rad.
     """
     mean = rotation.mean(axis=0)
     # Noise may be as small a part of what an axis turns by, as a variance, as of any direction.

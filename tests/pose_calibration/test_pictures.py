@@ -193,14 +193,8 @@ def test_rendered_pictures_of_a_workcell(shift: float, tmp_path: Path, capsys: C
     said = answer(capsys, "hand-eye", WORKCELL / "poses.csv", "--setup", "eye-to-hand", *options)
     truth = np.array(json.loads((WORKCELL / "truth.json").read_text())["T_base_camera"])
     T = np.array(said["X"])
-    # The pose method is 2.2 mm and 0.12° off. What is left is a turn of all poses.
-    # These pictures are exact but for four samples to a pixel, which rendered again at the fit
-    # explain 0.87 of the errors (correlation). With them taken off, corners scatter by 0.015 px in
-    # place of 0.030, and X stays where it was, 0.93 mm and 0.0255° away. At 0.0147 px the truth
-    # leaves a χ² of 2533 with 948 degrees of freedom, X free 971, three turns of the base about its
-    # origin (0.019°, 0.002°, 0.018°) 1018; shifts of the base 1731, focal lengths, principal point
-    # and distortion 1225, sizes of board and of motions no less than without. A common turn of the
-    # base is in no picture, whoever finds the corners and whatever is free.
+    # The pose method is 2.2 mm and 0.12° off. What is left is a common turn of all poses about the
+    # base, which is in no picture: the samples to a pixel of these renderings do not explain it.
     assert np.linalg.norm(T[:3, 3] - truth[:3, 3]) < 0.9e-3
     assert np.linalg.norm(vector_from_rotation(truth[:3, :3].T @ T[:3, :3])) < np.radians(0.025)
     assert said["counts"]["inliers"] == 40
