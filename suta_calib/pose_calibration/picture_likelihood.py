@@ -13,10 +13,8 @@ import numpy as np
 from scipy.optimize import minimize
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.pose_calibration.correlation import DIRECTIONS, WAYS
 
-# A hand's pose is wrong in three directions and three turns.
-DIRECTIONS: Final = 3
-WAYS: Final = 2 * DIRECTIONS
 # Step of the differences of logarithms.
 STEP: Final = 0.1
 

@@ -27,7 +27,7 @@ from suta_calib.measurements import Board, Camera, Corners, Samples
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
-from suta_calib.pose_calibration.correlation import embedded
+from suta_calib.pose_calibration.correlation import NOWHERE, embedded, shared_errors
 from suta_calib.pose_calibration.eye_poses import Model
 from suta_calib.pose_calibration.hand_eye import ADVICE, FEW_PAIRS, calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
@@ -45,7 +45,6 @@ from suta_calib.pose_calibration.picture_noise import (
     weigh_pictures,
 )
 from suta_calib.pose_calibration.picture_rows import FINEST, PictureErrors, picture_errors
-from suta_calib.pose_calibration.shared_errors import NOWHERE, shared_errors
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.problem import Problem

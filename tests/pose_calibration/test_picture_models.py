@@ -11,10 +11,10 @@ from cli_job import Capture, answer
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected
 from suta_calib.measurements import Camera
+from suta_calib.pose_calibration.correlation import shared_errors
 from suta_calib.pose_calibration.picture_answer import PictureCalibration
 from suta_calib.pose_calibration.picture_models import AS_GOOD, FOLDS, MODELS, SEED
 from suta_calib.pose_calibration.picture_rows import picture_errors
-from suta_calib.pose_calibration.shared_errors import shared_errors
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms.external_frame import pose_named
