@@ -114,6 +114,8 @@ def test_impossible_artefacts_in_memory() -> None:
 
 
 A = "landmarks:\n  A: {position_mm: [0, 0, 0]}\n"
+B = A + "  B: "
+AT = "position_mm: [1, 0, 0]"
 
 
 @pytest.mark.parametrize(
@@ -137,36 +139,24 @@ A = "landmarks:\n  A: {position_mm: [0, 0, 0]}\n"
             "landmarks.B.position_mm: found the same position as that of 'A'",
         ),
         (
-            A + "  B: {position_mm: [0.07, 0, 0.02]}\n",
+            B + "{position_mm: [0.07, 0, 0.02]}\n",
             1,
             "landmarks: found landmarks that lie within 0.07 mm of one another; expected positions "
             "in mm; these look like metres",
         ),
-        (A + "  B: 3\n", 3, "landmarks.B: found 3; expected a mapping"),
-        (A + "  B: {sigma_mm: 1}\n", 3, "landmarks.B.position_mm: found no such key"),
-        (A + "  B: {position: [1, 0, 0]}\n", 3, "landmarks.B.position: found a position without"),
+        (B + "3\n", 3, "landmarks.B: found 3; expected a mapping"),
+        (B + "{sigma_mm: 1}\n", 3, "landmarks.B.position_mm: found no such key"),
+        (B + "{position: [1, 0, 0]}\n", 3, "landmarks.B.position: found a position without"),
         (A + "  B:\n    position_mm: [1, 0]\n", 4, "landmarks.B.position_mm: found 2 values"),
-        (A + "  B: {position_mm: 1}\n", 3, "landmarks.B.position_mm: found 1; expected a list"),
-        (A + "  B: {position_mm: [1, .nan, 0]}\n", 3, r"B.position_mm\[1\]: found nan"),
-        (A + "  B: {position_mm: [1, 0, -.inf]}\n", 3, r"B.position_mm\[2\]: found -inf"),
-        (A + "  B: {position_mm: [true, 0, 0]}\n", 3, r"B.position_mm\[0\]: found true"),
-        (A + "  B: {position_mm: [a, 0, 0]}\n", 3, r"B.position_mm\[0\]: found 'a'"),
-        (A + "  B: {position_mm: [0x10, 0, 0]}\n", 3, "found '0x10'; expected a decimal number"),
-        (
-            A + "  B: {position_mm: [1, 0, 0], rotation_rpy_deg: [1]}\n",
-            3,
-            "B.rotation_rpy_deg: found 1 values",
-        ),
-        (
-            A + "  B: {position_mm: [1, 0, 0], sigma_mm: -0.1}\n",
-            3,
-            "B.sigma_mm: found -0.1; expected a non-negative number",
-        ),
-        (
-            A + "  B: {position_mm: [1, 0, 0], sigma: 1}\n",
-            3,
-            "landmarks.B.sigma: found an unknown key; .* did you mean 'sigma_mm'?",
-        ),
+        (B + "{position_mm: 1}\n", 3, "landmarks.B.position_mm: found 1; expected a list"),
+        (B + "{position_mm: [1, .nan, 0]}\n", 3, r"B.position_mm\[1\]: found nan"),
+        (B + "{position_mm: [1, 0, -.inf]}\n", 3, r"B.position_mm\[2\]: found -inf"),
+        (B + "{position_mm: [true, 0, 0]}\n", 3, r"B.position_mm\[0\]: found true"),
+        (B + "{position_mm: [a, 0, 0]}\n", 3, r"B.position_mm\[0\]: found 'a'"),
+        (B + "{position_mm: [0x10, 0, 0]}\n", 3, "found '0x10'; expected a decimal number"),
+        (B + f"{{{AT}, rotation_rpy_deg: [1]}}\n", 3, "B.rotation_rpy_deg: found 1 values"),
+        (B + f"{{{AT}, sigma_mm: -0.1}}\n", 3, "B.sigma_mm: found -0.1; expected a non-neg"),
+        (B + f"{{{AT}, sigma: 1}}\n", 3, "B.sigma: found an unknown key; .* 'sigma_mm'?"),
     ],
 )
 def test_refused(tmp_path: Path, text: str, line: int | None, message: str) -> None:

@@ -36,6 +36,7 @@ BOARDS = [
     Charuco(12, 9, 0.02, 0.015, "DICT_5X5_1000"),
     Markers("DICT_APRILTAG_36h11", TAGS),
 ]
+TYPE, D = "type: ", "dictionary: D\n"
 LENS = [900.0, 910.0, 640.0, 350.0, -0.3, 0.12, 1e-3, -2e-3, -0.02]
 ROS = """\
 image_width: 1920
@@ -46,6 +47,7 @@ distortion_model: plumb_bob
 distortion_coefficients: {rows: 1, cols: 5, data: [0.1, 0, 0, 0, 0]}
 rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}
 """
+NAME = "camera_name: narrow_stereo"
 OPENCV = """\
 %YAML:1.0
 ---
@@ -94,23 +96,23 @@ def test_points_are_numbered_along_the_rows_and_around_a_marker() -> None:
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("type: circles\n", "one of chessboard, charuco, markers"),
-        ("type: chessboard\ncorners: [4, 3]\n", "square_mm: found no such key"),
-        ("type: chessboard\ncorners: [4, 3]\nsquare: 0.05\n", "square"),
-        ("type: chessboard\ncorners: [4, 3]\nsquare_mm: 0.05\n", "look like metres"),
-        ("type: chessboard\ncorners: [4, 3]\nsquare_mm: .nan\n", "a finite number"),
-        ("type: chessboard\ncorners: [4, 3]\nsquare_mm: 50000\n", "look like µm"),
-        ("type: chessboard\ncorners: [4.5, 3]\nsquare_mm: 50\n", "two whole numbers"),
-        ("type: chessboard\ncorners: [1, 3]\nsquare_mm: 50\n", "two whole numbers from 2"),
+        (TYPE + "circles\n", "one of chessboard, charuco, markers"),
+        (TYPE + "chessboard\ncorners: [4, 3]\n", "square_mm: found no such key"),
+        (TYPE + "chessboard\ncorners: [4, 3]\nsquare: 0.05\n", "square"),
+        (TYPE + "chessboard\ncorners: [4, 3]\nsquare_mm: 0.05\n", "look like metres"),
+        (TYPE + "chessboard\ncorners: [4, 3]\nsquare_mm: .nan\n", "a finite number"),
+        (TYPE + "chessboard\ncorners: [4, 3]\nsquare_mm: 50000\n", "look like µm"),
+        (TYPE + "chessboard\ncorners: [4.5, 3]\nsquare_mm: 50\n", "two whole numbers"),
+        (TYPE + "chessboard\ncorners: [1, 3]\nsquare_mm: 50\n", "two whole numbers from 2"),
         (
-            "type: charuco\nsquares: [5, 4]\nsquare_mm: 20\nmarker_mm: 20\ndictionary: D\n",
-            "a marker smaller than its square",
+            TYPE + "charuco\nsquares: [5, 4]\nsquare_mm: 20\nmarker_mm: 20\n" + D,
+            "smaller than its sq",
         ),
         (
-            "type: markers\ndictionary: D\nmarkers: {x: {position_mm: [0, 0, 0], size_mm: 8}}\n",
-            "the marker's number",
+            TYPE + "markers\n" + D + "markers: {x: {position_mm: [0, 0, 0], size_mm: 8}}\n",
+            "s number",
         ),
-        ("type: markers\ndictionary: D\nmarkers: {7: {position_mm: [0, 0, 0]}}\n", "size_mm"),
+        (TYPE + "markers\n" + D + "markers: {7: {position_mm: [0, 0, 0]}}\n", "size_mm"),
     ],
 )
 def test_a_board_that_is_none_is_refused(tmp_path: Path, text: str, said: str) -> None:
@@ -191,12 +193,8 @@ def test_corners_are_told_from_others_by_what_their_file_says(tmp_path: Path) ->
         ("1920", "640", "a principal point in the picture"),
         ("[0.1, 0, 0, 0, 0]", "[0.1, 0, 0, 0, 0, 0.2, 0, 0]", "five: k1, k2, p1, p2, k3"),
         ("0, 0, 1]}\nd", "0, 0, 1\nd", "text that is not YAML"),
-        ("camera_name: narrow_stereo", "covariance: {data: [1, 2]}", "a list of 81 numbers"),
-        (
-            "camera_name: narrow_stereo",
-            f"covariance: {{data: [{', '.join(['1', *['2'] * 80])}]}}",
-            "no covariance",
-        ),
+        (NAME, "covariance: {data: [1, 2]}", "a list of 81 numbers"),
+        (NAME, f"covariance: {{data: [{', '.join(['1', *['2'] * 80])}]}}", "no covariance"),
     ],
 )
 def test_a_camera_that_is_none_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:

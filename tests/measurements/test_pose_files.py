@@ -58,10 +58,8 @@ def test_each_pose_of_a_pair_may_have_its_own_unit(tmp_path: Path) -> None:
 
 
 def test_a_file_without_labels_has_none(tmp_path: Path) -> None:
-    assert (
-        read_tool_poses(write_csv(tmp_path / "p.csv", POSE, pivot_numbers(["left"] * 4))).point
-        is None
-    )
+    path = write_csv(tmp_path / "p.csv", POSE, pivot_numbers(["left"] * 4))
+    assert read_tool_poses(path).point is None
 
 
 def coordinates(size: float) -> st.SearchStrategy[float]:
@@ -144,24 +142,18 @@ def test_one_file_in_metres_and_one_in_millimetres(tmp_path: Path) -> None:
     files = [tmp_path / "a.csv", tmp_path / "b.csv"]
     write_csv(files[0], ("x", "y", "z"), a)
     write_csv(files[1], ("x", "y", "z"), 1e3 * b)
-    with pytest.raises(
-        SamplesError, match=r"b\.csv: found points (9|10)\d\d times as far apart.*a\.csv"
-    ):
-        read_corresponding_points(*files)
-    with pytest.raises(
-        SamplesError, match=r"b\.csv: found points (9|10)\d\d times as far apart.*a\.csv"
-    ):
-        read_corresponding_points(*files[::-1])
+    said = r"b\.csv: found points (9|10)\d\d times as far apart.*a\.csv"
+    for order in (files, files[::-1]):
+        with pytest.raises(SamplesError, match=said):
+            read_corresponding_points(*order)
     write_csv(files[1], ("x_mm", "y_mm", "z_mm"), 1e3 * b)
     np.testing.assert_allclose(read_corresponding_points(*files)[1].position, b, rtol=1e-14)
 
 
 def test_different_numbers_of_rows(tmp_path: Path) -> None:
     a, b = point_numbers(6)
-    files = [
-        write_csv(tmp_path / "a.csv", ("x", "y", "z"), a),
-        write_csv(tmp_path / "b.csv", ("x", "y", "z"), b[:5]),
-    ]
+    parts = {"a.csv": a, "b.csv": b[:5]}
+    files = [write_csv(tmp_path / name, ("x", "y", "z"), part) for name, part in parts.items()]
     with pytest.raises(SamplesError, match=r"b\.csv: found 5 rows; expected 6, as in .*a\.csv"):
         read_corresponding_points(*files)
 

@@ -113,7 +113,7 @@ def test_one_corner_far_off_costs_no_more_than_its_picture() -> None:
 
 
 def test_pictures_that_agree_with_no_x_say_why() -> None:
-    scene = pictures(pixel=0.1)
+    scene = pictures(10, pixel=0.1)
     pixel = scene.views[0].corners.pixel
     rotation, position = scene.hand.pose
     far = replace(scene, hand=replace(scene.hand, pose=(rotation, 1e3 * position)))
