@@ -42,8 +42,7 @@ from suta_calib.units import deg, mm
 
 # Most points of a board; no printed one comes near.
 _MOST_POINTS: Final = 100_000
-# Corners of one marker, in the order of their numbers: top left, top right, bottom right, bottom
-# left, in halves of its size.
+# Corners of one marker, in its size: top left, top right, bottom right, bottom left.
 _MARKER_CORNERS: Final = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) / 2
 
 
@@ -251,13 +250,9 @@ class Charuco(_SquaresBoard):
 
     def row(self) -> dict[str, Any]:
         """Type, squares, both edges and dictionary."""
-        return {
-            "type": self.type,
-            "squares": [self.columns, self.rows],
-            "square_mm": mm(self.square),
-            "marker_mm": mm(self.marker),
-            "dictionary": self.dictionary,
-        }
+        edges = {"square_mm": mm(self.square), "marker_mm": mm(self.marker)}
+        counts = [self.columns, self.rows]
+        return {"type": self.type, "squares": counts, **edges, "dictionary": self.dictionary}
 
 
 @dataclass(frozen=True, eq=False)
@@ -351,8 +346,7 @@ def read_board(path: str | Path) -> Board:
     """Read ``board.yaml``.
 
     Raises:
-        BoardError: unreadable, an unknown, missing or unusable key (with its line), or a size that
-            speaks of another unit than mm.
+        BoardError: unreadable, an unknown, missing or unusable key (with its line), another unit.
     """
     top = YamlSection(read_yaml(Path(path), BoardError), BoardError)
     kind = top.choice("type", BOARD_KEYS)
@@ -395,22 +389,19 @@ def _marker(listed: YamlSection, key: str) -> tuple[int, Marker]:
     return int(key), read_as(Marker, listed.section(key))
 
 
-def _counts(top: YamlSection, key: str, least: int) -> tuple[int, int]:
-    """Columns and rows, whole numbers."""
-    values = top.numbers(key, 2)
-    columns, rows = (int(value) for value in values)
-    if [columns, rows] != values or min(values) < least or columns * rows > _MOST_POINTS:
-        raise top.refuse(
-            f"{values[0]:g} and {values[1]:g}",
-            f"two whole numbers from {least} up: columns, rows",
-            at=(key,),
-        )
-    return columns, rows
+def _counts(name: str, least: int, what: str) -> Field:
+    """The key of numbers of columns and rows."""
 
+    def read(top: YamlSection, key: str) -> tuple[int, int]:
+        values = top.numbers(key, 2)
+        columns, rows = (int(value) for value in values)
+        if [columns, rows] != values or min(values) < least or columns * rows > _MOST_POINTS:
+            found = f"{values[0]:g} and {values[1]:g}"
+            expected = f"two whole numbers from {least} up: columns, rows"
+            raise top.refuse(found, expected, at=(key,))
+        return columns, rows
 
-def _counts_field(name: str, least: int, what: str) -> Field:
-    counts = Value("columns, rows", lambda top, key: _counts(top, key, least))
-    return Field(name, counts, f"Numbers of {what}.", required=True)
+    return Field(name, Value("columns, rows", read), f"Numbers of {what}.", required=True)
 
 
 _TYPE: Final = Field("type", TEXT, "Which sort of board it is.", required=True)
@@ -423,11 +414,9 @@ _DICTIONARY: Final = Field(
 )
 # The keys of a board's file, by its type.
 BOARD_KEYS: Final = {
-    Chessboard.type: Fields(
-        _TYPE, _counts_field("corners", 2, "inner corners"), _SQUARE, *BODY_KEYS
-    ),
+    Chessboard.type: Fields(_TYPE, _counts("corners", 2, "inner corners"), _SQUARE, *BODY_KEYS),
     Charuco.type: Fields(
-        *(_TYPE, _counts_field("squares", 3, "squares"), _SQUARE),
+        *(_TYPE, _counts("squares", 3, "squares"), _SQUARE),
         Field("marker_mm", LENGTH, "Edge of a marker, smaller than a square's.", required=True),
         *(_DICTIONARY, *BODY_KEYS),
     ),

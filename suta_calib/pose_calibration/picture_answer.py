@@ -16,8 +16,8 @@ from suta_calib.geometry.numbers import rms_length
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements import Camera
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
+from suta_calib.pose_calibration.correlation import WAYS
 from suta_calib.pose_calibration.eye_poses import ENOUGH, EyePoses, Model, Unknown, unknowns_of
-from suta_calib.pose_calibration.picture_likelihood import WAYS
 from suta_calib.pose_calibration.picture_models import ErrorModel, ReprojectionError
 from suta_calib.pose_calibration.picture_noise import PictureNoise
 from suta_calib.pose_calibration.robust_answer import MANY_OUTLIERS

@@ -24,12 +24,8 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.pose_calibration.picture_likelihood import (
-    DIRECTIONS,
-    Likelihood,
-    LikelihoodPoint,
-    Sums,
-)
+from suta_calib.pose_calibration.correlation import DIRECTIONS
+from suta_calib.pose_calibration.picture_likelihood import Likelihood, LikelihoodPoint, Sums
 from suta_calib.pose_calibration.picture_rows import PictureRows
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView

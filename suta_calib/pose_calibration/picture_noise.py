@@ -32,9 +32,8 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.pinhole import CENTRE, DISTORTION, FOCAL
-from suta_calib.pose_calibration.correlation import common_covariance
+from suta_calib.pose_calibration.correlation import WAYS, common_covariance
 from suta_calib.pose_calibration.picture_likelihood import (
-    WAYS,
     Likelihood,
     LikelihoodPoint,
     PriorKnowledge,
@@ -172,7 +171,8 @@ def _settled(
         likelihood = Likelihood(rows.sums, prior)
         before, eta = eta, likelihood.best(eta)
         here = likelihood.at(eta)
-        if _robust(problem):
+        # A corner far off may be a blunder.
+        if all(np.isfinite(block.noise.huber) for block in problem.blocks):
             weights = rows.beliefs(here, np.exp(eta[:cameras]))
         x[free] += here.step[:count]
         std = np.sqrt(np.diag(here.covariance))
@@ -314,11 +314,6 @@ def _camera_groups(problem: Problem) -> BoolArray:
     ]
     keys = [p.key for p in problem.parameters.values()]
     return np.array([np.isin(keys, kind) & widened for kind in (FOCAL, CENTRE, DISTORTION)])
-
-
-def _robust(problem: Problem) -> bool:
-    """Whether a corner far off may be a blunder."""
-    return all(np.isfinite(block.noise.huber) for block in problem.blocks)
 
 
 def _in_common(here: LikelihoodPoint, neighbourhoods: Sequence[FloatArray]) -> FloatArray:

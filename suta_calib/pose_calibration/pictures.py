@@ -27,7 +27,7 @@ from suta_calib.measurements import Board, Camera, Corners, Samples
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.consensus import FALSE_ALARM
-from suta_calib.pose_calibration.correlation import NOWHERE, embedded, shared_errors
+from suta_calib.pose_calibration.correlation import DIRECTIONS, NOWHERE, embedded, shared_errors
 from suta_calib.pose_calibration.eye_poses import Model
 from suta_calib.pose_calibration.hand_eye import ADVICE, FEW_PAIRS, calibrate_hand_eye
 from suta_calib.pose_calibration.inputs import error_context
@@ -37,7 +37,6 @@ from suta_calib.pose_calibration.picture_answer import (
     PictureCalibration,
 )
 from suta_calib.pose_calibration.picture_causes import cause_of_disagreement, loose, usable_poses
-from suta_calib.pose_calibration.picture_likelihood import DIRECTIONS
 from suta_calib.pose_calibration.picture_noise import (
     Hands,
     Weighed,

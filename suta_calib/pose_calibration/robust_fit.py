@@ -34,7 +34,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import judged, solve, solve_again, solve_unjudged
 from suta_calib.terms.block import Noise
-from suta_calib.terms.poses import MeasuredPoses, PoseSource
+from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Evidence, log_ways
 from suta_calib.trust.examination import Examination, MeasuredRows
@@ -352,6 +352,10 @@ def _covariance(
         independent = predicted_covariance(problem, information, free)
     if exact:
         return independent
+    # Neighbours may err alike by the hand's poses, and by what is seen.
+    spaces, seen = [embedded(*poses.at(solution.values))], poses.samples
+    if seen.position is not None and seen.rotation is not None:
+        spaces.append(embedded(seen.rotation, seen.position))
     at = np.ix_(free, free)
     parts = [
         r.jacobian[:, free].reshape(count, DIMENSION, -1) / w
@@ -360,7 +364,7 @@ def _covariance(
     jacobian = np.concatenate(parts, axis=1)
     bread, weight = scaled_inverse(curvature[at]), np.repeat(weights**2, DIMENSION)
     independent[at] += common_covariance(
-        *(jacobian, white, weight, bread, _neighbour_spaces(poses, solution), order, postures),
+        *(jacobian, white, weight, bread, spaces, order, postures),
         *([DIMENSION] * len(rows), [_to_base(row) for row in rows]),
     )
     return independent
@@ -376,14 +380,6 @@ def _to_base(rows: Rows) -> FloatArray:
     by_pose = line.by_pose[..., line.pattern.angular == (line.view.block.unit == "rad")]
     length = np.linalg.norm(by_pose, axis=(1, 2), keepdims=True) / np.sqrt(DIMENSION)
     return np.asarray(np.swapaxes(by_pose, 1, 2) / np.maximum(length, 1e-300))
-
-
-def _neighbour_spaces(poses: PoseSource, solution: Solution) -> list[FloatArray]:
-    """Spaces (n, 12) in which neighbours may err alike: of the hand's poses, and of the seen."""
-    spaces, samples = [embedded(*poses.at(solution.values))], poses.samples
-    if samples.position is not None and samples.rotation is not None:
-        spaces.append(embedded(samples.rotation, samples.position))
-    return spaces
 
 
 def _scatter(residual: FloatArray, robust: bool) -> float:

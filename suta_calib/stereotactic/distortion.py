@@ -8,10 +8,8 @@ devices, IEEE Virtual Reality), in the Bernstein basis: a tensor product, one de
 Where nothing was measured a polynomial of high degree is arbitrary. Beyond the box of the measured
 points the displacement f goes on by what a polynomial g of a lower degree (or the same, or none)
 changes from the nearest point c of the box: f(c) + g(x) - g(c), without a step at the border. Which
-degree, and how fast the error grows with the distance, is told by a layer at each side of the box
-that is left out and predicted from the rest. It is as thick as the points that are to be corrected
-lie outside, for a polynomial that is right a centimetre outside may be wild a decimetre out; and
-it goes on no farther than that.
+degree, and how fast the error grows, is told by a layer at each side of the box that is left out
+and predicted from the rest, as thick as the points to be corrected lie outside.
 """
 
 from __future__ import annotations
@@ -104,10 +102,7 @@ class DistortionCorrection(Displayable):
         return np.asarray(points, dtype=float) + self.displacement(points)
 
     def outside(self, points: FloatArray) -> FloatArray:
-        """How far measured points lie outside what the calibration covered: (..., 3) → (...), m.
-
-        That is the convex hull of the measured points, which may leave corners of their box out.
-        """
+        """How far points lie outside the convex hull of the measured ones: (..., 3) → (...), m."""
         distance = _signed_distance(np.asarray(points, dtype=float), self.hull)
         return np.asarray(np.where(self.inside(points), 0.0, distance))
 
@@ -173,10 +168,7 @@ def _fit_inside(
     at, off = (measured - lower) / (upper - lower), measured - expected
     fits = {d: fit for d in sorted({0, *degrees}) if (fit := _fit(d, at, off)) is not None}
     # Sum of squared errors of each frame's points that count, (N_frames,).
-    errors = {
-        degree: np.sum(np.sum(fit.left_out**2, axis=-1) * inside, axis=-1)
-        for degree, fit in fits.items()
-    }
+    errors = {d: np.sum(np.sum(f.left_out**2, axis=-1) * inside, axis=1) for d, f in fits.items()}
     degree = _lowest_as_good(errors)
     validation = {d: float(np.sqrt(e.sum() / inside.sum())) for d, e in errors.items()}
     chosen = fits[degree]
@@ -301,9 +293,8 @@ def _fit(degree: int, at: FloatArray, off: FloatArray) -> _PolynomialFit | None:
 def _orthonormal(basis: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Orthonormal (N, r) basis of what the columns (N, c) span, and (c, r) from it to them.
 
-    By the eigenvectors of the Gram matrix, a fraction of the work of singular values; what its
-    squared condition number costs in orthogonality a Cholesky factor makes good, as in the second
-    pass of CholeskyQR2 (Yamamoto et al. 2015, Electronic Transactions on Numerical Analysis 44).
+    By the eigenvectors of the Gram matrix; what its squared condition number costs a Cholesky
+    factor makes good, as in CholeskyQR2 (Yamamoto et al. 2015, ETNA 44).
     """
     squared, vectors = np.linalg.eigh(basis.T @ basis)
     determined = squared > RCOND**2 * squared[-1]

@@ -149,7 +149,8 @@ def _deviation(shape: GivenShape) -> _Deviation:
     by_scale = rms_length((common - left)[counts > 0])
     marker, by_marker, moved = _one_marker(shape, common, counts > 0)
     if min(by_scale, by_marker) > EXPLAINED * size:
-        lever = _lever(shape.body.cloud, shape.where)
+        levers = [shape.body.cloud.amplified(place) ** 2 for place in shape.where]
+        lever = float(np.sqrt(np.mean(levers)))
         return _Deviation(common, scatter, True, effect=lever * size / np.sqrt(max(n - 2, 1)))
     if by_marker < by_scale:
         return _Deviation(common, scatter, True, marker=marker, effect=moved)
@@ -177,11 +178,6 @@ def _in_common(body: ObservedBody) -> tuple[float, float]:
     for evidence in weigh_effects(fit, [places]):
         return max(float(np.sqrt(evidence.noise)), ROUNDED), evidence.p_single
     return ROUNDED, 1.0
-
-
-def _lever(cloud: MarkerCloud, places: FloatArray) -> float:
-    """How many times an error of the body's middle places (m, 3) of the body err, RMS."""
-    return float(np.sqrt(np.mean([cloud.amplified(place) ** 2 for place in places])))
 
 
 def _scale(body: ObservedBody) -> tuple[tuple[float, float], FloatArray]:

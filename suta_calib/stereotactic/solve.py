@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final, TypeVar
 
 import numpy as np
@@ -123,9 +123,8 @@ class StereotacticResult(Displayable):
         failed = list[str]()
         misread = judge("the EM markers", lambda: _on_em_markers(self), failed)
         nothing = list[str](), list[str]()
-        bad, care = attempt(
-            "judged: the bodies", lambda: _on_bodies(self, misread=bool(misread)), nothing, failed
-        )
+        judge_bodies = partial(_on_bodies, self, misread=bool(misread))
+        bad, care = attempt("judged: the bodies", judge_bodies, nothing, failed)
         bad += misread
         # What does not fit together is not for dewarping to mend.
         distortion = [] if bad else judge("distortion", lambda: _on_distortion(self), failed)
@@ -307,9 +306,8 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
     # A field bends by less than half; what is turned or stretched by more is in other axes or
     # units.
     if np.linalg.norm(affine - np.eye(3), 2) > 0.5:
-        return [
-            f"{sentence}: look for another unit, or other axes, of the C markers in calreadings."
-        ]
+        axes = "look for another unit, or other axes, of the C markers in calreadings."
+        return [f"{sentence}: {axes}"]
     R = register_points(np.broadcast_to(body, expected.shape), expected)[0]
     by_marker = result.em_error @ R
     frames = len(by_marker)
@@ -347,7 +345,10 @@ def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str],
     bent = result.bent
     # An uncorrected field bends the object too, alike in many frames; so do wrong poses of it.
     if not (bent or misread or bad or care):
-        object_ = GivenShape("calreadings", "C", _em_object(result), body.em, *em, bent=True)
+        cloud = MarkerCloud(body.em)
+        frames = measured if correction is None else correction.correct(measured)
+        seen = ObservedBody(cloud, frames, BodyPoses(*register_points(cloud.markers, frames)))
+        object_ = GivenShape("calreadings", "C", seen, body.em, *em, bent=True)
         bad, care = on_given_shapes([object_], robust=robust)
     of_probe = {kind: bodies[kind] for kind in EM_PROBE if kind in bodies}
     outside = dict[str, FloatArray]()
@@ -359,13 +360,6 @@ def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str],
     stated = {} if result.navigation is None else {EM_PROBE[2]: result.navigation.tip_error}
     probe = on_probe(ObservedProbe(of_probe, bent, outside, result.em_pivot.tip, stated))
     return [*bad, *probe[0]], [*care, *probe[1]]
-
-
-def _em_object(result: StereotacticResult) -> ObservedBody:
-    """The calibration object's EM markers, corrected."""
-    cloud, frames = MarkerCloud(result.data.body.em), result.data.readings.em
-    frames = frames if result.correction is None else result.correction.correct(frames)
-    return ObservedBody(cloud, frames, BodyPoses(*register_points(cloud.markers, frames)))
 
 
 def _on_distortion(result: StereotacticResult) -> list[str]:

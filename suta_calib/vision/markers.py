@@ -185,7 +185,9 @@ class CharucoFinder:
             near = near[away[near] < max(1.0, float(away.min()) + 0.1)]
             if away.min() > 1.0:
                 continue
-            H = _plane(marked[near].reshape(-1, 2), corners[near].reshape(-1, 2))
+            planes = marked[near].reshape(-1, 2), corners[near].reshape(-1, 2)
+            H = opencv().findHomography(*planes, 0)[0]
+            H = np.eye(3) if H is None else np.asarray(H)
             around = transformed(H, place + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
             points.append(number)
             places.append(place)
@@ -249,12 +251,6 @@ def _among(
         if H is not None and agreeing.sum() > _NEAREST:
             predicted[k] = transformed(H, place[None])[0]
     return predicted
-
-
-def _plane(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Homography (3, 3) from a (n, 2) to b (n, 2), by least squares."""
-    H = opencv().findHomography(a, b, 0)[0]
-    return np.eye(3) if H is None else np.asarray(H)
 
 
 def _angle(direction: FloatArray) -> FloatArray:

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from suta_calib.arrays import FloatArray
-from suta_calib.pose_calibration.picture_likelihood import WAYS, Likelihood, PriorKnowledge, Sums
+from suta_calib.pose_calibration.correlation import WAYS
+from suta_calib.pose_calibration.picture_likelihood import Likelihood, PriorKnowledge, Sums
 
 # The last two unknowns are what poses share.
 POSES, CORNERS, UNKNOWNS = 5, 12, 10
