@@ -129,11 +129,6 @@ def test_reading_again_at_rest_repeats_no_touch() -> None:
     )
 
 
-def with_sigma(marks: Artefact, sigma: float) -> Artefact:
-    named = {n: replace(m, sigma=sigma) for n, m in marks.landmarks.items()}
-    return Artefact(marks.name, named)
-
-
 def distances(displaced: int = 0, *, long: float = 0.0) -> tuple[Block, IntArray, FloatArray]:
     """Three repeats of two placements: a block, its touches, its residuals at an arm too long."""
     arm, marks = arm_named("suta"), artefact()
@@ -181,7 +176,8 @@ def test_mostly_gross_errors_are_said() -> None:
 @pytest.mark.parametrize("kind", ["landmark", "pairwise_distance"])
 def test_all_of_it_is_the_encoders_where_only_they_err(kind: str) -> None:
     arm, std = arm_named("suta"), 3e-4
-    marks = with_sigma(artefact(oriented=True), 1e-9)
+    named = artefact(oriented=True).landmarks.items()
+    marks = Artefact("exact", {name: replace(mark, sigma=1e-9) for name, mark in named})
     where = artefact_scene(kind, arm, {}, marks, placements(3), repeats=4)
     budget = error_budget(solution_of(noisy(where, std)), (), EncoderNoise(None, std))
     for block in budget.blocks:

@@ -127,13 +127,8 @@ def random_design(
         rows = rng.standard_normal((6, 13)) * rng.uniform(1, 60, 13)
         spread = rows.T @ np.diag(rng.uniform(0.5, 2.0, 6)) @ rows
         information.append(SharedInformation(rows.T @ rows, spread, 0 * spread))
-    lever = rng.standard_normal((20, 13))
-    weight = lever.T @ lever / 20
-    return (
-        Design.over(space, information, weight, criterion, no_information(space)),
-        space,
-        no_information(space),
-    )
+    lever, none = rng.standard_normal((20, 13)), no_information(space)
+    return Design.over(space, information, lever.T @ lever / 20, criterion, none), space, none
 
 
 @pytest.mark.parametrize("criterion", ["tip", "d"])
@@ -163,16 +158,11 @@ def test_values_are_those_of_the_covariance_written_out() -> None:
 
 
 def test_directions_nothing_tells_are_kept_in_the_tips_uncertainty() -> None:
-    space = SharedUnknowns.of(situation())
-    information = [
-        SharedInformation(
-            np.diag([1e4] * 12 + [0.0]), np.diag([1e4] * 12 + [0.0]), np.zeros((13, 13))
-        )
-    ]
-    weight = np.zeros((13, 13))
-    weight[12, 12] = 1.0
-    design = Design.over(space, information, weight, "tip", no_information(space))
-    assert design.tip(no_information(space), [0]) == pytest.approx(space.unit[12])
+    space, known = SharedUnknowns.of(situation()), np.diag([1e4] * 12 + [0.0])
+    weight, none = np.diag([0.0] * 12 + [1.0]), no_information(space)
+    information = [SharedInformation(known, known, 0 * known)]
+    design = Design.over(space, information, weight, "tip", none)
+    assert design.tip(none, [0]) == pytest.approx(space.unit[12])
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -72,12 +72,11 @@ def test_the_same_label_in_two_terms_is_one_set() -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "unit", "count"),
-    [("fixed_point", "sample", 16), ("tracked_point", "sample", 30), ("hand_eye", "sample", 25)],
+    ("kind", "count"), [("fixed_point", 16), ("tracked_point", 30), ("hand_eye", 25)]
 )
-def test_without_placements_samples_are_drawn(kind: str, unit: str, count: int) -> None:
+def test_without_placements_samples_are_drawn(kind: str, count: int) -> None:
     found = sets_of([term(kind)])
-    assert (found.unit, len(found)) == (unit, count)
+    assert (found.unit, len(found)) == ("sample", count)
 
 
 def test_four_points_are_worth_choosing_from() -> None:
@@ -117,22 +116,16 @@ def test_sets_are_taken_whole_and_the_rest_is_what_is_left() -> None:
     assert not set(rest.poses.samples.origin) & set(drawn.poses.samples.origin)
 
 
-def test_the_order_of_drawing_does_not_matter() -> None:
+def test_copies_of_a_set_do_not_pair_and_the_order_of_drawing_does_not_matter() -> None:
     terms = [term("pairwise_distance")]
     found = sets_of(terms)
-    one, other = (found.take(terms, order)[0].poses.samples for order in ([4, 1], [1, 4]))
-    np.testing.assert_array_equal(one.q, other.q)
-
-
-def test_copies_of_a_set_do_not_pair_with_each_other() -> None:
-    terms = [term("pairwise_distance")]
-    found = sets_of(terms)
-    (once,) = found.take(terms, [2])
-    (thrice,) = found.take(terms, [2, 2, 2])
+    (once,), (thrice,) = (found.take(terms, drawn) for drawn in ([2], [2, 2, 2]))
     assert len(thrice.poses) == 3 * len(once.poses)
     assert len(thrice.blocks[0]) == 3 * len(once.blocks[0])
     # Witnesses of one posture stay one witness.
     assert len(np.unique(thrice.repeats())) == len(np.unique(once.repeats()))
+    one, other = (found.take(terms, order)[0].poses.samples for order in ([4, 1], [1, 4]))
+    np.testing.assert_array_equal(one.q, other.q)
 
 
 @pytest.mark.parametrize("unit", ["set", "placement"])
