@@ -23,8 +23,7 @@ from hypothesis import strategies as st
 from study_scene import SUTA, planned, suta_job
 
 from suta_calib.analysis.study import runner as study_runner
-from suta_calib.analysis.study.log import StudyLog
-from suta_calib.analysis.study.plan import StudyPlan, run_study
+from suta_calib.analysis.study.plan import StudyLog, StudyPlan, run_study
 from suta_calib.analysis.study.trial import Trial
 from suta_calib.errors import InputError, JobError, MissingExtraError, SamplesError
 

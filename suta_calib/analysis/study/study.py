@@ -16,8 +16,14 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.study.log import StudyLog, identity
-from suta_calib.analysis.study.plan import Request, StudyPlan, plan_study, run_study
+from suta_calib.analysis.study.plan import (
+    Request,
+    StudyLog,
+    StudyPlan,
+    identity,
+    plan_study,
+    run_study,
+)
 from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nominal_rms
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
