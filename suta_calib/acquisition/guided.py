@@ -90,15 +90,11 @@ class Guided:
 
 
 class Keyboard:
-    """Standard input, or another file descriptor, as a source of keys.
-
-    Attributes:
-        terminal: whether somebody sits at it.
-    """
+    """Standard input, or another file descriptor, as a source of keys."""
 
     def __init__(self, descriptor: int = 0) -> None:
         self._descriptor = descriptor
-        self.terminal = os.isatty(descriptor)
+        self.terminal = os.isatty(descriptor)  # whether somebody sits at it
         self._before: list[Any] | None = None
         self._line = b""
         self._ended = False

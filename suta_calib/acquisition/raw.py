@@ -76,11 +76,7 @@ class RawRecorder:
             _to_parquet(self._part, self._path)
 
     def write(self, readings: Sequence[Reading]) -> None:
-        """Take readings, whole ones with all the device's joints.
-
-        Raises:
-            OutputError: the disk refuses them.
-        """
+        """Take readings of all the device's joints; an OutputError says that the disk is full."""
         self._readings += readings
         if len(self._readings) >= 4096 or time.monotonic() - self._flushed > 1.0:
             with self._telling():

@@ -86,11 +86,7 @@ class Run:
         return tuple(s.name for k, s in enumerate(self.plan.stations) if k not in self._rows)
 
     def confirm(self, average: Average, note: str = "", *, described: bool = True) -> None:
-        """Write the sample of the next station, say so (and describe it), go on.
-
-        Raises:
-            OutputError: it could not be written.
-        """
+        """Write the sample of the next station, say so (and describe it), go on; as `put`."""
         station = self.station
         row = self.file.put(station.labels, average.angles, self._rows.get(self.index))
         doubts = self._doubts(average)
@@ -204,14 +200,9 @@ class Run:
 
 
 def last_motion(to_go: FloatArray, least: float) -> float:
-    """The motion that a coordinate ended with, without what came before it turned round.
+    """How far a coordinate went at last, with its sign, without what came before it turned round.
 
-    Args:
-        to_go: (k,) how far it still had to go, oldest first; it ends at 0.
-        least: what moves less than this is at rest.
-
-    Returns:
-        How far it went, with its sign; 0 where it did not move.
+    It still had ``to_go`` (k,) so far, oldest first; what moves less than the ``least`` is at rest.
     """
     back = to_go[::-1]
     far = np.flatnonzero(np.abs(back) > least)

@@ -28,11 +28,7 @@ if TYPE_CHECKING:
 
 
 class ArmReadings:
-    """Picks the arm's joints, in its order, out of those of a device that may have more.
-
-    Raises:
-        InputError: the device lacks a joint of the arm.
-    """
+    """Picks the arm's joints, in its order, out of those of a device; errors of `columns_of`."""
 
     def __init__(self, spec: DeviceSpec, joints: Sequence[str]) -> None:
         self._columns = columns_of(joints, spec.names, "the arm", spec.path)

@@ -66,12 +66,7 @@ class Ended:
 
 @dataclass(frozen=True)
 class Rejected:
-    """What was recorded so far is no sample; recording begins again while the arm rests.
-
-    Attributes:
-        reason: such as ``error flag`` or ``crept``.
-        joints: names of the joints.
-    """
+    """What was recorded so far is no sample; recording begins again while the arm rests."""
 
     reason: str
     joints: tuple[str, ...]
@@ -82,11 +77,7 @@ class Rejected:
 
 @dataclass(frozen=True)
 class Interrupted:
-    """Nothing came for a while; what the arm did meanwhile is not known.
-
-    Attributes:
-        seconds: for how long, by the device's clock.
-    """
+    """Nothing came for so long, by the device's clock; what the arm did is not known."""
 
     seconds: float
 

@@ -114,11 +114,7 @@ class Freshness:
         self._points.clear()
 
     def take(self, readings: list[Reading]) -> tuple[list[Reading], bool]:
-        """The readings that are fresh, and whether the clock leapt: then decode anew.
-
-        Args:
-            readings: in the order they came; those behind a leap are left out.
-        """
+        """The readings that are fresh, none behind a leap, and whether it leapt: decode anew."""
         if self._window <= 0:
             self.last = readings[-1] if readings else self.last
             return readings, False

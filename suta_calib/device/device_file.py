@@ -120,9 +120,7 @@ def read_device(path: str | Path) -> DeviceSpec:
 def glance(path: Path) -> DeviceSpec | None:
     """Port and baud rate of a ``device.yaml``, to open it while everything loads that checks it.
 
-    Returns:
-        A device without joints; None where there is anything to complain of, which is the business
-        of `read_device`.
+    A device without joints; None where `read_device` has anything to complain of.
     """
     try:
         # Its nodes only: what aliases make of a file is nobody's business here.
@@ -149,8 +147,7 @@ def _beside(path: Path, port: str) -> str:
 
 
 def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
-    most_servos = 253
-    sections = top.sections("joints")
+    most_servos, sections = 253, top.sections("joints")
     if form.most_joints is not None and len(sections) > form.most_joints:
         raise top.refuse(f"{len(sections)} joints", f"at most {form.most_joints}", at=("joints",))
     joints: list[JointSpec] = []

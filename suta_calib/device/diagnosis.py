@@ -13,12 +13,7 @@ from suta_calib.errors import DeviceError, DeviceSilentError, WrongFormatError
 
 
 def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
-    """``found …; expected …; hint`` about bytes among which there is nothing of the format.
-
-    Args:
-        data: some of the bytes that came.
-        spec: what was expected, and where the file is that says so.
-    """
+    """``found …; expected …; hint`` about bytes among which there is nothing of the format."""
     form, text = format_of(spec), is_text(data)
     others = (other for other in FORMATS.values() if other is not form)
     other = next((other for other in others if other.recognises(data)), None)

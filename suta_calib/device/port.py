@@ -59,10 +59,7 @@ _PLAIN: Final = (
 
 
 class Port:
-    """An open port.
-
-    Args:
-        spec: gives the port, a name or one of `URLS`, and the baud rate.
+    """An open port, by a name or one of `URLS`.
 
     Attributes:
         arrived: when `read` gave what it gave last, `time.perf_counter`, s.
@@ -114,11 +111,7 @@ class Port:
             raise self._gone(error) from None
 
     def flush(self) -> None:
-        """Throw away what has arrived and was not read.
-
-        Raises:
-            DisconnectedError: the port is gone.
-        """
+        """Throw away what has arrived and was not read; errors of `read`."""
         try:
             self._serial.reset_input_buffer()
         except self._failures as error:
@@ -173,10 +166,7 @@ def other_device(port: str) -> str | None:
     """What sort of device a name opens, where that is no serial port.
 
     To open some devices does something already: ``/dev/watchdog`` restarts the computer. Linux
-    says of each which subsystem it belongs to; of a pseudo-terminal it says nothing.
-
-    Returns:
-        The subsystem (``misc``, ``input``); None for a port, and where the system does not say.
+    says of each which subsystem (``misc``, ``input``) it belongs to; of a pseudo-terminal nothing.
     """
     try:
         status = Path(port).stat()

@@ -46,9 +46,6 @@ _Message = tuple[Literal["opened", "data", "failed"], float, bytes]
 class PortProcess:
     """A port that a process of its own reads, which begins to open it at once.
 
-    Args:
-        spec: gives the port, a name or one of `port.URLS`, and the baud rate.
-
     Attributes:
         arrived: when the bytes that `read` gave last had come, `time.perf_counter`, s.
     """
@@ -150,8 +147,7 @@ class PortProcess:
 def open_ahead(device: Path) -> PortProcess | None:
     """Begin to open the port of a ``device.yaml`` before anything else is loaded or checked.
 
-    Returns:
-        For `Bus`; None where there is anything to complain of, which `read_device` will do.
+    None where there is anything to complain of, which `read_device` will do.
     """
     spec = glance(device)
     return None if spec is None else PortProcess(spec)

@@ -167,12 +167,7 @@ def _parsed(faults: Faults, item: str, name: str, value: str) -> dict[str, Any]:
 
 
 class Damage:
-    """Damages bytes at random, the same way for the same seed.
-
-    Args:
-        faults: shares of bytes that are corrupted, flipped and lost.
-        seed: of the random numbers.
-    """
+    """Corrupts, flips and loses bytes at random, the same way for the same seed."""
 
     def __init__(self, faults: Faults, seed: int) -> None:
         self._faults = faults

@@ -193,12 +193,7 @@ def minimum_jerk(share: FloatArray) -> FloatArray:
 
 
 def continuous(posture: FloatArray, turns: np.ndarray) -> FloatArray:
-    """Readings in sequence without jumps at ±π.
-
-    Args:
-        posture: (n, joints) readings.
-        turns: (joints,) which joints can turn a full circle: they go the shorter way.
-    """
+    """Readings (n, joints) without jumps at ±π: joints that turn fully go the shorter way."""
     step = np.diff(posture, axis=0)
     step -= np.where(turns, _TURN * np.round(step / _TURN), 0.0)
     return np.concatenate([posture[:1], posture[0] + np.cumsum(step, axis=0)])

@@ -161,11 +161,7 @@ def _rounds(file: SimulatedFile, order: tuple[str, ...]) -> list[tuple[Simulated
 
 
 def parse_pose(text: str, where: str = "") -> tuple[str, PoseSpec]:
-    """``P1=x,y,z[,roll,pitch,yaw]`` in mm and degrees, as a label and a pose in SI units.
-
-    Raises:
-        InputError: another number of numbers, or something that is none.
-    """
+    """``P1=x,y,z[,roll,pitch,yaw]`` in mm and degrees, as a label and a pose in SI units."""
     label, equals, rest = text.partition("=")
     try:
         numbers = [float(number) for number in rest.split(",")]

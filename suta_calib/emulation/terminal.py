@@ -149,11 +149,7 @@ class PseudoTerminal:
 
 
 def _point(link: Path, target: str) -> None:
-    """Make or replace a symbolic link in one step.
-
-    Raises:
-        OutputError: there is something else of that name, or the folder cannot be written.
-    """
+    """Make or replace a symbolic link in one step; nothing else of that name is replaced."""
     if os.path.lexists(link) and not link.is_symlink():
         raise OutputError(f"{link}: found a file that is no link; expected none, or an older link")
     temporary = link.with_name(f".{link.name[:40]}.{secrets.token_hex(6)}.tmp")

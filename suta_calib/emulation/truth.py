@@ -131,15 +131,7 @@ def truth_text(
     plan: SetSpec | None = None,
     motion: Motion | None = None,
 ) -> str:
-    """``truth.yaml``, as `suta_calib.simulation` writes it, and what the arm touches.
-
-    Args:
-        arm: the nominal arm.
-        values: its true parameters, m or rad.
-        seed: of the emulation.
-        plan: what is touched, for a script.
-        motion: the rests of a script.
-    """
+    """``truth.yaml``, as `suta_calib.simulation` writes it, and what a script's arm touches."""
     parameters = {}
     for name, value in values.items():
         parameter = arm.parameters[name]

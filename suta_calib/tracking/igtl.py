@@ -247,12 +247,8 @@ class IgtlPublisher(Publisher):
 class SensorMessage(pyigtl.messages.MessageBase):  # type: ignore[misc]
     """Numbers of a sensor, which pyigtl has no message for.
 
-    OpenIGTLink 2, SENSOR: ``larray u8 | status u8 | unit u64 | larray x float64``, big-endian.
-
-    Args:
-        data: at most 255 numbers; they have no one unit, and the field for it says none (0).
-        timestamp: s since 1970.
-        device_name: at most 20 ASCII characters.
+    OpenIGTLink 2, SENSOR: ``larray u8 | status u8 | unit u64 | larray x float64``, big-endian. At
+    most 255 numbers; they have no one unit, and the field for it says none (0).
     """
 
     def __init__(self, data: FloatArray, timestamp: float, device_name: str) -> None:

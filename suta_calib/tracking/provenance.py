@@ -39,19 +39,15 @@ def made_from(data: Mapping[str, Any], file: Path, otherwise: str) -> MadeFrom:
     """The job that a result was made from, with its files as they were then.
 
     Results of earlier versions have no copy of their inputs; then the job is where it was, or
-    beside the results, if it is still what it was.
-
-    Args:
-        data: of ``result.json``.
-        file: it came from.
-        otherwise: what else may be given in the job's place, for the message's hint.
+    beside the results, if it is still what it was. A message says what may be given ``otherwise``.
 
     Raises:
         InputError: the result names no job, or the job is gone or was changed since; or the copy
             of its inputs is not of this result.
     """
     run = data.get("run")
-    inputs = run.get("inputs") if isinstance(run, dict) else None
+    run = run if isinstance(run, dict) else {}
+    inputs, hashes = run.get("inputs"), run.get("sha256")
     if not isinstance(inputs, dict) or not inputs:
         raise InputError(
             "no job that it was made from",
@@ -61,7 +57,6 @@ def made_from(data: Mapping[str, Any], file: Path, otherwise: str) -> MadeFrom:
             hint=f"give {otherwise}",
         )
     named = Path(next(iter(inputs)))
-    hashes = run.get("sha256") if isinstance(run, dict) else None
     written = hashes.get(inputs_copy.NAME) if isinstance(hashes, dict) else None
     archive = file.with_name(inputs_copy.NAME)
     if written is None or not archive.is_file():

@@ -40,11 +40,8 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
         name: float(numbers(entry.get("value"), (), file, name))
         for name, entry in data["parameters"].items()
     }
-    required = [
-        *job.parameters,
-        *(p.name for term in job.observations for p in term.own_parameters),
-    ]
-    if lacking := next((name for name in required if name not in values), None):
+    own = (p.name for term in job.observations for p in term.own_parameters)
+    if lacking := next((name for name in (*job.parameters, *own) if name not in values), None):
         raise InputError(
             f"no value of {lacking}",
             f"one of every unknown of {job.spec.path}",
@@ -68,10 +65,6 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
 def load_job(data: Mapping[str, Any], file: Path) -> CalibrationJob:
     """The job of a result with all it was made of, by the name that it had when it ran.
 
-    Args:
-        data: of the ``result.json``.
-        file: it came from.
-
     Raises:
         InputError: as `provenance`; or measurements were too large to be copied and are gone.
     """
@@ -94,9 +87,7 @@ def _rms(data: Mapping[str, Any], file: Path) -> dict[str, tuple[float, float]]:
     by_set = {}
     for name, both in metrics.items() if isinstance(metrics, dict) else ():
         entries = [both.get(when) for when in ("before", "after")] if isinstance(both, dict) else []
-        rms = [
-            entry["rms_mm"] for entry in entries if isinstance(entry, dict) and "rms_mm" in entry
-        ]
+        rms = [e["rms_mm"] for e in entries if isinstance(e, dict) and "rms_mm" in e]
         if len(rms) == 2:
             before, after = (float(numbers(value, (), file, f"metrics.{name}")) for value in rms)
             by_set[name] = (from_mm(before), from_mm(after))

@@ -134,8 +134,8 @@ def record_faults(
 
     Args:
         record: errors over time.
-        recorded: whose rows are named.
-        rows: (n,) those that the record has.
+        recorded: whose rows (n,) are named.
+        rows: those that the record has.
         latency: and its standard uncertainty, s.
         std_of_rms: the standard deviation of a root mean square, m, by squares in order of time.
     """

@@ -61,11 +61,7 @@ class FileRecorder(Publisher):
         self._thread.start()
 
     def publish(self, pose: TrackedPose) -> None:
-        """Put one pose on the pile.
-
-        Raises:
-            OutputError: the disk refused what came before.
-        """
+        """Put one pose on the pile; an OutputError says that the disk refused what came before."""
         if self._failure is not None:
             raise self._refusal()
         self._waiting.append(pose)
@@ -108,9 +104,8 @@ class FileRecorder(Publisher):
     def _drain(self) -> None:
         """Write what waits again and again, and once more when it is over."""
         over = False
-        every_s = 0.1
         while not over and self._failure is None:
-            over = self._over.wait(every_s)
+            over = self._over.wait(0.1)
             poses = [self._waiting.popleft() for _ in range(len(self._waiting))]
             try:
                 if poses:
@@ -175,30 +170,27 @@ class ParquetRecorder(FileRecorder):
             (name, self._arrow.type_for_alias(types.get(name, "float64"))) for name in self.columns
         ]
         self._schema = self._arrow.schema(fields)
-        self._kept: list[TrackedPose] = []
+        self._rest: list[TrackedPose] = []
         self._writer = parquet.ParquetWriter(self.part, self._schema)
 
     def _write(self, poses: Sequence[TrackedPose]) -> None:
-        self._kept.extend(poses)
-        rows_of_a_group = 8192
-        if len(self._kept) >= rows_of_a_group:
+        self._rest.extend(poses)
+        if len(self._rest) >= 8192:
             self._write_group()
 
     def _finish(self) -> None:
-        if self._kept:
+        if self._rest:
             self._write_group()
         self._writer.close()
 
     def _write_group(self) -> None:
-        """A row group of what was kept."""
-        poses, self._kept = self._kept, []
+        """A row group of what was not written yet."""
+        poses, self._rest = self._rest, []
         unknown = np.full(3, np.nan)
         stds = [unknown if p.std is None else p.std for p in poses]
-        numbers = np.array(
-            [
-                (p.time, p.host_time, *p.position, *p.quaternion, *std, *p.angles)
-                for p, std in zip(poses, stds, strict=True)
-            ]
+        rows = (
+            (p.time, p.host_time, *p.position, *p.quaternion, *std, *p.angles)
+            for p, std in zip(poses, stds, strict=True)
         )
         columns: dict[str, Any] = {
             "sequence": [p.sequence for p in poses],
@@ -206,7 +198,7 @@ class ParquetRecorder(FileRecorder):
             "flags": [flag_text(p) for p in poses],
         }
         names = [name for name in self.columns if name not in columns]
-        columns |= dict(zip(names, numbers.T, strict=True))
+        columns |= dict(zip(names, np.array(list(rows)).T, strict=True))
         arrays = [
             self._arrow.array(columns[field.name], type=field.type, from_pandas=True)
             for field in self._schema

@@ -62,12 +62,7 @@ class Reversal:
 
 @dataclass(frozen=True, eq=False)
 class ChannelReversals:
-    """All reversals of one channel.
-
-    Attributes:
-        channel: which.
-        reversals: in order of time.
-    """
+    """All reversals of one channel, in order of time."""
 
     channel: Channel
     reversals: tuple[Reversal, ...]
@@ -133,12 +128,9 @@ def axis_channels(recorded: Trajectory) -> list[Channel]:
 
 
 def find_reversals(channel: Channel, time: FloatArray, error: FloatArray) -> ChannelReversals:
-    """Where a channel turns back, and the tip's error just before and just after.
+    """Where a channel turns back, and the tip's error (n, 3), m, just before and just after.
 
-    Args:
-        channel: (n,) rows.
-        time: (n,) s.
-        error: (n, 3) recorded minus reference, in the recording's frame, m; NaN where unknown.
+    The error is recorded minus reference, in the recording's frame; NaN where unknown.
     """
     # A coordinate that trembles must go many times its noise to have turned back, and some times it
     # to be seen not to stand; a joint with play may creep.

@@ -71,15 +71,13 @@ class TrackingSession:
         """
         self.began, self.running = time.perf_counter(), True
         lasts = math.inf if seconds is None else seconds
-        # s; a device that has not been heard for so long, and does not come back, is not waited
-        # for.
+        # A device that has not been heard for 10 s, and does not come back, is not waited for.
         end, first = self.began + 10.0 + lasts, True
         try:
-            # s; how long one look at the bus may last: the run's end is not noticed before.
-            look = 0.05
             while not stop():
                 left = end - time.perf_counter()
-                readings = source.read(min(look, max(left, 0.0)))
+                # One look at the bus is short: the run's end is not noticed before.
+                readings = source.read(min(0.05, max(left, 0.0)))
                 if readings and first:
                     end, first = readings[0].arrival + lasts, False
                 elif not readings and left <= 0:
@@ -159,25 +157,19 @@ def low_latency() -> Iterator[None]:
 
 
 class Pace:
-    """Counts a second over the last second or two, from whenever it is asked.
-
-    Args:
-        count: a number that only grows.
-        clock: the time, s.
-    """
+    """Counts a second, of a number that only grows, over the last second or two."""
 
     def __init__(
         self, count: Callable[[], int], clock: Callable[[], float] = time.perf_counter
     ) -> None:
         self._count, self._clock = count, clock
-        self._seen: deque[tuple[float, int]] = deque([(clock(), count())])
+        self._looks: deque[tuple[float, int]] = deque([(clock(), count())])
 
     def __call__(self) -> float:
         """Growth per second since the oldest look within the window."""
         now = self._clock()
-        self._seen.append((now, self._count()))
-        window_s = 1.5
-        while len(self._seen) > 2 and now - self._seen[0][0] > window_s:
-            self._seen.popleft()
-        (then, before), (now, after) = self._seen[0], self._seen[-1]
+        self._looks.append((now, self._count()))
+        while len(self._looks) > 2 and now - self._looks[0][0] > 1.5:
+            self._looks.popleft()
+        (then, before), (now, after) = self._looks[0], self._looks[-1]
         return (after - before) / max(now - then, 1e-9)

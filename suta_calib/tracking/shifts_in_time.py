@@ -37,12 +37,7 @@ ROUNDS: Final = 4
 
 
 class ShiftsInTime:
-    """A jump, a rate or a step of time.
-
-    Args:
-        record: errors over time.
-        used: (n,) rows that are neither stuck nor wild.
-    """
+    """A jump, a rate or a step of time, in the rows (n,) that are neither stuck nor wild."""
 
     def __init__(self, record: ErrorsInTime, used: BoolArray) -> None:
         self.record, self.at = record, np.flatnonzero(used)

@@ -147,11 +147,7 @@ class TipKinematics:
         self._run = Batched(_compiled(arm, tool, uncertainty), 1)
 
     def __call__(self, angles: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray | None]:
-        """Rotation (3, 3), position (3,) m and its standard uncertainty (3,) m along base axes.
-
-        Args:
-            angles: (joints,) readings in the order of the arm's joints, rad.
-        """
+        """Rotation (3, 3), position (3,) m and its standard uncertainty (3,) m along base axes."""
         return self.with_turns(angles)[:3]
 
     def with_turns(

@@ -44,7 +44,6 @@ SOURCE_WORDS: Final[dict[Source, str]] = {
     "correlations": "standard deviations and rounded correlations of the calibration",
     "std": "standard deviations of the calibration only, as if uncorrelated",
 }
-_STEP: Final = 1e-5
 
 
 @dataclass(frozen=True, eq=False)
@@ -159,13 +158,12 @@ class CalibrationUncertainty(Displayable):
             xyz, rpy = folded_origin(nominal, x[:3], x[3:6], float(x[6]))
             return xyz, rotation_from_rpy(rpy)
 
-        columns = np.zeros((6, len(self.names)))
-        for k, name in enumerate(names):
+        columns, step = np.zeros((6, len(self.names))), 1e-5
+        for name, along in zip(names, step * np.eye(7), strict=True):
             if name in self.names:
-                step = _STEP * np.eye(7)[k]
-                (p0, R0), (p1, R1) = calibrated(start - step), calibrated(start + step)
+                (p0, R0), (p1, R1) = calibrated(start - along), calibrated(start + along)
                 change = np.concatenate([p1 - p0, vector_from_rotation(R0.T @ R1)])
-                columns[:, self.names.index(name)] = change / (2 * _STEP)
+                columns[:, self.names.index(name)] = change / (2 * step)
         return columns
 
     def _check_same(self, joint: ChainJoint, segment: Segment) -> None:
@@ -206,9 +204,8 @@ def read_uncertainty(
     path = Path(path)
     data = read_json_object(path)
     parameters = data.get("parameters")
-    if not isinstance(parameters, dict) or not all(
-        isinstance(e, dict) for e in parameters.values()
-    ):
+    is_table = isinstance(parameters, dict)
+    if not is_table or not all(isinstance(e, dict) for e in parameters.values()):
         expected = "a result.json of suta-calib calibrate"
         raise InputError("no table of parameters", expected, file=path)
     if data.get("status") != "converged":
@@ -242,17 +239,17 @@ def _held(
     data: dict[str, Any], fixed: Sequence[str], path: Path
 ) -> Iterator[tuple[str, Mapping[str, float], float]]:
     """What the file says of each fixed parameter; earlier versions wrote nothing."""
+
+    def number(value: Any) -> float:
+        return float(numbers(value, (), path, "held"))
+
     for entry in data.get("held", []):
-        where = "held"
         if not (isinstance(entry, dict) and isinstance(entry.get("direction"), dict)):
             expected = "parameter, plausible and direction of each that is held"
-            raise InputError(repr(entry), expected, file=path, where=where)
+            raise InputError(repr(entry), expected, file=path, where="held")
         if entry.get("parameter") in fixed:
-            plausible = float(numbers(entry.get("plausible"), (), path, where))
-            direction = {
-                str(n): float(numbers(v, (), path, where)) for n, v in entry["direction"].items()
-            }
-            yield str(entry["parameter"]), direction, plausible
+            direction = {str(name): number(value) for name, value in entry["direction"].items()}
+            yield str(entry["parameter"]), direction, number(entry.get("plausible"))
 
 
 def _covariance(
@@ -329,19 +326,15 @@ def read_json_object(path: Path) -> dict[str, Any]:
 
 
 def numbers(data: Any, shape: tuple[int, ...], path: Path, where: str) -> FloatArray:
-    """Finite numbers of a given shape.
-
-    Raises:
-        InputError: anything else.
-    """
+    """Finite numbers of a given shape; an InputError of anything else."""
     try:
         values = np.array(data, dtype=float)
     except (TypeError, ValueError):
         values = np.full(1, np.nan)
     if values.shape != shape or not np.isfinite(values).all():
+        expected = f"{' x '.join(map(str, shape))} finite numbers"
         text = repr(data)
-        text = text if len(text) <= 60 else text[:57] + "…"
         raise InputError(
-            text, f"{' x '.join(map(str, shape))} finite numbers", file=path, where=where
+            text if len(text) <= 60 else text[:57] + "…", expected, file=path, where=where
         )
     return values

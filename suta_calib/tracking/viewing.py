@@ -19,12 +19,7 @@ from suta_calib.view.server import Viewer
 
 
 class LiveArm:
-    """Moves what a viewer shows as a device reads.
-
-    Args:
-        viewer: of the calibration.
-        calibrated: whose arm is on the cable.
-        device: its joints must be those of the arm, in any order, and may be more.
+    """Moves what a viewer of a calibration shows as a device reads.
 
     Attributes:
         shown: how many readings were shown.
@@ -49,14 +44,12 @@ class LiveArm:
         Raises:
             DeviceError: the device cannot be opened, was never heard, or cannot be understood.
         """
-        # Between pictures, s: more often nobody sees, and a browser cannot keep up.
-        period = 1 / 30
-        look = 0.1
         with Bus(self._device, reconnect=True, on_event=say) as bus:
             while not over():
-                if readings := bus.read(look):
+                if readings := bus.read(0.1):
                     self.show(readings[-1])
-                    time.sleep(period)
+                    # More often nobody sees, and a browser cannot keep up.
+                    time.sleep(1 / 30)
 
     def show(self, reading: Reading) -> None:
         """Show one reading; where an encoder raises its error flag the arm stays as it was."""

@@ -40,11 +40,7 @@ def _tables() -> tuple[WordArray, WordArray]:
 
 
 def word_crc(payload: WordArray) -> WordArray:
-    """CRC-6 as encoders send it: polynomial x⁶ + x + 1 (0x43), init 0, MSB first, inverted.
-
-    Args:
-        payload: any shape; 24 bits each: position, nError, nWarning.
-    """
+    """CRC-6 of 24 bits as sent: polynomial x⁶ + x + 1 (0x43), init 0, MSB first, inverted."""
     upper, lower = _tables()
     crc: WordArray = upper[payload >> 12] ^ lower[payload & 0xFFF] ^ np.uint32(0x3F)
     return crc
@@ -82,12 +78,7 @@ def pack_words(
     error: Sequence[bool] | BoolArray | None = None,
     warning: Sequence[bool] | BoolArray | None = None,
 ) -> WordArray:
-    """Encoder words of positions, as an encoder would send them.
-
-    Args:
-        counts: (n,) 0 … 2²² - 1.
-        error: (n,) where the error flag is to be raised; nowhere by default.
-        warning: (n,) the same for the warning flag.
+    """Encoder words of positions (n,), 0 … 2²² - 1, as sent; flags are raised nowhere by default.
 
     Raises:
         ValueError: a position that 22 bits do not hold.
