@@ -12,7 +12,7 @@ import pytest
 from emulated import TRUTH, angles, device_of, landmark_stops, listen, true_landmarks
 
 from suta_calib.device import Bus, Reading, read_device
-from suta_calib.emulation import EmulatedArm, Emulation, Faults, PseudoTerminal, Still, Sweep
+from suta_calib.emulation import EmulatedArm, Emulation, Faults, PseudoTerminal, Still, Stops, Sweep
 from suta_calib.emulation.player import Player, RoundClock
 from suta_calib.emulation.stream import STALE_TURN, packets
 from suta_calib.errors import SutaCalibError
@@ -21,11 +21,6 @@ from suta_calib.model.arm import ArmModel
 
 PATIENCE_S = 30.0
 POSTURE = np.array([0.3, -1.0, 3.1, -3.1, 2.0, 0.0])
-
-
-@pytest.fixture(scope="module")
-def arm(suta_urdf: Path) -> ArmModel:
-    return ArmModel.from_urdf(suta_urdf, "tip")
 
 
 def moving(arm: ArmModel, text: str = "") -> Emulation:
@@ -109,13 +104,13 @@ def test_a_bus_is_not_fooled_by_a_cache(arm: ArmModel, tmp_path: Path) -> None:
     still = Emulation(
         device_of(arm), Still(POSTURE), faults=Faults.parse("stale=10"), first_time_us=60_000_000
     )
-    with EmulatedArm(still) as emulator:
-        device = read_device(emulator.write_device(tmp_path / "device.yaml"))
-        readings = []
-        with Bus(device) as bus:
-            end = time.perf_counter() + PATIENCE_S
-            while len(readings) < 100 and time.perf_counter() < end:
-                readings += bus.read()
+    readings, end = list[Reading](), time.perf_counter() + PATIENCE_S
+    with (
+        EmulatedArm(still) as emulator,
+        Bus(read_device(emulator.write_device(tmp_path / "device.yaml"))) as bus,
+    ):
+        while len(readings) < 100 and time.perf_counter() < end:
+            readings += bus.read()
     assert len(readings) >= 100
     assert np.abs(wrap(angles(readings) - POSTURE)).max() < STALE_TURN / 100
     assert bus.statistics.stale_readings >= 10
@@ -147,55 +142,48 @@ def test_an_arm_waits_between_placements_for_the_next_listener(
     np.testing.assert_allclose(tip[1], marks[[3, 3]], atol=2e-4)
 
 
-def test_a_round_ends_when_the_port_closes_after_half_the_last_rest(
-    arm: ArmModel, tmp_path: Path
-) -> None:
-    motion = landmark_stops(arm, tmp_path, rest=4.0, move=1.0)
+def motion_times(clock: RoundClock, *times: float) -> list[float]:
+    return [float(clock(np.array([time]))[0]) for time in times]
+
+
+@pytest.fixture
+def rounds(arm: ArmModel, tmp_path: Path) -> Stops:
+    return landmark_stops(arm, tmp_path, rest=4.0, move=1.0)
+
+
+def test_a_round_ends_when_the_port_closes_after_half_the_last_rest(rounds: Stops) -> None:
     heard = True
-    clock = RoundClock(motion, lambda: heard)
-
-    def at(time: float) -> float:
-        return float(clock(np.array([time]))[0])
-
-    assert [at(t) for t in (0.0, 9.0, 13.0, 20.0)] == [0.0, 9.0, 13.0, 14.0]
+    clock = RoundClock(rounds, lambda: heard)
+    assert motion_times(clock, 0.0, 9.0, 13.0, 20.0) == [0.0, 9.0, 13.0, 14.0]
     heard = False
-    assert [at(t) for t in (21.0, 50.0)] == [15.0, 15.0]
+    assert motion_times(clock, 21.0, 50.0) == [15.0, 15.0]
     heard = True
-    assert [at(t) for t in (60.0, 61.0)] == [15.0, 16.0]
+    assert motion_times(clock, 60.0, 61.0) == [15.0, 16.0]
     # The last round has nothing after it: nothing is held.
     heard = False
-    assert at(100.0) == 55.0
+    assert motion_times(clock, 100.0) == [55.0]
 
 
-def test_a_round_that_is_not_over_goes_on_unheard(arm: ArmModel, tmp_path: Path) -> None:
-    clock = RoundClock(landmark_stops(arm, tmp_path, rest=4.0, move=1.0), lambda: False)
-    assert clock(np.array([0.0]))[0] == 0.0
-    assert clock(np.array([11.9]))[0] == 11.9
-    assert clock(np.array([12.1]))[0] == 15.0
+def test_a_round_that_is_not_over_goes_on_unheard(rounds: Stops) -> None:
+    clock = RoundClock(rounds, lambda: False)
+    assert motion_times(clock, 0.0, 11.9, 12.1) == [0.0, 11.9, 15.0]
 
 
-def test_a_round_begins_when_whoever_listens_is_ready(arm: ArmModel, tmp_path: Path) -> None:
-    heard = ready = False
-    clock = RoundClock(
-        landmark_stops(arm, tmp_path, rest=4.0, move=1.0), lambda: heard, lambda: ready
-    )
-
-    def at(time: float) -> float:
-        return float(clock(np.array([time]))[0])
-
-    heard = True
-    assert [at(t) for t in (0.0, 9.0)] == [0.0, 0.0]
+def test_a_round_begins_when_whoever_listens_is_ready(rounds: Stops) -> None:
+    heard, ready = True, False
+    clock = RoundClock(rounds, lambda: heard, lambda: ready)
+    assert motion_times(clock, 0.0, 9.0) == [0.0, 0.0]
     ready = True
-    assert [at(t) for t in (10.0, 11.0)] == [0.0, 1.0]
+    assert motion_times(clock, 10.0, 11.0) == [0.0, 1.0]
     # Who falls behind within a round is waited for by the stream, not by the arm.
     ready = False
-    assert [at(t) for t in (12.0, 23.0, 25.0)] == [2.0, 13.0, 14.0]
+    assert motion_times(clock, 12.0, 23.0, 25.0) == [2.0, 13.0, 14.0]
     heard = False
-    assert at(26.0) == 15.0
+    assert motion_times(clock, 26.0) == [15.0]
     heard = True
-    assert at(30.0) == 15.0
+    assert motion_times(clock, 30.0) == [15.0]
     ready = True
-    assert [at(t) for t in (31.0, 32.0)] == [15.0, 16.0]
+    assert motion_times(clock, 31.0, 32.0) == [15.0, 16.0]
 
 
 def test_a_patient_arm_rests_on_its_first_place_until_its_reader_has_kept_up(

@@ -9,6 +9,7 @@ import pytest
 from emulated import TRUTH, landmark_stops, true_landmarks, write_artefact
 
 from suta_calib.emulation import (
+    Motion,
     Still,
     Stops,
     artefact_set,
@@ -30,11 +31,6 @@ ROBOTS = Path(sysconfig.get_paths()["purelib"]) / "cmeel.prefix/share/example-ro
 PANDA = ROBOTS / "panda_description/urdf/panda.urdf"
 POSTURE = np.deg2rad([15, 175, 160, 110, -90, -125])
 POINT = np.array([0.4625, 0.0125, 0.15])
-
-
-@pytest.fixture(scope="module")
-def arm(suta_urdf: Path) -> ArmModel:
-    return ArmModel.from_urdf(suta_urdf, "tip")
 
 
 # ── Rests and motions between them ───────────────────────────────────────────────────────────
@@ -68,9 +64,11 @@ def test_the_arm_moves_smoothly_and_only_between_rests(arm: ArmModel, tmp_path: 
     assert jerk < 1.1 * 60 * way.max() / 0.5**3
 
 
+P1 = {"P1": parse_pose("P1=437.5,12.5,0,0,0,-105")[1]}
+
+
 def test_landmarks_are_gone_through_in_the_order_asked_for(arm: ArmModel, tmp_path: Path) -> None:
-    place = {"P1": parse_pose("P1=437.5,12.5,0,0,0,-105")[1]}
-    plan = artefact_set(write_artefact(tmp_path), place, 2, NoiseLevels())
+    plan = artefact_set(write_artefact(tmp_path), P1, 2, NoiseLevels())
     motion = stops(arm, TRUTH, plan, sequence=("C", "A"))
     assert [(e["repeat"], e["landmark"]) for e in motion.labels] == [
         *(("1", "C"), ("1", "A"), ("2", "C"), ("2", "A")),
@@ -81,8 +79,7 @@ def test_landmarks_are_gone_through_in_the_order_asked_for(arm: ArmModel, tmp_pa
 
 
 def test_seating_scatters_as_much_as_it_is_said_to(arm: ArmModel, tmp_path: Path) -> None:
-    place = {"P1": parse_pose("P1=437.5,12.5,0,0,0,-105")[1]}
-    plan = artefact_set(write_artefact(tmp_path), place, 30, NoiseLevels(seating=2e-4))
+    plan = artefact_set(write_artefact(tmp_path), P1, 30, NoiseLevels(seating=2e-4))
     one, other = (stops(arm, TRUTH, plan, seed=seed) for seed in (1, 2))
     _, tip = arm.forward(one.posture, TRUTH)
     scatter = (tip.reshape(30, 3, 3) - tip.reshape(30, 3, 3).mean(axis=0)).std(ddof=1)
@@ -243,14 +240,9 @@ def test_postures_are_given_by_name_or_in_full(arm: ArmModel) -> None:
         posture_of(arm, {"joint_1": 4.0})
 
 
-def test_what_stands_still_stands_still() -> None:
-    still = Still(np.array([1.0, 2.0]))
-    np.testing.assert_array_equal(still.readings(np.array([-1.0, 1e6])), [[1, 2], [1, 2]])
-
-
-def test_one_rest_is_a_motion_too() -> None:
-    alone = Stops(np.array([[0.5]]), ({"point": "F1"},))
-    np.testing.assert_array_equal(alone.readings(np.array([0.0, 100.0])), [[0.5], [0.5]])
+@pytest.mark.parametrize("still", [Still(np.array([0.5])), Stops(np.array([[0.5]]), ({},))])
+def test_what_stands_still_stands_still(still: Motion) -> None:
+    np.testing.assert_array_equal(still.readings(np.array([-1.0, 1e6])), [[0.5], [0.5]])
 
 
 def test_without_a_posture_one_is_found_that_can_be_tilted(arm: ArmModel) -> None:

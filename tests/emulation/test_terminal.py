@@ -3,6 +3,8 @@ from __future__ import annotations
 import os
 import select
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -11,8 +13,14 @@ from suta_calib.emulation import PseudoTerminal
 from suta_calib.errors import OutputError
 
 
-def opened(port: str) -> int:
-    return os.open(port, os.O_RDWR | os.O_NOCTTY)
+@contextmanager
+def opened(port: str) -> Iterator[int]:
+    """The other end of a port."""
+    file = os.open(port, os.O_RDWR | os.O_NOCTTY)
+    try:
+        yield file
+    finally:
+        os.close(file)
 
 
 def received(file: int, wait: float = 0.05) -> bytes:
@@ -39,30 +47,26 @@ def test_bytes_arrive_as_they_are_and_none_from_before() -> None:
     with PseudoTerminal() as terminal:
         assert not terminal.heard()
         assert not terminal.write(b"nobody hears this")
-        file = opened(terminal.port)
-        assert terminal.heard()
-        assert terminal.write(everything)
-        assert received(file) == everything
-        os.close(file)
+        with opened(terminal.port) as file:
+            assert terminal.heard()
+            assert terminal.write(everything)
+            assert received(file) == everything
 
 
 def test_the_next_reader_does_not_get_what_the_last_one_left() -> None:
     with PseudoTerminal() as terminal:
-        file = opened(terminal.port)
-        assert terminal.write(b"left unread")
-        os.close(file)
+        with opened(terminal.port):
+            assert terminal.write(b"left unread")
         assert not terminal.heard()
-        file = opened(terminal.port)
-        assert received(file) == b""
-        assert terminal.write(b"new")
-        assert received(file) == b"new"
-        os.close(file)
+        with opened(terminal.port) as file:
+            assert received(file) == b""
+            assert terminal.write(b"new")
+            assert received(file) == b"new"
 
 
 def test_a_reader_that_lags_misses_whole_packets_only() -> None:
     packets = [b"<%06d>" % k for k in range(20000)]
-    with PseudoTerminal() as terminal:
-        file = opened(terminal.port)
+    with PseudoTerminal() as terminal, opened(terminal.port) as file:
         sent = [packet for packet in packets if terminal.write(packet)]
         assert len(sent) < len(packets), "the buffer is finite"
         data = received(file)
@@ -70,35 +74,30 @@ def test_a_reader_that_lags_misses_whole_packets_only() -> None:
         data += received(file)
         # What was begun when the buffer ran full is finished first.
         assert data == b"".join([*sent, b"<again>"])
-        os.close(file)
 
 
 def test_what_readers_write_does_no_harm() -> None:
-    with PseudoTerminal() as terminal:
-        file = opened(terminal.port)
+    with PseudoTerminal() as terminal, opened(terminal.port) as file:
         for _ in range(50):
             os.write(file, b"x" * 500)
             assert terminal.heard()
         assert terminal.write(b"fine")
         assert received(file) == b"fine", "and no echo"
-        os.close(file)
 
 
 def test_a_port_that_vanishes_ends_its_readers_and_comes_back(tmp_path: Path) -> None:
     link = tmp_path / "port"
     with PseudoTerminal(link) as terminal:
         assert str(link.readlink()) == terminal.name
-        file = opened(str(link))
-        terminal.close()
-        assert not link.is_symlink()
-        assert not terminal.write(b"gone")
-        assert ended(file)
-        os.close(file)
+        with opened(str(link)) as file:
+            terminal.close()
+            assert not link.is_symlink()
+            assert not terminal.write(b"gone")
+            assert ended(file)
         terminal.open()
-        again = opened(str(link))
-        assert terminal.write(b"back")
-        assert received(again) == b"back"
-        os.close(again)
+        with opened(str(link)) as file:
+            assert terminal.write(b"back")
+            assert received(file) == b"back"
     assert not link.is_symlink()
 
 
