@@ -13,12 +13,7 @@ from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
 from suta_calib.acquisition.run import Run, SamplesFile
-from suta_calib.acquisition.session import (
-    ArmReadings,
-    StreamEvents,
-    run_session,
-    summary_lines,
-)
+from suta_calib.acquisition.session import ArmReadings, StreamEvents, run_session, summary_lines
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import (
     TouchSequence,

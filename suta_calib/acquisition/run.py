@@ -274,10 +274,9 @@ class SamplesFile:
             self.rows.append((row_labels, readings[index]))
 
     def put(self, labels: Mapping[str, str], angles: FloatArray, at: int | None = None) -> int:
-        """Write one row, in place of this run's row number ``at`` if that is given.
+        """Write one row, in place of this run's row number ``at`` if that is given; its number.
 
-        Returns:
-            Its number among this run's rows. When this returns, the row is on the disk.
+        When this returns, the row is on the disk.
 
         Raises:
             OutputError: it could not be written; the file is as it was.

@@ -75,10 +75,7 @@ def run_session(
     """Take samples until there is nothing left to take.
 
     After every read ``record`` gets the readings as they came, with all joints, and ``idle`` looks
-    after keys and the screen. Where nothing happens for ``patience`` s it is given up.
-
-    Returns:
-        Whether it came to its end; False where patience did.
+    after keys and the screen. False where nothing happened for ``patience`` s.
 
     Raises:
         DeviceError: as the source raises it.
@@ -87,9 +84,8 @@ def run_session(
     since = time.monotonic()
     first: Reading | None = None
     last: Reading | None = None
-    read_timeout = 0.05
     while not sampler.done:
-        readings = source.read(read_timeout)
+        readings = source.read(0.05)
         now = time.monotonic()
         if record is not None:
             record(readings)

@@ -14,12 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from suta_calib.acquisition.averaging import (
-    Average,
-    average,
-    spread,
-    unwrapped_about_median,
-)
+from suta_calib.acquisition.averaging import Average, average, spread, unwrapped_about_median
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import wrap

@@ -26,12 +26,7 @@ _WHICH: Final = re.compile(r"(?:(observations|validation)(?:\[(\d+)\])?|(\d+))")
 
 @dataclass(frozen=True)
 class Station:
-    """One sample to be taken.
-
-    Attributes:
-        name: what the user is told to go to.
-        labels: cells of the label columns.
-    """
+    """One sample to be taken: what the user is told to go to, and cells of the label columns."""
 
     name: str
     labels: Mapping[str, str]
@@ -96,22 +91,15 @@ class TouchSequence:
 
 
 def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
-    """The arm of a job, or the same chain of another URDF.
-
-    Raises:
-        JobError, UrdfError: as `CalibrationJob.load` does.
-    """
+    """The arm of a job, or the same chain of another URDF; errors as of `CalibrationJob.load`."""
     return read_arm_of_job(read_outline(job).top, urdf).model()
 
 
 def read_row(job: Path, which: str | None, usable: Sequence[str]) -> ObservationRow:
     """The observation that samples are taken for: the first of a kind that is ``usable``.
 
-    Or the one that ``which`` names: ``1``, ``observations[1]``, ``validation[0]`` or a kind.
-
-    Raises:
-        JobError: there is no such row, or a key of it cannot be used.
-        ArtefactError: the artefact cannot be used.
+    Or the one that ``which`` names: ``1``, ``observations[1]``, ``validation[0]`` or a kind. Where
+    there is none, or a key of it or its artefact cannot be used, a JobError or ArtefactError.
     """
     rows = {row.where: row for row in read_outline(job).rows}
     name = _chosen(job, {name: row.kind for name, row in rows.items()}, which, usable)
@@ -151,9 +139,7 @@ def touched(
 ) -> TouchSequence:
     """The landmarks of one placement, in the artefact's order or another one.
 
-    Raises:
-        ArtefactError: the sequence names a landmark that there is not.
-        InputError: the sequence is empty.
+    A landmark that there is not is an ArtefactError, an empty sequence an InputError.
     """
     assert row.artefact is not None
     names = list(row.artefact.landmarks) if sequence is None else list(sequence)

@@ -18,14 +18,7 @@ from suta_calib.acquisition.averaging import Average, unwrapped_about_median
 from suta_calib.acquisition.rest import STALL
 from suta_calib.acquisition.run import Run, SamplesFile, Say
 from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
-from suta_calib.acquisition.stops import (
-    Complete,
-    Ended,
-    Event,
-    Interrupted,
-    Rejected,
-    StopFinder,
-)
+from suta_calib.acquisition.stops import Complete, Ended, Event, Interrupted, Rejected, StopFinder
 from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import wrap

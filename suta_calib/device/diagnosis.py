@@ -115,12 +115,7 @@ class Watch:
         self._sample = (self._sample + data)[-4096:]
 
     def check(self, now: float) -> None:
-        """Say or raise what is wrong by now.
-
-        Raises:
-            DeviceSilentError: no byte for too long.
-            WrongFormatError: bytes, but no frame for too long.
-        """
+        """Say or raise what is wrong by now: no byte, or bytes but no frame, for too long."""
         # Fewer bytes are no evidence against the format; many boards restart when their port is
         # opened.
         fewest_bytes, start_factor = 16, 2.0

@@ -61,12 +61,7 @@ class PortProcess:
         return (self._spec.port, self._spec.baudrate) == (spec.port, spec.baudrate)
 
     def open(self) -> None:
-        """Wait until the port is open; where it was lost, it is looked for once.
-
-        Raises:
-            PortNotFoundError, PortBusyError, PortPermissionError: it cannot be opened.
-            DeviceFileError: port or baud rate mean nothing to pyserial.
-        """
+        """Wait until the port is open; one that was lost is looked for once; errors of `Port`."""
         if self._process.poll() is not None:
             self.close()
             self._start()

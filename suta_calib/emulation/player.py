@@ -41,11 +41,6 @@ class Played:
     silent: int = 0
     late: float = 0.0
 
-    @property
-    def periods(self) -> int:
-        """Packets in all."""
-        return self.sent + self.unheard + self.silent
-
     def __str__(self) -> str:
         return (
             f"{self.sent} frames sent, {self.unheard} that nobody read, {self.silent} withheld "
@@ -95,7 +90,8 @@ class Player:
     def trajectory(self) -> TrueTrajectory:
         """What the arm truly did since the port was first opened."""
         # What is computed ahead has not happened.
-        count, joints = self.played.periods, len(self._emulation.device.joints)
+        played, joints = self.played, len(self._emulation.device.joints)
+        count = played.sent + played.unheard + played.silent
         periods = range(self._first, self._first + count)
         time = np.array([self._emulation.time_us(period) for period in periods]) / 1e6
         at = np.concatenate([np.empty(0), *(at for at, _ in self._blocks)])

@@ -89,11 +89,7 @@ def recorded(path: Path, arm: ArmModel) -> Curve:
 
 
 def parse_posture(arm: ArmModel, text: str) -> dict[str, float]:
-    """``joint_1=15,joint_3=160`` in degrees (mm), or one number per joint: rad (m) by joint.
-
-    Raises:
-        InputError: something that is neither.
-    """
+    """``joint_1=15,joint_3=160`` in degrees (mm), or one number per joint: rad (m) by joint."""
     parts = [part.strip() for part in text.split(",") if part.strip()]
     if "=" not in text and len(parts) == len(arm.joints):
         parts = [f"{joint}={part}" for joint, part in zip(arm.joints, parts, strict=True)]

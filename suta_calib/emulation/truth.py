@@ -56,6 +56,7 @@ def read_truth(path: Path, arm: ArmModel, seed: int | None = None) -> dict[str, 
 
 
 def _values(listed: YamlSection, arm: ArmModel) -> dict[str, float]:
+    values = {}
     for name in listed.data:
         if name not in arm.parameters:
             raise listed.refuse(
@@ -64,11 +65,9 @@ def _values(listed: YamlSection, arm: ArmModel) -> dict[str, float]:
                 at=(name,),
                 hint=did_you_mean(name, arm.parameters),
             )
-    units = {name: _written(arm.parameters[name]) for name in listed.data}
-    return {
-        name: stored(listed.section(name).number(key("value", unit)), unit)
-        for name, unit in units.items()
-    }
+        unit = _written(arm.parameters[name])
+        values[name] = stored(listed.section(name).number(key("value", unit)), unit)
+    return values
 
 
 def drawn_truth(arm: ArmModel, seed: int, select: Sequence[str] = ()) -> dict[str, float]:

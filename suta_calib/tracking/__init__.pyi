@@ -1,5 +1,4 @@
 from .igtl import IgtlPublisher as IgtlPublisher
-from .latency import LatencyStatistics as LatencyStatistics
 from .live import Tracking as Tracking
 from .live import TrackOptions as TrackOptions
 from .path_accuracy import compare as compare
@@ -7,6 +6,7 @@ from .publisher import Publisher as Publisher
 from .publisher import UdpPublisher as UdpPublisher
 from .recording import CsvRecorder as CsvRecorder
 from .recording import ParquetRecorder as ParquetRecorder
+from .session import LatencyStatistics as LatencyStatistics
 from .session import TrackingSession as TrackingSession
 from .session import low_latency as low_latency
 from .tracker import TipKinematics as TipKinematics

@@ -18,12 +18,7 @@ from scipy.interpolate import CubicSpline
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
-from suta_calib.geometry.numbers import (
-    register_points,
-    rms_length,
-    rotation_from_vector,
-    skew,
-)
+from suta_calib.geometry.numbers import register_points, rms_length, rotation_from_vector, skew
 from suta_calib.pose_calibration.registration import register
 from suta_calib.tracking.trajectory import LEAST_ROWS, Trajectory
 

@@ -20,11 +20,7 @@ from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of
 from suta_calib.tracking.session import TrackingSession, low_latency
 from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tracker, read_tool
-from suta_calib.tracking.uncertainty import (
-    SOURCE_WORDS,
-    CalibrationUncertainty,
-    read_uncertainty,
-)
+from suta_calib.tracking.uncertainty import SOURCE_WORDS, CalibrationUncertainty, read_uncertainty
 from suta_calib.trust.tip import taken_as_cool
 from suta_calib.units import mm
 

@@ -15,13 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.tracking.errors_in_time import (
-    LEAST,
-    ErrorsInTime,
-    FaultEstimate,
-    Kind,
-    fitted,
-)
+from suta_calib.tracking.errors_in_time import LEAST, ErrorsInTime, FaultEstimate, Kind, fitted
 from suta_calib.tracking.shifts_in_time import ShiftsInTime
 from suta_calib.tracking.stray_rows import stray_rows
 from suta_calib.tracking.trajectory import Trajectory

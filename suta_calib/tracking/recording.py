@@ -70,8 +70,7 @@ class FileRecorder(Publisher):
     def close(self) -> None:
         """Write what waits, and give the file its name; without a single pose there is no file.
 
-        Raises:
-            OutputError: that was not possible; the part is left.
+        Where that is not possible, an OutputError says so, and the part is left.
         """
         if self._over.is_set():
             return

@@ -138,10 +138,7 @@ class TipKinematics:
     """
 
     def __init__(
-        self,
-        arm: ArmModel,
-        tool: Tool = NO_TOOL,
-        uncertainty: CalibrationUncertainty | None = None,
+        self, arm: ArmModel, tool: Tool = NO_TOOL, uncertainty: CalibrationUncertainty | None = None
     ) -> None:
         self._known = uncertainty is not None
         self._run = Batched(_compiled(arm, tool, uncertainty), 1)

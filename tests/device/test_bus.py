@@ -12,12 +12,8 @@ import serial
 from device_streams import RATE, ClockedPort, PortHere, PtyDevice, device, frames
 
 from suta_calib.device import Bus, Reading
-from suta_calib.device.formats import encode_frame, encode_line
-from suta_calib.errors import (
-    DeviceSilentError,
-    DisconnectedError,
-    WrongFormatError,
-)
+from suta_calib.device.formats import encode_frame
+from suta_calib.errors import DeviceSilentError, DisconnectedError, WrongFormatError
 
 
 def spec_of(arm: PtyDevice, **changes: object):
@@ -122,14 +118,9 @@ def test_what_comes_while_nobody_reads_is_not_lost(arm: PtyDevice) -> None:
         assert opened.statistics.lost_frames == 0
     sequences = [reading.sequence for reading in before + after]
     assert sequences == list(range(sequences[0], sequences[0] + len(sequences)))
-    assert len(after) > 500
-
-
-def test_a_device_that_says_nothing_is_named(arm: PtyDevice) -> None:
-    with Bus(spec_of(arm), silence=0.05) as opened, pytest.raises(DeviceSilentError) as caught:
-        read_until(opened, bool)
-    for word in (str(arm.link), "not a single byte", "921600", "switched on", "device.yaml"):
-        assert word in str(caught.value)
+    arrivals = [reading.arrival for reading in after]
+    assert arrivals == sorted(arrivals)
+    assert sum(arrival < away for arrival in arrivals) > 500
 
 
 def test_a_device_that_falls_silent_is_named() -> None:
@@ -161,15 +152,6 @@ def test_bytes_that_are_something_else_are_described(
         read_until(opened, bool)
     for word in words:
         assert word in str(caught.value)
-
-
-def test_the_wrong_number_of_joints_is_named(arm: PtyDevice) -> None:
-    arm.stream(lambda n, us: encode_frame(n, us, [0] * 5))
-    with (
-        Bus(spec_of(arm)) as opened,
-        pytest.raises(WrongFormatError, match="5 joints; expected 6"),
-    ):
-        read_until(opened, bool)
 
 
 def test_a_clock_in_another_unit_is_named(arm: PtyDevice) -> None:
@@ -259,14 +241,6 @@ def test_a_clock_that_jumps_is_said_and_settled_again(arm: PtyDevice) -> None:
     passed = after[0].arrival - before.arrival
     assert after[0].time - before.time == pytest.approx(passed, abs=5.0)
     assert np.all(np.diff([r.sequence for r in after]) == 1)
-
-
-def test_lines_come_too(arm: PtyDevice) -> None:
-    spec = spec_of(arm, format="lines", unit="deg")
-    arm.stream(lambda *_: encode_line([1, 2, 3, 4, 5, 6], spec))
-    with Bus(spec) as opened:
-        readings = read_until(opened, lambda found: len(found) >= 20)
-    np.testing.assert_allclose(np.rad2deg(readings[-1].angles), [1, 2, 3, 4, 5, 6], atol=1e-12)
 
 
 def test_a_socket_is_a_port(arm: PtyDevice) -> None:

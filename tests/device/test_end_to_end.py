@@ -150,8 +150,7 @@ SIZES = {
 
 
 @pytest.mark.parametrize(
-    ("size", "worst"),
-    [("small", 0.5e-3), pytest.param("full", 0.15e-3, marks=pytest.mark.slow)],
+    ("size", "worst"), [("small", 0.5e-3), pytest.param("full", 0.15e-3, marks=pytest.mark.slow)]
 )
 def test_the_tracked_tip_agrees_with_the_truth(
     laboratory: Laboratory, capsys: pytest.CaptureFixture[str], size: str, worst: float

@@ -10,57 +10,11 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
 from device_streams import PtyDevice, device
 
 from suta_calib.device import Bus
 from suta_calib.device.device_file import glance
 from suta_calib.device.port_process import PortProcess
-from suta_calib.errors import DeviceFileError, PortNotFoundError
-
-
-def test_what_comes_while_nobody_reads_is_kept_with_its_time(arm: PtyDevice) -> None:
-    """Half a second of six joints at 500 Hz is twice what a pseudo-terminal holds."""
-    port = PortProcess(device(port=str(arm.link)))
-    try:
-        port.open()
-        arm.stream(lambda n, _: b"%09d\n" % n * 4)
-        # A pseudo-terminal that nobody reads takes no more than 4 kB of it.
-        end = time.perf_counter() + 30
-        while arm.sent < 250:
-            assert time.perf_counter() < end, "what nobody asks for is not read"
-            time.sleep(0.05)
-        arm.stop()
-        while not arm.taken:
-            assert time.perf_counter() < end, "the rest is not read"
-            time.sleep(0.01)
-        # Between a read and its time the reader may be kept waiting.
-        time.sleep(0.2)
-        stopped = time.perf_counter()
-        pieces = []
-        while data := port.read(0.2):
-            pieces.append((port.arrived, data))
-    finally:
-        port.close()
-    numbers = [int(line) for line in b"".join(data for _, data in pieces).split(b"\n") if line][::4]
-    assert numbers == list(range(numbers[0], numbers[-1] + 1))
-    times = [at for at, _ in pieces]
-    assert times == sorted(times)
-    assert times[-1] <= stopped
-
-
-@pytest.mark.parametrize(
-    ("change", "kind", "said"),
-    [
-        ({"port": "/dev/no_such_port"}, PortNotFoundError, "no such port"),
-        ({"port": "loop://", "baudrate": -5}, DeviceFileError, "-5"),
-    ],
-)
-def test_a_port_that_cannot_be_opened_is_told_as_anywhere(
-    change: dict[str, object], kind: type[Exception], said: str
-) -> None:
-    with pytest.raises(kind, match=said), Bus(device(**change)):
-        pass
 
 
 def test_another_port_than_the_one_glanced_at_is_opened_instead(arm: PtyDevice) -> None:

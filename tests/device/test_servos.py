@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from servo_bus import ServoBus
 
-from suta_calib.device import Bus, Reading, read_device
+from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.formats import servos
 from suta_calib.device.formats.servos import DynamixelFormat, FeetechFormat
 from suta_calib.errors import DeviceFileError, DeviceSilentError, DisconnectedError
@@ -34,10 +34,10 @@ def bus_of(name: str, positions: dict[int, int]) -> ServoBus:
     return ServoBus(int(form.protocol), registers, form.address)
 
 
-def described(folder: Path, name: str, port: str, joints: str) -> Path:
+def described(folder: Path, name: str, servos: ServoBus, joints: str) -> DeviceSpec:
     file = folder / "device.yaml"
-    file.write_text(f"port: {port}\nformat: {name}\njoints: [{joints}]\n")
-    return file
+    file.write_text(f"port: {servos.port}\nformat: {name}\njoints: [{joints}]\n")
+    return read_device(file)
 
 
 THREE = "{name: a, id: 7, zero: 2048}, {name: b, id: 3, sign: -1}, {name: c, id: 12, ratio: 3}"
@@ -52,7 +52,7 @@ def first(bus: Bus) -> Reading:
 
 
 def until_it_ends(bus: Bus) -> None:
-    for _ in range(200):
+    while True:
         bus.read(0.1)
 
 
@@ -60,7 +60,7 @@ def until_it_ends(bus: Bus) -> None:
 def test_positions_of_servos_are_readings(name: str, tmp_path: Path) -> None:
     """By their numbers, each with its own zero, sign and gear; negative positions too."""
     with bus_of(name, {7: 3072, 3: 1024, 12: -2048}) as servos:
-        spec = read_device(described(tmp_path, name, servos.port, THREE))
+        spec = described(tmp_path, name, servos, THREE)
         assert (spec.baudrate, spec.counts_per_turn) == (1_000_000, 4096)
         with Bus(spec) as bus:
             reading = first(bus)
@@ -78,7 +78,7 @@ def test_positions_of_servos_are_readings(name: str, tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", FORMS)
 def test_a_servo_that_does_not_answer_is_named(name: str, tmp_path: Path) -> None:
     with bus_of(name, {7: 1, 12: 1}) as servos:
-        spec = read_device(described(tmp_path, name, servos.port, THREE))
+        spec = described(tmp_path, name, servos, THREE)
         with pytest.raises(
             DeviceSilentError, match=rf"no answer of servo 3 \(b\).*'format: {name}"
         ):
@@ -89,7 +89,7 @@ def test_a_servo_that_does_not_answer_is_named(name: str, tmp_path: Path) -> Non
 def test_damaged_answers_are_left_out(name: str, tmp_path: Path) -> None:
     with bus_of(name, {1: 10, 2: 20}) as servos:
         servos.noisy = 5
-        spec = read_device(described(tmp_path, name, servos.port, "{name: a}, {name: b}"))
+        spec = described(tmp_path, name, servos, "{name: a}, {name: b}")
         with Bus(spec) as bus:
             for _ in range(5):
                 expected = np.array([10, 20]) * math.tau / 4096
@@ -98,7 +98,7 @@ def test_damaged_answers_are_left_out(name: str, tmp_path: Path) -> None:
 
 def test_a_servo_that_goes_is_told(tmp_path: Path) -> None:
     with bus_of("feetech", {1: 10, 2: 20}) as servos:
-        spec = read_device(described(tmp_path, "feetech", servos.port, "{name: a}, {name: b}"))
+        spec = described(tmp_path, "feetech", servos, "{name: a}, {name: b}")
         with Bus(spec) as bus:
             first(bus)
             del servos.registers[2]
@@ -111,7 +111,7 @@ def test_one_that_misses_a_packet_is_not_blamed_for_another(
 ) -> None:
     monkeypatch.setattr(servos, "_SILENT_S", 0.0)
     with bus_of("feetech", {1: 10, 2: 20}) as bus:
-        spec = read_device(described(tmp_path, "feetech", bus.port, "{name: a}, {name: b}"))
+        spec = described(tmp_path, "feetech", bus, "{name: a}, {name: b}")
         with closing(FORMS["feetech"].port(spec)) as port:
             assert port.read(0.0)
             first_heard = port._heard[1]

@@ -71,7 +71,7 @@ def test_landmarks_are_gone_through_in_the_order_asked_for(arm: ArmModel, tmp_pa
     plan = artefact_set(write_artefact(tmp_path), P1, 2, NoiseLevels())
     motion = stops(arm, TRUTH, plan, sequence=("C", "A"))
     assert [(e["repeat"], e["landmark"]) for e in motion.labels] == [
-        *(("1", "C"), ("1", "A"), ("2", "C"), ("2", "A")),
+        *(("1", "C"), ("1", "A"), ("2", "C"), ("2", "A"))
     ]
     assert motion.rounds == (1, 3)
     with pytest.raises(InputError, match=r"no landmark 'D'.*A, B, C"):

@@ -59,6 +59,15 @@ def poses(count: int, invalid: tuple[int, ...] = ()) -> list[TrackedPose]:
     ]
 
 
+def with_play(position: FloatArray, play: FloatArray) -> FloatArray:
+    """What encoders behind gears with play read: they stand until it is taken up."""
+    read = np.empty_like(position)
+    read[0] = position[0]
+    for k in range(1, len(position)):
+        read[k] = np.clip(read[k - 1], position[k] - play / 2, position[k] + play / 2)
+    return read
+
+
 @dataclass(frozen=True)
 class Calibrated:
     """An arm with errors, its calibrated URDF, and a result that goes with it."""

@@ -11,6 +11,7 @@ import pytest
 from cli_job import cli
 from scipy.spatial.transform import Rotation
 from simulated import SUTA_URDF, arm_named
+from tracking_scene import with_play
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
@@ -31,15 +32,6 @@ NOWHERE = Path("motion.csv")
 
 def true_angles(time: FloatArray) -> FloatArray:
     return MIDDLE + 0.45 * np.sin(2 * math.pi * FREQUENCY * time[:, None] + PHASE)
-
-
-def with_play(angles: FloatArray, play: FloatArray) -> FloatArray:
-    """What encoders behind gears with play read: they stand until it is taken up."""
-    read = np.empty_like(angles)
-    read[0] = angles[0]
-    for k in range(1, len(angles)):
-        read[k] = np.clip(read[k - 1], angles[k] - play / 2, angles[k] + play / 2)
-    return read
 
 
 def motions(
@@ -155,9 +147,9 @@ def test_figures_of_errors():
 
 def test_path_error_is_what_is_across_the_motion():
     time = np.arange(0, 4, 1 / RATE)
-    line = np.stack([np.sin(time), 0 * time, 0 * time], axis=1)
-    aside = line + np.array([0.0, 3e-3, 4e-3])
-    found = compare(Trajectory(NOWHERE, time, aside), Trajectory(NOWHERE, time, line))
+    line = np.sin(time)[:, None] * [1.0, 0.0, 0.0]
+    aside = Trajectory(NOWHERE, time, line + np.array([0.0, 3e-3, 4e-3]))
+    found = compare(aside, Trajectory(NOWHERE, time, line))
     np.testing.assert_allclose(found.path_error, 5e-3, rtol=1e-6)
 
 
@@ -192,8 +184,8 @@ def test_the_jackknife_tells_how_an_error_scatters():
 @pytest.mark.parametrize("rate", [60.0, 120.0, 768.0])
 def test_a_pose_ages_until_the_next_one_comes(rate: float):
     time = np.arange(0, 4, 1 / RATE)
-    line = np.stack([0.5 * time, 0 * time, 0 * time], axis=1)
-    found = compare(Trajectory(NOWHERE, time, line), Trajectory(NOWHERE, time, line))
+    line = Trajectory(NOWHERE, time, 0.5 * time[:, None] * [1.0, 0.0, 0.0])
+    found = compare(line, line)
     assert found.staleness(rate) == pytest.approx(0.5 / rate / math.sqrt(3), rel=0.01)
 
 
@@ -298,9 +290,9 @@ def test_turning_points_are_counted_once_although_the_signal_trembles():
     )
 
 
-def test_a_joint_that_never_turns_back_has_no_reversals():
-    assert turning_points(np.linspace(0, 1, 100), 0.01) == []
-    assert turning_points(np.zeros(100), 0.01) == []
+@pytest.mark.parametrize("end", [0.0, 1.0])
+def test_a_joint_that_never_turns_back_has_no_reversals(end: float):
+    assert turning_points(np.linspace(0, end, 100), 0.01) == []
 
 
 def write(path: Path, trajectory: Trajectory, *, joints: bool = False, mm: bool = False) -> Path:

@@ -248,14 +248,6 @@ def test_joints_are_matched_by_name():
     assert np.isnan(flagged.quaternion).all()
 
 
-def test_a_device_that_lacks_a_joint_is_refused():
-    arm = arm_named("suta")
-    names = ["joint1", *arm.joints[1:]]
-    told = r"device.yaml: joints: .* 'joint1': did you mean 'joint_1'\?"
-    with pytest.raises(InputError, match=told):
-        Tracker(arm, names, TipKinematics(arm), Path("device.yaml"))
-
-
 def test_a_pose_takes_less_than_100_microseconds(scene: Calibrated):
     """A limit ten times what it takes, so that a busy machine does not fail it."""
     known = read_uncertainty(scene.path, scene.arm)

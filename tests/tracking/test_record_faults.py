@@ -13,6 +13,7 @@ import pytest
 from cli_job import cli
 from scipy.signal import lfilter
 from simulated import arm_named
+from tracking_scene import with_play
 
 from suta_calib.arrays import FloatArray
 from suta_calib.tracking.path_accuracy import PathAccuracy, compare
@@ -75,14 +76,6 @@ def correlated(
     phi = math.exp(-1.0 / (rate * seconds))
     drive = std * math.sqrt(1 - phi**2) * rng.standard_normal((rows + 1000, 3))
     return np.asarray(lfilter([1.0], [1.0, -phi], drive, axis=0)[1000:])
-
-
-def with_play(position: FloatArray, play: FloatArray) -> FloatArray:
-    read = np.empty_like(position)
-    read[0] = position[0]
-    for k in range(1, len(position)):
-        read[k] = np.clip(read[k - 1], position[k] - play / 2, position[k] + play / 2)
-    return read
 
 
 def field(rng: np.random.Generator, size: float) -> Motion:

@@ -12,9 +12,8 @@ from hypothesis import strategies as st
 from tracking_scene import reading, suta_tracker
 
 from suta_calib.device import Reading
-from suta_calib.tracking.latency import LatencyStatistics
 from suta_calib.tracking.publisher import Publisher
-from suta_calib.tracking.session import Pace, TrackingSession
+from suta_calib.tracking.session import LatencyStatistics, Pace, TrackingSession
 from suta_calib.tracking.tracker import TrackedPose
 
 

@@ -68,10 +68,7 @@ def test_positions_of_more_than_22_bits_are_refused() -> None:
             pack_words([0, position])
 
 
-@given(
-    st.lists(st.integers(0, TURN - 1), min_size=1, max_size=7),
-    st.sampled_from([1, -1]),
-)
+@given(st.lists(st.integers(0, TURN - 1), min_size=1, max_size=7), st.sampled_from([1, -1]))
 def test_counts_survive_the_way_to_angles_and_back(counts: list[int], sign: int) -> None:
     spec = device(joints=tuple(JointSpec(f"j{k}", sign) for k in range(len(counts))))
     angles = angles_from_counts(np.array(counts), np.full(len(counts), sign), TURN)
