@@ -38,7 +38,6 @@ class Snapshot:
     """The last second of a stream.
 
     Attributes:
-        names: the joints.
         angles: (n,) of the last reading, rad; NaN before the first.
         noise: (n,) standard deviation over the window of the readings without error flag, rad;
             NaN where there are fewer than two.
@@ -49,7 +48,6 @@ class Snapshot:
         clock_ppm: how much faster the device's clock runs than this computer's; None too early.
     """
 
-    names: tuple[str, ...]
     angles: FloatArray
     noise: FloatArray
     error: BoolArray
@@ -62,7 +60,7 @@ class Monitor:
     """Keeps the readings of a device's last second."""
 
     def __init__(self, spec: DeviceSpec) -> None:
-        self._names, self._window = spec.names, 1.0
+        self._joints, self._window = len(spec.joints), 1.0
         self._has_clock = format_of(spec).has_clock
         self._recent: deque[Reading] = deque()
         # When, and how many frames with a damaged word had come until then.
@@ -91,7 +89,7 @@ class Monitor:
         while len(self._damaged) > 1 and now - self._damaged[1][0] > self._window:
             self._damaged.popleft()
         damaged = max(self._damaged[-1][1] - self._damaged[0][1], 0)
-        count = len(self._names)
+        count = self._joints
         none = np.zeros(count, dtype=np.bool_)
         error = np.array([r.error for r in recent]) if recent else none[None]
         warning = np.array([r.warning for r in recent]) if recent else none[None]
@@ -106,7 +104,6 @@ class Monitor:
             if self._has_clock and host >= 5.0:
                 clock_ppm = 1e6 * ((self.last.time - self._first.time) / host - 1.0)
         return Snapshot(
-            names=self._names,
             angles=np.full(count, np.nan) if self.last is None else self.last.angles,
             noise=_deviation(angles, error[: len(angles)]),
             error=np.asarray(error.any(axis=0)),

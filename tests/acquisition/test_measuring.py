@@ -22,14 +22,14 @@ def bench(tmp_path: Path, repository: Path) -> Bench:
 def test_a_placement_is_measured_by_a_call(bench: Bench) -> None:
     said: list[str] = []
     shown: list[str] = []
-    emulation = bench.emulation(bench.stops("O,M1", rest=0.9))
+    emulation = bench.emulation(bench.stops("O,M1", rest=0.6))
     with EmulatedArm(emulation, patient=True) as emulator:
         options = MeasureOptions(
             job=bench.job,
             device=emulator.write_device(bench.folder / "device.yaml"),
             labels={"placement": "P1"},
             sequence=("O", "M1"),
-            seconds=0.4,
+            seconds=0.2,
             unattended=True,
         )
         measured = measure(options, say=said.append, show=shown.append)

@@ -45,8 +45,12 @@ def live(first: int, count: int, at: float, lateness: float = 0.0) -> list[Readi
     ]
 
 
-def test_live_readings_pass_after_the_window() -> None:
-    run = Run()
+@pytest.fixture
+def run() -> Run:
+    return Run()
+
+
+def test_live_readings_pass_after_the_window(run: Run) -> None:
     run.statistics.interruptions = 3
     for each in live(1000, 200, 50.0):
         run.statistics.garbage_bytes += 1
@@ -59,22 +63,19 @@ def test_live_readings_pass_after_the_window() -> None:
     assert run.leaps == []
 
 
-def test_a_driver_that_hands_over_late_is_no_reason_to_wait_for_long() -> None:
-    run = Run()
+def test_a_driver_that_hands_over_late_is_no_reason_to_wait_for_long(run: Run) -> None:
     run.feed_singly(sorted(live(0, 400, 5.0, lateness=0.016), key=lambda r: r.sequence))
     assert run.taken[0].time < 0.2
 
 
-def test_a_cache_that_is_emptied_in_a_burst_is_left_out() -> None:
-    run = Run()
+def test_a_cache_that_is_emptied_in_a_burst_is_left_out(run: Run) -> None:
     run.feed([reading(n, n / RATE, 70.0) for n in range(2000)])  # 2.6 s in no time
     assert run.taken == []
     run.feed_singly(live(2000, 200, 70.0))
     assert run.taken[0].sequence > 2000 + 0.09 * RATE
 
 
-def test_an_old_clock_before_the_right_one_is_left_out() -> None:
-    run = Run()
+def test_an_old_clock_before_the_right_one_is_left_out(run: Run) -> None:
     run.feed_singly(live(0, 10, 20.0))
     assert run.feed(live(90_000, 1, 20.02))
     run.feed_singly(live(90_001, 200, 20.03))
@@ -82,8 +83,7 @@ def test_an_old_clock_before_the_right_one_is_left_out() -> None:
     assert run.leaps == []  # nothing had been let through: nobody is told
 
 
-def test_a_leap_takes_back_what_it_was_counted_as() -> None:
-    run = Run()
+def test_a_leap_takes_back_what_it_was_counted_as(run: Run) -> None:
     run.feed_singly(live(1000, 300, 10.0))
     good, counted = len(run.taken), run.statistics.stale_readings
     run.statistics.lost_frames += 60_000
@@ -99,8 +99,7 @@ def test_a_leap_takes_back_what_it_was_counted_as() -> None:
 
 
 @pytest.mark.parametrize("pause", [0.5, 30.0])
-def test_a_pause_is_no_leap(pause: float) -> None:
-    run = Run()
+def test_a_pause_is_no_leap(run: Run, pause: float) -> None:
     run.feed_singly(live(0, 200, 0.0))
     skipped = int(pause * RATE)
     after = live(200 + skipped, 5, (200 + skipped) / RATE)
@@ -108,16 +107,14 @@ def test_a_pause_is_no_leap(pause: float) -> None:
     assert run.taken[-5:] == after
 
 
-def test_frames_held_back_and_sent_at_once_are_not_lost() -> None:
-    run = Run()
+def test_frames_held_back_and_sent_at_once_are_not_lost(run: Run) -> None:
     run.feed_singly(live(0, 200, 0.0))
     held = [reading(n, n / RATE, 3.0) for n in range(200, 2300)]
     assert not run.feed(held)
     assert run.taken[-1] is held[-1]
 
 
-def test_slow_devices_settle_too() -> None:
-    run = Run()
+def test_slow_devices_settle_too(run: Run) -> None:
     run.feed_singly(reading(n, n / 2, 9.0 + n / 2) for n in range(6))
     assert len(run.taken) == 4
 
@@ -129,22 +126,19 @@ def test_no_window_lets_everything_through() -> None:
     assert len(run.taken) == 6
 
 
-def test_a_clock_that_is_slow_is_believed() -> None:
-    run = Run()
+def test_a_clock_that_is_slow_is_believed(run: Run) -> None:
     run.feed_singly(reading(n, n / RATE, 1.2 * n / RATE) for n in range(300))
     assert run.taken[0].arrival < 0.15
     assert run.leaps == []
 
 
-def test_a_clock_that_is_fast_is_believed_after_a_while() -> None:
-    run = Run()
+def test_a_clock_that_is_fast_is_believed_after_a_while(run: Run) -> None:
     run.feed_singly(reading(n, 1.5 * n / RATE, n / RATE) for n in range(round(3 * RATE)))
     assert run.taken[0].arrival == pytest.approx(2.0, abs=0.05)
 
 
-def test_readings_that_were_read_late_are_no_leap() -> None:
+def test_readings_that_were_read_late_are_no_leap(run: Run) -> None:
     """A computer that stood still: some were read late, the next were lost, then all is well."""
-    run = Run()
     run.feed_singly(live(0, 200, 0.0))
     run.feed([reading(n, n / RATE, 6.0) for n in range(200, 230)])
     following = live(4700, 50, 4700 / RATE)

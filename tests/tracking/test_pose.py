@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from simulated import arm_named, random_readings
 from tracking_scene import TRUTH, Calibrated, calibrated, reading, suta_tracker
 
+from suta_calib.arrays import FloatArray
 from suta_calib.errors import InputError
 from suta_calib.model.arm import ArmModel
 from suta_calib.tracking.tracker import NO_TOOL, TipKinematics, Tool, Tracker, quaternion, read_tool
@@ -41,22 +42,35 @@ def test_quaternions_are_scipys():
         np.testing.assert_allclose(quaternion(R.as_matrix()), R.as_quat(canonical=True), atol=1e-12)
 
 
+def moved_by(
+    arm: ArmModel,
+    q: FloatArray,
+    values: dict[str, float],
+    direction: dict[str, float],
+    step: float = 1e-6,
+    lever: FloatArray | None = None,
+) -> tuple[FloatArray, FloatArray]:
+    """How the tip moves (3,) and turns (3,) per unit of parameters that change, by differences."""
+    tips, frames = [], []
+    for sign in (-1, 1):
+        changed = {
+            name: values.get(name, arm.offered[name].nominal) + sign * step * by
+            for name, by in direction.items()
+        }
+        R, p = arm.forward(q, values | changed)
+        tips.append(p if lever is None else p + R @ lever)
+        frames.append(Rotation.from_matrix(R))
+    turn = (frames[1] * frames[0].inv()).as_rotvec()
+    return (tips[1] - tips[0]) / (2 * step), turn / (2 * step)
+
+
 def test_uncertainty_is_that_of_the_nominal_arm_with_its_parameters(scene: Calibrated):
     """The file speaks of the nominal URDF; offsets and turns are folded into the calibrated one."""
     tool = Tool(np.array([0.01, 0.03, 0.12]), np.array([1e-4, 2e-4, 3e-4]))
     kinematics = TipKinematics(scene.arm, tool, read_uncertainty(scene.path, scene.arm))
-    step = 1e-6
     for q in random_readings(scene.nominal, np.random.default_rng(2), 10):
-        columns, turns = [], []
-        for name in TRUTH:
-            ends, frames = [], []
-            for sign in (-1, 1):
-                R, p = scene.nominal.forward(q, TRUTH | {name: TRUTH[name] + sign * step})
-                ends.append(p + R @ tool.tip)
-                frames.append(Rotation.from_matrix(R))
-            columns.append((ends[1] - ends[0]) / (2 * step))
-            turns.append((frames[1] * frames[0].inv()).as_rotvec() / (2 * step))
-        J, T = np.array(columns).T, np.array(turns).T
+        by_name = [moved_by(scene.nominal, q, TRUTH, {n: 1.0}, lever=tool.tip) for n in TRUTH]
+        J, T = (np.array(columns).T for columns in zip(*by_name, strict=True))
         R = scene.nominal.forward(q, TRUTH)[0]
         variance = J @ scene.covariance @ J.T + R @ np.diag(tool.std**2) @ R.T
         _, _, std, turn_std = kinematics.with_turns(q)
@@ -89,22 +103,11 @@ def test_what_was_held_and_moves_the_tip_is_in_what_is_streamed(scene: Calibrate
     assert alone.with_held(scene.arm).with_held(scene.arm).names == known.names
     before, after = (TipKinematics(scene.arm, NO_TOOL, each) for each in (alone, known))
     plausible, direction = held["joint_6.z"]
-    random, lever = np.random.default_rng(3), 1e-3
+    random = np.random.default_rng(3)
     for q in random_readings(scene.nominal, random, 5):
-        ends = [
-            scene.nominal.forward(
-                q,
-                TRUTH
-                | {
-                    n: TRUTH.get(n, scene.nominal.offered[n].nominal) + sign * lever * d
-                    for n, d in direction.items()
-                },
-            )[1]
-            for sign in (-1, 1)
-        ]
+        moved, _ = moved_by(scene.nominal, q, TRUTH, direction, 1e-3)
         within = random.uniform(-plausible, plausible, 20_000)
-        added = (ends[1] - ends[0]) / (2 * lever) * np.std(within)
-        wanted = np.hypot(before(q)[2], added)
+        wanted = np.hypot(before(q)[2], moved * np.std(within))
         np.testing.assert_allclose(after(q)[2], wanted, rtol=0.01)
 
 
@@ -132,14 +135,9 @@ def test_offsets_of_joints_that_slide_are_folded_too(tmp_path: Path):
     arm = ArmModel.from_urdf(tmp_path / "calibrated.urdf", "tip")
     known = read_uncertainty(result, arm)
     assert known.source == "std"
-    q, step = np.array([0.4, -0.2]), 1e-6
+    q = np.array([0.4, -0.2])
     _, _, found = TipKinematics(arm, NO_TOOL, known)(q)
-    variance = np.zeros(3)
-    for name in truth:
-        ends = [
-            nominal.forward(q, truth | {name: truth[name] + sign * step})[1] for sign in (-1, 1)
-        ]
-        variance += (std[name] * (ends[1] - ends[0]) / (2 * step)) ** 2
+    variance = sum((std[n] * moved_by(nominal, q, truth, {n: 1.0})[0]) ** 2 for n in truth)
     np.testing.assert_allclose(found, np.sqrt(variance), rtol=1e-6)
 
 
@@ -184,14 +182,8 @@ def test_results_that_do_not_fit_are_refused(
     file.write_text(json.dumps(scene.result | change))
     with pytest.raises(InputError, match=said):
         read_uncertainty(file, scene.arm)
-
-
-def test_a_result_that_must_not_be_used_is_taken_where_one_insists(
-    scene: Calibrated, tmp_path: Path
-):
-    file = tmp_path / "result.json"
-    file.write_text(json.dumps(scene.result | {"verdict": {"usable": False}}))
-    assert read_uncertainty(file, scene.arm, anyway=True).source == "covariance"
+    if "verdict" in change:  # where one insists it is taken
+        assert read_uncertainty(file, scene.arm, anyway=True).source == "covariance"
 
 
 def test_the_nominal_urdf_is_not_what_was_calibrated(scene: Calibrated):
