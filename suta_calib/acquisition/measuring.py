@@ -7,13 +7,20 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack, closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from suta_calib.acquisition.guided import Guided, Keyboard
 from suta_calib.acquisition.raw import RawRecorder
 from suta_calib.acquisition.rest import DEFAULT_REST, RestSettings
 from suta_calib.acquisition.run import Run, SamplesFile
-from suta_calib.acquisition.session import ArmReadings, StreamEvents, run_session, summary_lines
+from suta_calib.acquisition.session import (
+    ArmReadings,
+    Finder,
+    Sampler,
+    StreamEvents,
+    run_session,
+    summary_lines,
+)
 from suta_calib.acquisition.stops import StopFinder
 from suta_calib.acquisition.touch_sequence import (
     TouchSequence,
@@ -31,14 +38,11 @@ from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
+from suta_calib.device.port_process import PortProcess
 from suta_calib.errors import InputError
 from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS
 from suta_calib.units import deg
-
-if TYPE_CHECKING:
-    from suta_calib.acquisition.session import Finder, Sampler
-    from suta_calib.device.port_process import PortProcess
 
 Status = Literal["complete", "incomplete", "interrupted"]
 

@@ -8,15 +8,13 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 import numpy as np
 
+from suta_calib.device.reading import Reading
 from suta_calib.errors import InputError, OutputError
 from suta_calib.extras import load
-
-if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading
 
 
 class RawRecorder:

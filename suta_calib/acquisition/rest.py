@@ -12,18 +12,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from suta_calib.acquisition.averaging import spread, steps, unwrapped_about_median
 from suta_calib.arrays import FloatArray
+from suta_calib.device.reading import Reading
 from suta_calib.geometry.numbers import wrap
 from suta_calib.units import from_deg
-
-if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading
-
 
 # A pause between readings that is worth telling, s.
 STALL: Final = 0.5

@@ -6,25 +6,22 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
+from suta_calib.acquisition.guided import Guided
 from suta_calib.acquisition.rest import STALL
-from suta_calib.device.description import columns_of
+from suta_calib.acquisition.stops import StopFinder
+from suta_calib.acquisition.unattended import Continuous, Unattended
+from suta_calib.device.bus import Bus
+from suta_calib.device.description import DeviceSpec, columns_of
 from suta_calib.device.formats import format_of
+from suta_calib.device.reading import Reading, Statistics
 
-if TYPE_CHECKING:
-    from suta_calib.acquisition.guided import Guided
-    from suta_calib.acquisition.stops import StopFinder
-    from suta_calib.acquisition.unattended import Continuous, Unattended
-    from suta_calib.device.bus import Bus
-    from suta_calib.device.description import DeviceSpec
-    from suta_calib.device.reading import Reading, Statistics
-
-    # What makes events of readings, and who decides which stop is which sample.
-    Finder: TypeAlias = StopFinder | Continuous
-    Sampler: TypeAlias = Guided | Unattended | Continuous
+# What makes events of readings, and who decides which stop is which sample.
+Finder: TypeAlias = StopFinder | Continuous
+Sampler: TypeAlias = Guided | Unattended | Continuous
 
 
 class ArmReadings:

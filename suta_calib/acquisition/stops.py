@@ -10,17 +10,14 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from suta_calib.acquisition.averaging import Average, average, spread, unwrapped_about_median
 from suta_calib.acquisition.rest import DEFAULT_REST, Look, RestDetector, RestSettings
 from suta_calib.arrays import FloatArray
+from suta_calib.device.reading import Reading
 from suta_calib.geometry.numbers import wrap
-
-if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterable
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from suta_calib.acquisition.seating_check import ANOTHER, CERTAIN, likelier
 from suta_calib.acquisition.stops import Complete, Ended, Event, Interrupted, Rejected, StopFinder
 from suta_calib.acquisition.touch_sequence import TouchSequence
 from suta_calib.arrays import FloatArray
+from suta_calib.device.reading import Reading
 from suta_calib.geometry.numbers import wrap
 from suta_calib.units import from_deg
-
-if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading
 
 
 class Unattended:

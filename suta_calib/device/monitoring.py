@@ -7,20 +7,18 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.device.bus import Bus
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.diagnosis import remarks
 from suta_calib.device.formats import format_of
 from suta_calib.device.reading import Reading, Statistics
 from suta_calib.geometry.numbers import wrap
 from suta_calib.units import deg
-
-if TYPE_CHECKING:
-    from suta_calib.device.bus import Bus
 
 # What was lost or damaged, by its name in `Statistics`, and what it is called.
 LOSSES: Final = {

@@ -9,18 +9,16 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.device.bus import Bus
+from suta_calib.device.reading import Reading
 from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose, Tracker
 from suta_calib.units import ms
-
-if TYPE_CHECKING:
-    from suta_calib.device.bus import Bus
-    from suta_calib.device.reading import Reading
 
 
 class LatencyStatistics:

@@ -9,7 +9,7 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -19,15 +19,13 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import refuse_unusable
 from suta_calib.batched import Batched
 from suta_calib.device.description import columns_of
+from suta_calib.device.reading import Reading
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
 from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
 from suta_calib.units import from_mm
-
-if TYPE_CHECKING:
-    from suta_calib.device.reading import Reading
 
 
 @dataclass(frozen=True, eq=False, slots=True)
