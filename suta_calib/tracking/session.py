@@ -74,7 +74,8 @@ class LatencyStatistics:
         counts = np.array(self._bins, dtype=float)
         filled = np.flatnonzero(counts) if self.count else np.zeros(1, dtype=np.intp)
         first, last = int(filled[0]), int(filled[-1]) + 1
-        return self._FIRST * self._RATIO ** np.arange(first, last + 1), counts[first:last]
+        edges = np.asarray(self._FIRST * self._RATIO ** np.arange(first, last + 1), dtype=float)
+        return edges, counts[first:last]
 
     def summary(self) -> dict[str, float | int]:
         """Count, and ``mean_ms``, ``jitter_ms`` and percentiles for JSON."""

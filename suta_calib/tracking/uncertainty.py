@@ -204,8 +204,9 @@ def read_uncertainty(
     path = Path(path)
     data = read_json_object(path)
     parameters = data.get("parameters")
-    is_table = isinstance(parameters, dict)
-    if not is_table or not all(isinstance(e, dict) for e in parameters.values()):
+    if not isinstance(parameters, dict) or not all(
+        isinstance(e, dict) for e in parameters.values()
+    ):
         expected = "a result.json of suta-calib calibrate"
         raise InputError("no table of parameters", expected, file=path)
     if data.get("status") != "converged":
