@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -62,9 +64,8 @@ def test_one_pose_lists_every_branch_and_the_true_one_among_them(arm: ArmModel) 
         assert np.allclose(position, samples.position, atol=1e-8)
     sizes = [float(np.linalg.norm(branch.offsets)) for branch in found.branches]
     assert sizes == sorted(sizes)
-    every = np.array([branch.offsets for branch in found.branches])
-    apart = np.abs(wrap(every[:, None] - every[None])).max(axis=2)
-    assert apart[np.triu_indices(len(every), 1)].min() > 1e-3
+    for one, other in combinations(found.branches, 2):
+        assert np.abs(wrap(one.offsets - other.offsets)).max() > 1e-3
 
 
 @pytest.mark.parametrize("oriented", [True, False])
@@ -109,9 +110,7 @@ def test_a_pose_out_of_reach_stays_far(arm: ArmModel) -> None:
 def test_one_pose_checks_nothing_and_its_offsets_may_be_anything(arm: ArmModel) -> None:
     """Six equations for six offsets: whatever is read, the tip stays 0.000 mm away."""
     true = known(arm, 1, oriented=True)
-    wrong = Samples.from_arrays(
-        arm.joints, true.q + 0.7, position=true.position, rotation=true.rotation
-    )
+    wrong = replace(true, q=true.q + 0.7)
     found = find_zero_offsets(arm, wrong)
     assert found.redundancy == 0
     assert found.chosen.rms < 1e-8
@@ -120,13 +119,7 @@ def test_one_pose_checks_nothing_and_its_offsets_may_be_anything(arm: ArmModel) 
     assert "no more equations than offsets" in found.assessment.sentence
     assert "no second posture bears out" in found.assessment.notes[0]
     # The same posture once more is no second one; another one tells that something is wrong.
-    again = Samples.from_arrays(
-        arm.joints,
-        np.repeat(wrong.q, 3, axis=0),
-        position=np.repeat(wrong.position, 3, axis=0),
-        rotation=np.repeat(wrong.rotation, 3, axis=0),
-    )
-    assert find_zero_offsets(arm, again).redundancy == 0
+    assert find_zero_offsets(arm, wrong.take([0, 0, 0])).redundancy == 0
 
 
 @pytest.mark.parametrize(
@@ -163,7 +156,7 @@ def test_a_pose_that_all_others_contradict_is_named(
     assert true.position is not None
     position = true.position.copy()
     position[2, 1] += off
-    wrong = Samples.from_arrays(arm.joints, true.q, position=position, rotation=true.rotation)
+    wrong = replace(true, position=position)
     assert find_zero_offsets(arm, true).contradicted is None
     found = find_zero_offsets(arm, wrong)
     odd = found.contradicted
@@ -179,15 +172,9 @@ def test_a_pose_that_all_others_contradict_is_named(
 
 def test_too_few_poses_and_repeats_of_one_contradict_no_other(arm: ArmModel) -> None:
     """Of two poses either may be wrong, however often one of them was taken."""
-    true = known(arm, 2, oriented=True)
-    assert true.position is not None
-    assert true.rotation is not None
-    rows = [0, 0, 0, 0, 1]
-    position = true.position[rows]
-    position[-1, 0] += 0.03
-    wrong = Samples.from_arrays(
-        arm.joints, true.q[rows], position=position, rotation=true.rotation[rows]
-    )
+    samples = known(arm, 2, oriented=True).take([0, 0, 0, 0, 1])
+    off = 0.03 * np.array([[0, 0, 0]] * 4 + [[1, 0, 0]])
+    wrong = replace(samples, position=samples.position + off)
     assert find_zero_offsets(arm, wrong).contradicted is None
 
 
