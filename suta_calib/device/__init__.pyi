@@ -9,10 +9,10 @@ from .formats import Format as Format
 from .formats import decoder_for as decoder_for
 from .formats import encode_frame as encode_frame
 from .formats import encode_line as encode_line
+from .formats.encoder_words import angles_from_counts as angles_from_counts
 from .formats.encoder_words import frame_crc as frame_crc
 from .monitoring import Monitor as Monitor
 from .monitoring import stream_report as stream_report
 from .monitoring import watch as watch
 from .reading import Reading as Reading
 from .reading import Statistics as Statistics
-from .units import angles_from_counts as angles_from_counts

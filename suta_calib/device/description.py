@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import InputError, did_you_mean
@@ -109,6 +110,18 @@ class DeviceSpec(Displayable):
     def signs(self) -> IntArray:
         """(n,) the joints' signs."""
         return np.array([joint.sign for joint in self.joints], dtype=np.int64)
+
+    def values(self, angles: ArrayLike) -> NDArray[np.number]:
+        """(..., n) what the device sends for joint angles (..., n), rad: counts, rad or deg.
+
+        Counts are the nearest ones from 0 to less than a turn of the joint's encoder.
+        """
+        radians = np.asarray(angles, dtype=float)
+        values = radians * self.signs * (self.turns / math.tau) + self.zeros
+        if self.unit != "counts":
+            return values
+        of_turn = np.rint(np.abs(self.turns)).astype(np.int64)
+        return np.asarray(np.rint(values).astype(np.int64) % of_turn)
 
 
 def columns_of(

@@ -1,4 +1,3 @@
-from .device import device_of as device_of
 from .emulated import EmulatedDevice as EmulatedDevice
 from .emulated import EmulationOptions as EmulationOptions
 from .emulated import PlayOptions as PlayOptions
@@ -24,6 +23,7 @@ from .script import point_set as point_set
 from .script import read_script as read_script
 from .script import stops as stops
 from .stream import Emulation as Emulation
+from .stream import device_of as device_of
 from .stream import frames as frames
 from .terminal import PseudoTerminal as PseudoTerminal
 from .trajectories import pivoting as pivoting

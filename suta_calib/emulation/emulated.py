@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from suta_calib.emulation.device import device_of, device_text
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still, Stops
 from suta_calib.emulation.player import Played, Player
@@ -24,7 +23,7 @@ from suta_calib.emulation.script import (
     read_script,
     stops,
 )
-from suta_calib.emulation.stream import Emulation
+from suta_calib.emulation.stream import Emulation, device_of, device_text
 from suta_calib.emulation.terminal import PseudoTerminal
 from suta_calib.emulation.trajectories import parse_posture, pivoting, posture_of, recorded, sweep
 from suta_calib.emulation.truth import (

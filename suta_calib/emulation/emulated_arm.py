@@ -21,9 +21,8 @@ from queue import Empty, Queue
 from typing import Any, Self
 
 from suta_calib.device.description import DeviceSpec
-from suta_calib.emulation.device import device_text
 from suta_calib.emulation.player import Played, Player, TrueTrajectory
-from suta_calib.emulation.stream import Emulation
+from suta_calib.emulation.stream import Emulation, device_text
 from suta_calib.emulation.terminal import PseudoTerminal
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements import write_text

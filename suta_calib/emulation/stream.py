@@ -1,4 +1,7 @@
-"""The bytes an emulated arm sends, and when: no port, no clock, the same for the same seed."""
+"""The device an emulated arm is, and the bytes it sends, and when: no port, no clock.
+
+The bytes are the same for the same seed.
+"""
 
 from __future__ import annotations
 
@@ -6,24 +9,84 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import count
-from typing import Any, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
-from suta_calib.device.description import DeviceSpec
-from suta_calib.device.formats import Sample, format_of
+from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
+from suta_calib.device.formats import FORMATS, Sample, format_of
 from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
+from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.showing import Displayable
+
+if TYPE_CHECKING:
+    from suta_calib.model.arm import ArmModel
 
 # Old frames come when the host has flushed and begun to read: this long after the opening, s,
 # with the clock of this long ago, from an arm that has been turned by this much since, rad.
 STALE_AFTER: Final = 0.03
 STALE_AGE: Final = 5.0
 STALE_TURN: Final = 0.3
+
+
+def device_of(
+    arm: ArmModel,
+    *,
+    form: str = "frames",
+    unit: str = "counts",
+    counts_per_turn: int = FRAME_COUNTS_PER_TURN,
+    signs: Sequence[int] = (),
+    baudrate: int = 921600,
+) -> DeviceSpec:
+    """One encoder for each joint of an arm, from base to tip; it has no port yet.
+
+    Args:
+        arm: whose joints.
+        form: one of `FORMATS`.
+        unit: of lines: ``counts``, ``rad`` or ``deg``.
+        counts_per_turn: of one turn, in counts.
+        signs: +1 or -1 for each joint; all +1 by default.
+        baudrate: for ``device.yaml``: a pseudo-terminal has none.
+
+    Raises:
+        InputError: a unit or counts that the format cannot have, a number of signs that is not that
+            of the joints, or a joint that slides where angles are sent.
+    """
+    if (refused := FORMATS[form].refusal(unit, counts_per_turn)) is not None:
+        description = f"{form} with {counts_per_turn} counts per turn, in {unit}"
+        raise InputError(description, refused[1], where=refused[0])
+    for joint in arm.chain.moving:
+        if joint.type == "prismatic" and unit != "rad":
+            raise InputError(
+                f"prismatic joint {joint.name!r}",
+                "joints that turn: an encoder's word is an angle",
+                file=arm.chain.path,
+                line=joint.line,
+                hint="send it as lines in rad, which carry metres as they are",
+            )
+    chosen = list(signs) or [1] * len(arm.joints)
+    if len(chosen) != len(arm.joints):
+        raise InputError(f"{len(chosen)} signs", f"{len(arm.joints)}, one per joint")
+    joints = tuple(map(JointSpec, arm.joints, chosen))
+    return DeviceSpec(Path("device.yaml"), "", baudrate, form, unit, counts_per_turn, joints)
+
+
+def device_text(device: DeviceSpec) -> str:
+    """``device.yaml`` of a device."""
+    document: dict[str, Any] = {
+        "port": device.port,
+        "baudrate": device.baudrate,
+        "format": device.format,
+        "unit": device.unit,
+        "counts_per_turn": device.counts_per_turn,
+        "joints": [{"name": joint.name, "sign": joint.sign} for joint in device.joints],
+    }
+    return yaml_text(document, "An emulated arm: there is no hardware behind this port.")
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,7 +17,6 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.port import Port
 from suta_calib.device.reading import Reading, Statistics
-from suta_calib.device.units import values_from_angles
 
 
 class Decoder(ABC):
@@ -84,7 +83,7 @@ class Encoder(ABC):
 
     def values(self, angles: FloatArray) -> NDArray[np.number]:
         """What is sent for angles (n, joints), rad: as many values."""
-        return values_from_angles(self._spec, angles)
+        return self._spec.values(angles)
 
     @abstractmethod
     def packet(self, sample: Sample) -> bytes:

@@ -6,6 +6,7 @@ when its bit is 0, so that a dead line does not look like a good position.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import cache
 from typing import Any, Final, NamedTuple
@@ -14,7 +15,7 @@ import anycrc
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from suta_calib.arrays import BoolArray
+from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN
 
 WordArray = NDArray[np.uint32]
@@ -93,3 +94,17 @@ def pack_words(
     payload = (positions << 2 | no_error << 1 | no_warning).astype(np.uint32)
     words: WordArray = payload << np.uint32(6) | word_crc(payload)
     return words
+
+
+def angles_from_counts(counts: IntArray, sign: IntArray, per_turn: int) -> FloatArray:
+    """Joint angles in (-π, π], rad, to the last bit: the wrapping is done on whole numbers.
+
+    Args:
+        counts: (..., n) encoder positions.
+        sign: (n,) +1 or -1.
+        per_turn: counts of one turn.
+    """
+    # ceil(per_turn / 2) - 1 is the largest count above -π that is still wanted below zero.
+    below = (per_turn + 1) // 2 - 1
+    centred = (counts * sign + below) % per_turn - below
+    return np.asarray(centred * (math.tau / per_turn), dtype=float)

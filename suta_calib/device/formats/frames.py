@@ -20,12 +20,12 @@ from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample
 from suta_calib.device.formats.encoder_words import (
     POSITIONS,
     WordArray,
+    angles_from_counts,
     frame_crc,
     pack_words,
     unpack_words,
 )
 from suta_calib.device.reading import Reading
-from suta_calib.device.units import angles_from_counts
 from suta_calib.errors import WrongFormatError
 
 HEADER: Final = b"\xaa\x55"

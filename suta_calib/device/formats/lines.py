@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.base import Decoder, Encoder, Format, Sample, is_text
 from suta_calib.device.reading import Reading
-from suta_calib.device.units import angles_from_values
 from suta_calib.errors import WrongFormatError
 
 _NUMBER: Final = rb"[ \t]*[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,3})?[ \t]*"
@@ -22,11 +23,20 @@ def encode_line(values: ArrayLike, spec: DeviceSpec) -> bytes:
     """One line, as a device would send it.
 
     Args:
-        values: (n,) in the device's own unit (`values_from_angles`), in the order of its joints.
+        values: (n,) in the device's own unit (`DeviceSpec.values`), in the order of its joints.
         spec: gives the unit: counts are written as whole numbers.
     """
     form = "{:.0f}" if spec.unit == "counts" else "{:.12g}"
     return ",".join(form.format(value) for value in np.asarray(values).tolist()).encode() + b"\n"
+
+
+def angles_from_values(
+    values: FloatArray, sign: IntArray, per_turn: float | FloatArray
+) -> FloatArray:
+    """Joint angles (..., n) in (-π, π], rad, of any numbers less those at zero; as from counts."""
+    fraction = values * sign / per_turn
+    wrapped: FloatArray = (fraction - np.ceil(fraction - 0.5)) * math.tau
+    return wrapped
 
 
 class LinesDecoder(Decoder):

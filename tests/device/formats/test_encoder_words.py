@@ -9,13 +9,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from suta_calib.device.description import JointSpec
-from suta_calib.device.formats.encoder_words import frame_crc, pack_words, unpack_words, word_crc
-from suta_calib.device.units import (
+from suta_calib.device.formats.encoder_words import (
     angles_from_counts,
-    angles_from_values,
-    counts_from_angles,
-    values_from_angles,
+    frame_crc,
+    pack_words,
+    unpack_words,
+    word_crc,
 )
+from suta_calib.device.formats.lines import angles_from_values
 
 TURN = 1 << 22
 
@@ -77,7 +78,7 @@ def test_counts_survive_the_way_to_angles_and_back(counts: list[int], sign: int)
     np.testing.assert_allclose(
         np.exp(1j * angles), np.exp(2j * np.pi * sign * np.array(counts) / TURN), atol=1e-14
     )
-    assert counts_from_angles(spec, angles).tolist() == counts
+    assert spec.values(angles).tolist() == counts
 
 
 @pytest.mark.parametrize("sign", [1, -1])
@@ -96,4 +97,4 @@ def test_half_a_turn_is_plus_pi(sign: int, turn: int) -> None:
 )
 def test_values_of_lines_are_in_the_unit_of_the_device(unit: str, expected: float) -> None:
     spec = device(format="lines", unit=unit, counts_per_turn=4096, joints=(JointSpec("a", -1),))
-    assert values_from_angles(spec, [math.pi / 4]) == pytest.approx(expected)
+    assert spec.values([math.pi / 4]) == pytest.approx(expected)

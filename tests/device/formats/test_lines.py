@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from suta_calib.device.description import JointSpec
 from suta_calib.device.formats import decoder_for, encode_line
-from suta_calib.device.units import values_from_angles
 from suta_calib.errors import WrongFormatError
 
 JOINTS = tuple(JointSpec(name, sign) for name, sign in (("a", 1), ("b", -1), ("c", 1)))
@@ -24,7 +23,7 @@ SPECS = {
 @given(angles=st.lists(st.floats(-3.14, math.pi), min_size=3, max_size=3))
 def test_angles_survive_a_line(unit: str, angles: list[float]) -> None:
     spec = SPECS[unit]
-    line = encode_line(values_from_angles(spec, angles), spec)
+    line = encode_line(spec.values(angles), spec)
     (reading,) = decoder_for(spec).feed(b"\n" + line, 5.0)
     step = math.tau / 4096 if unit == "counts" else 1e-8
     turned = np.angle(np.exp(1j * (reading.angles - angles)))
@@ -121,7 +120,7 @@ def test_zero_gear_and_counts_of_each_joint(unit: str) -> None:
     )
     spec = device(format="lines", unit=unit, counts_per_turn=4096, joints=joints)
     angles = np.array([[0.0, 0.0], [1.0, -2.0], [-3.0, 3.0]])
-    values = values_from_angles(spec, angles)
+    values = spec.values(angles)
     if unit == "counts":
         assert values[0].tolist() == [2048, 100]
         assert values[1].tolist() == [2048 + round(4096 / math.tau), 100 + round(6000 / math.tau)]
