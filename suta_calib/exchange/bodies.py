@@ -6,6 +6,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
+from itertools import chain
 from pathlib import Path
 from typing import Any, ClassVar, Final
 
@@ -16,7 +17,7 @@ from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
 from suta_calib.exchange.cells import TableRow, numbers_of, read_foreign_text, rows_of_text
 from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
-from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
+from suta_calib.exchange.imported import ImportedRows, checked_places, distance_notes, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
@@ -128,13 +129,12 @@ class Recording:
         together = {key: np.concatenate([part[key] for part in parts]) for key in parts[0]}
         position = np.stack([together[prefix + axis] for axis in "xyz"], axis=1)
         of = listed(names) + (f" in {reference}" if reference is not None else "")
-        note = distance_note(position, self.unit)
         return ImportedRows(
             source=self.path,
             form=form,
             columns=together,
             dropped=dropped,
-            notes=(note,) if note else (),
+            notes=distance_notes(position, self.unit),
             remarks=(f"The pose of {of}; lengths are {self.unit}.",),
         )
 
@@ -144,14 +144,10 @@ class Recording:
         prefixes = self.bodies if set(self.bodies) == set(PAIR) else PAIR
         for prefix, body in zip(prefixes, self.bodies.values(), strict=True):
             columns |= pose_columns(body.position, body.rotation, prefix)
-        asked = [distance_note(body.position, self.unit) for body in self.bodies.values()]
-        remarks = (f"Lengths are {self.unit}.",)
+        asked = [distance_notes(body.position, self.unit) for body in self.bodies.values()]
+        notes, remarks = tuple(chain(*asked)), (f"Lengths are {self.unit}.",)
         return ImportedRows(
-            source=self.path,
-            form=form,
-            columns=columns,
-            notes=tuple(filter(None, asked)),
-            remarks=remarks,
+            source=self.path, form=form, columns=columns, notes=notes, remarks=remarks
         )
 
     def _chosen(self, pattern: str, reference: str | None) -> list[str]:

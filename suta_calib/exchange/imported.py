@@ -233,12 +233,12 @@ def checked_places(
     return position
 
 
-def distance_note(position: FloatArray, unit: str) -> str:
-    """A question where lengths (n, 3), m, look like another unit; empty where they do not."""
+def distance_notes(position: FloatArray, unit: str) -> tuple[str, ...]:
+    """A question where lengths (n, 3), m, look like another unit."""
     distance = float(np.median(np.linalg.norm(position, axis=1))) if len(position) else 0.0
     if distance > FAR:
-        return f"Positions some {distance:.0f} m away, with {unit}: are they millimetres?"
+        return (f"Positions some {distance:.0f} m away, with {unit}: are they millimetres?",)
     if 0.0 < distance < NEAR:
         shown = shown_text(distance, "m", with_unit=True)
-        return f"Positions some {shown} away, with {unit}: are they metres?"
-    return ""
+        return (f"Positions some {shown} away, with {unit}: are they metres?",)
+    return ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import islice
@@ -75,20 +75,16 @@ class Sheet:
         """(n,) cells of a column."""
         return [cells[self.ahead + column].strip() for _, cells in self.rows()]
 
-    def numbers(self, columns: Iterable[int]) -> FloatArray:
+    def numbers(self, columns: Sequence[int]) -> FloatArray:
         """Numbers (n, columns) in some columns; NaN where a cell is missing."""
-        return np.stack([self._numbers(column) for column in columns], axis=1)
-
-    def _numbers(self, column: int) -> FloatArray:
-        numbers = self.values[column]
-        if numbers is not None:
-            return numbers
-        where = self.ahead + column
-        for line, cells in self.rows():
-            cell = cells[where].strip()
-            if not is_missing(cell) and not np.isfinite(number_in(cell)):
-                raise no_number(self.path, line, where, cell)
-        raise AssertionError("a column of numbers is kept as numbers")
+        numbers = [self.values[column] for column in columns]
+        for column, values in zip(columns, numbers, strict=True):
+            where = self.ahead + column
+            for line, cells in self.rows() if values is None else ():
+                cell = cells[where].strip()
+                if not is_missing(cell) and not np.isfinite(number_in(cell)):
+                    raise no_number(self.path, line, where, cell)
+        return np.stack([values for values in numbers if values is not None], axis=1)
 
 
 def sheet_of(

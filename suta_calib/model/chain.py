@@ -11,7 +11,7 @@ that is above both, against the direction of the joints, and descends from there
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -327,35 +327,27 @@ MOVED: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
 
 
 def coupled_joints(robot: Element) -> dict[str, tuple[str, ...]]:
-    """By joint: those whose motors move it too.
+    """By joint: those whose motors move it too, by a ``<transmission>`` of ros_control (or 2).
 
     A transmission of another type, or one that names no two joints, couples nothing: what a
-    controller would refuse is nothing to a chain.
+    controller would refuse is nothing to a chain. Readings mostly have the coupling taken out of
+    them already: these joints are offered for what is wrong with it, and nothing is moved.
     """
     coupled: dict[str, tuple[str, ...]] = {}
-    for transmission in _transmissions(robot):
+    places = [robot, *children(robot, "ros2_control")]
+    for transmission in (t for place in places for t in children(place, "transmission")):
         kind = _text(transmission, "type", "plugin").rpartition("/")[2]
-        joints = _by_role(transmission)
+        # A role is an element in ROS 1, an attribute in ROS 2; without one the order counts.
+        joints = {
+            joint.get("role") or _text(joint, "role") or f"joint{place}": joint.get("name")
+            for place, joint in enumerate(children(transmission, "joint"), 1)
+            if joint.get("name")
+        }
         for moved, by in MOVED.get(kind, ()):
             if moved in joints and by in joints and joints[moved] != joints[by]:
                 before = coupled.get(joints[moved], ())
                 coupled[joints[moved]] = tuple(dict.fromkeys([*before, joints[by]]))
     return coupled
-
-
-def _transmissions(robot: Element) -> Iterator[Element]:
-    yield from children(robot, "transmission")
-    for control in children(robot, "ros2_control"):
-        yield from children(control, "transmission")
-
-
-def _by_role(transmission: Element) -> dict[str, str]:
-    """Names of the joints by role: an element of ROS 1, an attribute of ROS 2; else their order."""
-    return {
-        joint.get("role") or _text(joint, "role") or f"joint{place}": joint.get("name")
-        for place, joint in enumerate(children(transmission, "joint"), 1)
-        if joint.get("name")
-    }
 
 
 def _text(element: Element, *tags: str) -> str:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import numpy as np
@@ -196,7 +196,7 @@ def dh_table(
             normal = _normal(line, lines[k + 1], start, x, lines[last] if k == last - 1 else None)
             twist = twists.get(line.name, normal.alpha)
             if abs(wrap(normal.alpha - twist)) > abs(wrap(-normal.alpha - twist)):
-                normal = normal.reversed()
+                normal = normal._replace(x=-normal.x, a=-normal.a, alpha=-normal.alpha)
         theta[k] = math.atan2(float(np.cross(x, normal.x) @ line.z), float(x @ normal.x))
         d[k] = float((normal.foot - start) @ line.z)
         a[k], alpha[k] = normal.a, normal.alpha
@@ -229,8 +229,7 @@ def _wanted_twists(like: DhTable, names: Sequence[str]) -> dict[str, float]:
     return {row.joint: twist for row, twist in zip(like.rows, twists, strict=True)}
 
 
-@dataclass(frozen=True, eq=False)
-class _Line:
+class _Line(NamedTuple):
     """A line of the chain at zero readings, in the base: (3,) point, unit z and a unit x on it."""
 
     name: str
@@ -240,8 +239,7 @@ class _Line:
     x: FloatArray
 
 
-@dataclass(frozen=True, eq=False)
-class _CommonNormal:
+class _CommonNormal(NamedTuple):
     """From ``foot`` on one line to ``landing`` on the next: (3,) unit x, a in m, alpha in rad."""
 
     x: FloatArray
@@ -249,10 +247,6 @@ class _CommonNormal:
     landing: FloatArray
     a: float
     alpha: float
-
-    def reversed(self) -> _CommonNormal:
-        """The same normal with x pointing the other way."""
-        return _CommonNormal(-self.x, self.foot, self.landing, -self.a, -self.alpha)
 
 
 def _lines(arm: ArmModel, values: Mapping[str, float]) -> list[_Line]:

@@ -285,19 +285,14 @@ def with_usual_priors(parameters: Iterable[Parameter]) -> ParameterSet:
     It is `Parameter.prior_assumed`: the data may contradict it, and widen it. An encoder's zero may
     be set by hand. Machined and assembled links are off by millimetres and tenths of a degree.
     """
-    return ParameterSet(
-        replace(p, prior=_usual_prior(p), prior_assumed=True)
-        if p.free and p.prior is None and math.isinf(p.upper - p.lower)
-        else p
-        for p in parameters
-    )
-
-
-def _usual_prior(parameter: Parameter) -> float:
-    """Standard deviation of a parameter about nominal before anything is measured."""
-    if (parameter.key == OFFSET and parameter.unit == "rad") or not parameter.geometric:
-        return parameter.plausible
-    return USUAL_GEOMETRY[parameter.unit]
+    usual = []
+    for p in parameters:
+        if p.free and p.prior is None and math.isinf(p.upper - p.lower):
+            by_hand = (p.key == OFFSET and p.unit == "rad") or not p.geometric
+            prior = p.plausible if by_hand else USUAL_GEOMETRY[p.unit]
+            p = replace(p, prior=prior, prior_assumed=True)
+        usual.append(p)
+    return ParameterSet(usual)
 
 
 def select_parameters(

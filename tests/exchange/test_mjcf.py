@@ -11,13 +11,11 @@ import pinocchio as pin
 import pytest
 from cli_job import cli
 
-from suta_calib.confined import run_confined
 from suta_calib.errors import InputError, MissingExtraError
 from suta_calib.exchange import read_foreign
 from suta_calib.model.arm import ArmModel
 
 mujoco = pytest.importorskip("mujoco")
-mjcf_child = pytest.importorskip("suta_calib.exchange.mjcf_child")
 
 HEAD = '<mujoco model="m"><compiler angle="radian"/>'
 INERTIA = '<inertial pos="0 0 0" mass="0.1" diaginertia="1e-4 1e-4 1e-4"/>'
@@ -147,17 +145,6 @@ def test_every_frame_is_where_mujoco_has_it(name: str, tmp_path: Path) -> None:
     named = [model.body(k).name for k in range(model.nbody)]
     named += [model.site(k).name for k in range(model.nsite)]
     assert judged(path, found.text()) == len(set(filter(None, named)))
-
-
-def test_the_child_answers_what_it_computes(tmp_path: Path) -> None:
-    path = tmp_path / "arm.xml"
-    for name in ("two roots", "names"):
-        path.write_text(FILES[name])
-        assert mjcf_child._read(str(path)) == run_confined(
-            "suta_calib.exchange.mjcf_child", str(path)
-        )
-    path.write_text("<mujoco><x/></mujoco>")
-    assert "unrecognized" in mjcf_child._read(str(path))["refused"]
 
 
 def test_a_body_with_several_joints_and_a_chain_of_it(tmp_path: Path) -> None:

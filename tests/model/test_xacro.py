@@ -36,20 +36,6 @@ def test_the_same_arm(suta_urdf: Path, tmp_path: Path) -> None:
         np.testing.assert_allclose(mine, theirs, atol=1e-12)
 
 
-def test_a_job_with_a_xacro_file(suta_urdf: Path, tmp_path: Path) -> None:
-    """The calibrated URDF is the expanded one, with the values found."""
-    job = write_simulated_job(tmp_path / "job", suta_urdf)
-    as_xacro(suta_urdf, tmp_path / "job/arm.xacro")
-    (tmp_path / "job/arm.urdf").unlink()
-    job.write_text(job.read_text().replace("arm.urdf", "arm.xacro"))
-    assert cli("calibrate", job) == 0
-    found = json.loads((tmp_path / "job/results/result.json").read_text())["parameters"]
-    calibrated = ArmModel.from_urdf(tmp_path / "job/results/calibrated.urdf", "tip")
-    value = found["joint_4.z"]["value"]
-    assert calibrated.parameters["joint_4.z"].nominal == pytest.approx(value, abs=1e-12)
-    assert value != pytest.approx(0.571, abs=1e-4)
-
-
 @pytest.mark.parametrize(
     ("text", "says"),
     [
@@ -81,17 +67,14 @@ def test_a_xacro_file_that_is_not_there(tmp_path: Path) -> None:
         ArmModel.from_urdf(tmp_path / "arm.xacro", "tip")
 
 
-def test_results_go_with_the_files_that_the_description_is_made_of(
-    suta_urdf: Path, tmp_path: Path
-) -> None:
-    """The copy beside the results holds what the file includes, and is expanded when it is read."""
+def test_a_job_with_a_xacro_file(suta_urdf: Path, tmp_path: Path) -> None:
+    """The calibrated URDF is the expanded one; the copy beside it holds what the file includes."""
     job = write_simulated_job(tmp_path / "job", suta_urdf)
     arm = as_xacro(suta_urdf, tmp_path / "job/arm.xacro")
     head = '\n<xacro:property name="forearm" value="0.571"/>\n'
     assert head in arm.read_text()
-    arm.write_text(
-        arm.read_text().replace(head, '<xacro:include filename="$(find arm)/parts/lengths.xacro"/>')
-    )
+    include = '<xacro:include filename="$(find arm)/parts/lengths.xacro"/>'
+    arm.write_text(arm.read_text().replace(head, include))
     (tmp_path / "job/package.xml").write_text("<package><name>arm</name></package>")
     (tmp_path / "job/parts").mkdir()
     space = 'xmlns:xacro="http://www.ros.org/wiki/xacro"'
@@ -99,6 +82,11 @@ def test_results_go_with_the_files_that_the_description_is_made_of(
     (tmp_path / "job/arm.urdf").unlink()
     job.write_text(job.read_text().replace("arm.urdf", "arm.xacro"))
     assert cli("calibrate", job, "--out", tmp_path / "results") == 0
+    found = json.loads((tmp_path / "results/result.json").read_text())["parameters"]
+    calibrated = ArmModel.from_urdf(tmp_path / "results/calibrated.urdf", "tip")
+    value = found["joint_4.z"]["value"]
+    assert calibrated.parameters["joint_4.z"].nominal == pytest.approx(value, abs=1e-12)
+    assert value != pytest.approx(0.571, abs=1e-4)
     (tmp_path / "job").rename(tmp_path / "gone")
     out = tmp_path / "kin.yaml"
     assert cli("export", tmp_path / "results", "--format", "xacro-yaml", "--out", out) == 0

@@ -17,7 +17,7 @@ from suta_calib.exchange.imported import (
     GRID_HINT,
     ORIGIN,
     ImportedRows,
-    distance_note,
+    distance_notes,
     from_origin,
     pose_columns,
 )
@@ -88,14 +88,15 @@ class LeicaGsiReader(Reader):
             places.append(place)
             lines.append(number)
         position, remarks = from_origin(path, lines, np.array(places).reshape(-1, 3), given)
-        note = distance_note(position, "lengths as the words' units say")
-        note += f" Or {GRID_HINT}." if note and not remarks else ""
+        notes = distance_notes(position, "lengths as the words' units say")
+        if notes and not remarks:
+            notes = (f"{notes[0]} Or {GRID_HINT}.",)
         return ImportedRows(
             source=path,
             form=self.name,
             columns={"point": np.array(labels, dtype=np.str_), **pose_columns(position, None)},
             dropped=left_out,
-            notes=(note,) if note else (),
+            notes=notes,
             remarks=remarks,
         )
 

@@ -29,7 +29,7 @@ from suta_calib.exchange.imported import (
     GRID_HINT,
     ORIGIN,
     ImportedRows,
-    distance_note,
+    distance_notes,
     from_origin,
     origin_of,
 )
@@ -256,16 +256,16 @@ class _Columns:
         unit = self._length or pose.unit
         if self._guessing and not unit:
             return
-        note = distance_note(position, f"lengths in {unit or 'm'}")
-        if note and not unit:
+        notes = distance_notes(position, f"lengths in {unit or 'm'}")
+        if notes and not unit:
             # Distance, in whatever unit, of all positions from the origin that is more than any
             # arm's in mm.
             far = float(np.linalg.norm(position, axis=1).min()) > 1e4
             grid = f"; {GRID_HINT}" if far and ORIGIN not in self._given else ""
-            problem = f"{note[0].lower()}{note[1:]}"
+            problem = f"{notes[0][0].lower()}{notes[0][1:]}"
             hint = f"say --unit mm or --unit m; nothing is scaled unasked{grid}"
             raise self._sheet.refuse(problem, "the unit", hint=hint)
-        self._notes += [note] if note else []
+        self._notes += notes
 
     def _beside(self) -> tuple[dict[str, NDArray[Any]], BoolArray]:
         """Columns that are no pose, and the rows in which none of their numbers is missing."""
