@@ -155,25 +155,25 @@ BAD: dict[str, tuple[Spoil, str]] = {
 @pytest.mark.parametrize(("spoil", "says"), BAD.values(), ids=BAD)
 @pytest.mark.parametrize("command", ["calibrate", "observe"])
 def test_bad_input_is_one_line_and_no_output(
-    folder: Path, spoil: Spoil, says: str, command: str, capsys: Capture
+    folder: Path, spoil: Spoil, says: str, command: str
 ) -> None:
     spoil(folder)
     before = sorted(folder.rglob("*"))
-    line = refused(capsys, command, folder / JOB, "--json")
+    line = refused(command, folder / JOB, "--json")
     assert re.search(says, line), line
     assert sorted(folder.rglob("*")) == before
 
 
-def test_a_job_that_is_not_there(tmp_path: Path, capsys: Capture) -> None:
+def test_a_job_that_is_not_there(tmp_path: Path) -> None:
     for command in ("calibrate", "observe"):
-        assert "no such file" in refused(capsys, command, tmp_path / "none.yaml")
-        assert "a folder" in refused(capsys, command, tmp_path)
+        assert "no such file" in refused(command, tmp_path / "none.yaml")
+        assert "a folder" in refused(command, tmp_path)
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize("below", ["", "results", "results/deep"])
 def test_an_output_folder_that_is_a_file(
-    folder: Path, below: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    folder: Path, below: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def solving(*_: object) -> None:
         raise AssertionError("it began to solve")
@@ -181,14 +181,14 @@ def test_an_output_folder_that_is_a_file(
     monkeypatch.setattr("suta_calib.job.calibration.CalibrationJob.run", solving)
     taken = folder / "taken"
     taken.write_text("mine")
-    assert str(taken) in refused(capsys, "calibrate", folder / JOB, "--out", taken / below)
+    assert str(taken) in refused("calibrate", folder / JOB, "--out", taken / below)
     assert taken.read_text() == "mine"
 
 
-def test_fewer_samples_than_the_job_can_use(folder: Path, capsys: Capture) -> None:
+def test_fewer_samples_than_the_job_can_use(folder: Path) -> None:
     rows(CSV, 2)(folder)
     before = sorted(folder.rglob("*"))
-    line = refused(capsys, "calibrate", folder / JOB, "--json")
+    line = refused("calibrate", folder / JOB, "--json")
     assert re.search(r"tracked_point.*found 2 samples; expected at least 3", line)
     assert sorted(folder.rglob("*")) == before
 
@@ -199,7 +199,7 @@ def test_data_that_any_values_would_fit_are_refused(folder: Path, n: int, capsys
     rows(CSV, n)(folder)
     assert cli("observe", folder / JOB) == 0
     capsys.readouterr()
-    assert "more equations than unknowns" in refused(capsys, "calibrate", folder / JOB)
+    assert "more equations than unknowns" in refused("calibrate", folder / JOB)
     assert not (folder / "results").exists()
 
 
@@ -209,53 +209,51 @@ def test_few_equations_are_no_traceback(folder: Path, capsys: Capture) -> None:
     assert "Traceback" not in capsys.readouterr().err
 
 
-def test_validate_refuses_another_arm(folder: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_validate_refuses_another_arm(folder: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.urdf"
     text = (folder / URDF).read_text()
     other.write_text(text.replace('"joint_3"', '"elbow"'))
-    assert "elbow" in refused(capsys, "validate", other, folder / JOB)
+    assert "elbow" in refused("validate", other, folder / JOB)
     other.write_text(text.replace('"tip"', '"stylus"'))
-    assert re.search(r"other\.urdf.*tip", refused(capsys, "validate", other, folder / JOB))
-    assert "no such file" in refused(capsys, "validate", tmp_path / "none.urdf", folder / JOB)
+    assert re.search(r"other\.urdf.*tip", refused("validate", other, folder / JOB))
+    assert "no such file" in refused("validate", tmp_path / "none.urdf", folder / JOB)
 
 
-def test_validate_needs_validation_data(folder: Path, capsys: Capture) -> None:
+def test_validate_needs_validation_data(folder: Path) -> None:
     replaced(JOB, r"validation:\n.*\n", "")(folder)
-    assert "validation" in refused(capsys, "validate", folder / URDF, folder / JOB)
+    assert "validation" in refused("validate", folder / URDF, folder / JOB)
 
 
-def test_init_refuses_what_it_cannot_use(
-    folder: Path, tmp_path: Path, suta_urdf: Path, capsys: Capture
-) -> None:
+def test_init_refuses_what_it_cannot_use(folder: Path, tmp_path: Path, suta_urdf: Path) -> None:
     out = tmp_path / "new"
     start = ("init", suta_urdf, "--out", out)
-    said = refused(capsys, *start)
+    said = refused(*start)
     assert "found no --tip" in said
     assert "its chains end at 'tip'" in said
-    assert "tipp" in refused(capsys, *start, "--tip", "tipp")
-    assert "one of" in refused(capsys, *start, "--tip", "tip", "--kind", "touch")
+    assert "tipp" in refused(*start, "--tip", "tipp")
+    assert "one of" in refused(*start, "--tip", "tip", "--kind", "touch")
     twice = ("--kind", "landmark", "--kind", "landmark")
-    assert "twice" in refused(capsys, *start, "--tip", "tip", *twice)
+    assert "twice" in refused(*start, "--tip", "tip", *twice)
     taken = tmp_path / "taken"
     taken.write_text("mine")
-    assert "no folder" in refused(capsys, "init", suta_urdf, "--tip", "tip", "--out", taken)
+    assert "no folder" in refused("init", suta_urdf, "--tip", "tip", "--out", taken)
     assert not out.exists()
 
 
 def test_a_joint_that_is_called_as_a_column_is_refused_before_a_file_is_made(
-    tmp_path: Path, suta_urdf: Path, capsys: Capture
+    tmp_path: Path, suta_urdf: Path
 ) -> None:
     urdf, out = tmp_path / "arm.urdf", tmp_path / "new"
     urdf.write_text(suta_urdf.read_text(encoding="utf-8").replace('"joint_1"', '"x"'))
     kind = ("--kind", "tracked_point")
-    said = refused(capsys, "init", urdf, "--tip", "tip", "--out", out, *kind)
+    said = refused("init", urdf, "--tip", "tip", "--out", out, *kind)
     assert "a joint named 'x'" in said
     assert "rename the joint" in said
     file = tmp_path / "simulation.yaml"
     file.write_text(
         "arm: {urdf: arm.urdf, tip: tip}\nsets: {calibration: {kind: tracked_point, samples: 9}}\n"
     )
-    assert "a joint named 'x'" in refused(capsys, "simulate", file, "--out", out)
+    assert "a joint named 'x'" in refused("simulate", file, "--out", out)
     assert not out.exists()
     assert cli("init", urdf, "--tip", "tip", "--out", out, "--kind", "fixed_point") == 0
 
@@ -269,5 +267,5 @@ def test_a_joint_that_is_called_as_a_column_is_refused_before_a_file_is_made(
         (["observe", "a.yaml", "b.yaml"], "unexpected"),
     ],
 )
-def test_bad_usage(arguments: list[str], says: str, capsys: Capture) -> None:
-    assert says in refused(capsys, *arguments)
+def test_bad_usage(arguments: list[str], says: str) -> None:
+    assert says in refused(*arguments)

@@ -89,8 +89,8 @@ def test_without_a_report_nothing_is_drawn_and_none_of_the_run_before_is_left(
     assert run.stdout.splitlines()[-1] == "False"
 
 
-def test_calibrate_finds_the_truth(job: Path, capsys: Capture) -> None:
-    found = answer(capsys, "calibrate", job, "--out", job.parent / "new" / "folder")
+def test_calibrate_finds_the_truth(job: Path) -> None:
+    found = answer("calibrate", job, "--out", job.parent / "new" / "folder")
     assert found["status"] == "converged"
     assert found["unidentified"] == found["redundant"] == ["joint_1.offset"]
     for name, true in TRUTH.items():
@@ -104,9 +104,9 @@ def test_calibrate_finds_the_truth(job: Path, capsys: Capture) -> None:
     assert written.items() <= found.items()
 
 
-def test_calibrate_that_does_not_converge_exits_with_1(job: Path, capsys: Capture) -> None:
+def test_calibrate_that_does_not_converge_exits_with_1(job: Path) -> None:
     job.write_text(job.read_text().replace("starts: 2", "starts: 1, max_iterations: 1"))
-    assert "not converged" in printed(capsys, "calibrate", job, code=1)
+    assert "not converged" in printed("calibrate", job, code=1)
     result = job.parent / "results" / "result.json"
     assert json.loads(result.read_text())["status"] == "not_converged"
     assert not result.with_name("calibrated.urdf").exists()
@@ -114,7 +114,7 @@ def test_calibrate_that_does_not_converge_exits_with_1(job: Path, capsys: Captur
 
 def test_observe_tells_what_the_data_can_determine(job: Path, capsys: Capture) -> None:
     before = files_below(job.parent)
-    found = answer(capsys, "observe", job)
+    found = answer("observe", job)
     assert (found["rank"], found["asked"], found["samples"]) == (7, 8, 40)
     assert found["unidentified"] == ["joint_1.offset"]
     assert found["parameters"]["joint_1.offset"]["std"] is None
@@ -131,45 +131,39 @@ def test_observe_tells_what_the_data_can_determine(job: Path, capsys: Capture) -
     assert files_below(job.parent) == before
 
 
-def test_predicted_deviations_are_those_of_the_fit(calibrated: Calibrated, capsys: Capture) -> None:
-    predicted = answer(capsys, "observe", calibrated.job)["parameters"]
+def test_predicted_deviations_are_those_of_the_fit(calibrated: Calibrated) -> None:
+    predicted = answer("observe", calibrated.job)["parameters"]
     for name, fitted in calibrated.result["parameters"].items():
         if fitted["state"] == "identified" and name in predicted:
             assert 0.5 < predicted[name]["std"] / fitted["std"] < 2.0, name
 
 
-def test_validate_tells_the_calibrated_arm_from_the_nominal(
-    calibrated: Calibrated, capsys: Capture
-) -> None:
+def test_validate_tells_the_calibrated_arm_from_the_nominal(calibrated: Calibrated) -> None:
     job, wanted = calibrated.job, calibrated.result["metrics"]["validation"]
-    found = answer(capsys, "validate", job.parent / "results" / "calibrated.urdf", job)["metrics"][
+    found = answer("validate", job.parent / "results" / "calibrated.urdf", job)["metrics"][
         "validation"
     ]
     for key in ("before", "after"):
         assert found[key] == pytest.approx(wanted[key], rel=1e-4), key
     assert found["after"]["rms_mm"] < 0.1 < found["before"]["rms_mm"]
-    assert "0.0 %" in printed(capsys, "validate", job.parent / "arm.urdf", job).replace("\n", "")
+    assert "0.0 %" in printed("validate", job.parent / "arm.urdf", job).replace("\n", "")
 
 
-def test_validate_needs_no_unknowns(repository: Path, capsys: Capture) -> None:
+def test_validate_needs_no_unknowns(repository: Path) -> None:
     """Distances have no unknowns of their own, and in validation the arm is held."""
     job = repository / "data" / "suta" / "calibration.yaml"
-    found = answer(capsys, "validate", repository / "urdf" / "suta.urdf", job)["metrics"][
-        "validation"
-    ]
+    found = answer("validate", repository / "urdf" / "suta.urdf", job)["metrics"]["validation"]
     assert found["before"] == found["after"]
 
 
-def test_validate_registers_what_the_observations_do_not_have(job: Path, capsys: Capture) -> None:
+def test_validate_registers_what_the_observations_do_not_have(job: Path) -> None:
     """An instrument with another label stands elsewhere: its pose is fitted where it was used."""
     text = job.read_text()
     held_out = "samples: 'validation/*.csv'"
     job.write_text(text.replace(held_out, f"label: second, {held_out}"))
-    own = answer(capsys, "validate", job.parent / "arm.urdf", job)["metrics"]["validation"]["after"]
+    own = answer("validate", job.parent / "arm.urdf", job)["metrics"]["validation"]["after"]
     job.write_text(text)
-    shared = answer(capsys, "validate", job.parent / "arm.urdf", job)["metrics"]["validation"][
-        "after"
-    ]
+    shared = answer("validate", job.parent / "arm.urdf", job)["metrics"]["validation"]["after"]
     assert own["rms_mm"] < shared["rms_mm"]
 
 
@@ -206,7 +200,7 @@ def test_init_job_runs_once_samples_are_filled_in(
         assert file.read_text() == ",".join(("x", "y", "z", *joints)) + "\n"
         file.write_bytes((job.parent / name / "a.csv").read_bytes())
     capsys.readouterr()
-    assert answer(capsys, "observe", folder / "calibration.yaml")["rank"] > 10
+    assert answer("observe", folder / "calibration.yaml")["rank"] > 10
     assert CalibrationJob.load(folder / "calibration.yaml").spec.solver.starts == 8
 
 
@@ -220,7 +214,7 @@ def test_init_overwrites_nothing(tmp_path: Path, suta_urdf: Path, capsys: Captur
 
 @pytest.mark.parametrize("tip", [(), ("--tip", "elbow")])
 def test_init_names_the_ends_of_the_arm_to_who_does_not_know_its_tip(
-    tip: tuple[str, ...], tmp_path: Path, capsys: Capture
+    tip: tuple[str, ...], tmp_path: Path
 ) -> None:
     urdf = tmp_path / "two.urdf"
     joint = (
@@ -230,31 +224,31 @@ def test_init_names_the_ends_of_the_arm_to_who_does_not_know_its_tip(
     links = "".join(f'<link name="{name}"/>' for name in ("base", "left_hand", "right_hand"))
     joints = "".join(map(joint.format, ("left", "right")))
     urdf.write_text(f'<robot name="two">{links}{joints}</robot>')
-    said = refused(capsys, "init", urdf, *tip, "--out", tmp_path / "job")
+    said = refused("init", urdf, *tip, "--out", tmp_path / "job")
     assert "its chains end at 'left_hand', 'right_hand'" in said
     assert not (tmp_path / "job").exists()
 
 
-def test_a_hint_never_repeats_what_was_written(capsys: Capture) -> None:
+def test_a_hint_never_repeats_what_was_written() -> None:
     assert did_you_mean("tip", ["tip", "tap"]) == "did you mean 'tap'?"
     assert did_you_mean("tip", ["tip"]) == ""
     assert did_you_mean("TIP", ["tip"]) == "did you mean 'tip'?"
-    assert refused(capsys, "calibrat").count("calibrate") == 1
-    assert "--help lists them" in refused(capsys, "nothing-like-it")
+    assert refused("calibrat").count("calibrate") == 1
+    assert "--help lists them" in refused("nothing-like-it")
 
 
 def test_the_bare_command_prints_help(capsys: Capture) -> None:
     assert cli() == 0
     bare = capsys.readouterr()
-    assert bare.out == printed(capsys, "--help")
+    assert bare.out == printed("--help")
     assert bare.err == ""
 
 
-def test_help_and_version(capsys: Capture) -> None:
-    assert "calibrate" in printed(capsys, "--help")
-    assert printed(capsys, "--version").startswith("suta-calib")
+def test_help_and_version() -> None:
+    assert "calibrate" in printed("--help")
+    assert printed("--version").startswith("suta-calib")
     for command in ("calibrate", "observe", "validate", "init", "simulate"):
-        assert "Usage: suta-calib " + command in printed(capsys, command, "--help")
+        assert "Usage: suta-calib " + command in printed(command, "--help")
 
 
 def test_help_does_not_load_the_heavy_libraries(repository: Path) -> None:
@@ -269,7 +263,7 @@ def test_help_does_not_load_the_heavy_libraries(repository: Path) -> None:
     assert done.returncode == 0, done.stderr
 
 
-def test_warnings_are_one_line_on_stderr(job: Path, capsys: Capture) -> None:
+def test_warnings_are_one_line_on_stderr(job: Path) -> None:
     samples = job.parent / "calibration" / "a.csv"
     header, *rows = samples.read_text().splitlines()
     samples.write_text("\n".join([f"{header},qx,qy,qz,qw", *(f"{r},0,0,0,1.5" for r in rows)]))
@@ -361,21 +355,18 @@ def test_a_write_protected_folder_is_refused(
         check_folder(tmp_path / "new" / "deep")
 
 
-def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(
-    job: Path, capsys: Capture
-) -> None:
-    verdict = answer(capsys, "calibrate", made_worse(job), code=1)["verdict"]
+def test_an_answer_that_must_not_be_used_is_refused_when_it_is_read_back(job: Path) -> None:
+    verdict = answer("calibrate", made_worse(job), code=1)["verdict"]
     assert (verdict["level"], verdict["usable"]) == ("bad", False)
     folder = job.parent / "results"
     result, urdf = folder / "result.json", folder / "not_usable.urdf"
     assert files_below(folder) == RESULTS - {"calibrated.urdf"} | {"not_usable.urdf"}
     assert json.loads(result.read_text())["verdict"] == verdict
-    said = refused(capsys, "validate", urdf, job, "--result", result)
+    said = refused("validate", urdf, job, "--result", result)
     assert f"{result}: verdict: found an answer that must not be used" in said
     assert "worse than the nominal one on the validation data" in said
     assert (
-        answer(capsys, "validate", urdf, job, "--result", result, "--anyway")["verdict"]["level"]
-        == "care"
+        answer("validate", urdf, job, "--result", result, "--anyway")["verdict"]["level"] == "care"
     )
     box = ("--urdf", job.parent / "arm.urdf", "--tip", "tip", "--region", "150,600,-300,300,0,400")
-    assert "must not be used" in refused(capsys, "tip-map", result, *box)
+    assert "must not be used" in refused("tip-map", result, *box)

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from certified_artefact import truth, write_points
-from cli_job import Capture, answer, printed, refused
+from cli_job import answer, printed, refused
 
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact, read_artefact, write_artefact
@@ -21,11 +21,11 @@ def points(tmp_path: Path) -> Path:
     return write_points(tmp_path / "points.csv")
 
 
-def test_from_points_to_files(points: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_from_points_to_files(points: Path, tmp_path: Path) -> None:
     out, report = tmp_path / "artefact.yaml", tmp_path / "report"
     write_artefact(tmp_path / "drawing.yaml", truth())
     drawing = ("--nominal", tmp_path / "drawing.yaml", "--spacer", "A=40")
-    found = answer(capsys, "certify", points, "--out", out, "--report", report, *drawing)
+    found = answer("certify", points, "--out", out, "--report", report, *drawing)
     certified = read_artefact(out)
     assert found["artefact"] == str(out)
     for name, mark in certified.landmarks.items():
@@ -45,29 +45,29 @@ def test_from_points_to_files(points: Path, tmp_path: Path, capsys: Capture) -> 
     assert page.count("<svg") == 1
 
 
-def test_a_terminal_of_80_columns(points: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_terminal_of_80_columns(points: Path, tmp_path: Path) -> None:
     write_artefact(tmp_path / "drawing.yaml", truth())
-    shown = printed(capsys, "certify", points, "--nominal", tmp_path / "drawing.yaml")
+    shown = printed("certify", points, "--nominal", tmp_path / "drawing.yaml")
     assert max(map(len, shown.splitlines())) <= 80
     assert "Good." in shown
     assert "Spacers" in shown
 
 
-def test_a_damaged_pillar_is_exit_1_and_stands_in_the_file(tmp_path: Path, capsys: Capture) -> None:
+def test_a_damaged_pillar_is_exit_1_and_stands_in_the_file(tmp_path: Path) -> None:
     def lean(feature: str, name: str, index: int, point: FloatArray) -> FloatArray:
         return point + np.array(
             [0, 0, 0.02 * (point[0] - 0.05) * ((feature, name) == ("top", "S2"))]
         )
 
     points, out = write_points(tmp_path / "points.csv", lean), tmp_path / "artefact.yaml"
-    found = answer(capsys, "certify", points, "--out", out, code=1)
+    found = answer("certify", points, "--out", out, code=1)
     assert found["damaged"] == ["S2"]
     assert found["landmarks"]["S2"]["faults"][0]["what"] == "rise of its top"
     assert "DAMAGED, OR TOUCHED WRONGLY: S2" in out.read_text(encoding="utf-8")
-    assert answer(capsys, "certify", points, "--tolerance-mm", 0.5)["damaged"] == []
+    assert answer("certify", points, "--tolerance-mm", 0.5)["damaged"] == []
 
 
-def test_millimetres_and_metres_are_the_same(points: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_millimetres_and_metres_are_the_same(points: Path, tmp_path: Path) -> None:
     header, *lines = points.read_text(encoding="utf-8").splitlines()[1:]
     scaled = []
     for line in lines:
@@ -76,17 +76,17 @@ def test_millimetres_and_metres_are_the_same(points: Path, tmp_path: Path, capsy
     other = tmp_path / "mm.csv"
     named = header.replace("x,y,z", "x_mm,y_mm,z_mm")
     other.write_text("\n".join([named, *scaled]) + "\n", encoding="utf-8")
-    first, second = (answer(capsys, "certify", path)["landmarks"] for path in (points, other))
+    first, second = (answer("certify", path)["landmarks"] for path in (points, other))
     for name in truth().landmarks:
         np.testing.assert_allclose(
             first[name]["position_mm"], second[name]["position_mm"], atol=1e-6
         )
 
 
-def refuses(capsys: Capture, folder: Path, *arguments: object) -> str:
+def refuses(folder: Path, *arguments: object) -> str:
     """The one line of a command that must refuse, without writing anything."""
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    line = refused(capsys, "certify", *arguments, "--json")
+    line = refused("certify", *arguments, "--json")
     assert {p: p.read_bytes() for p in folder.rglob("*") if p.is_file()} == before
     return line
 
@@ -149,13 +149,13 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_bad_points_are_refused(points: Path, capsys: Capture, what: str) -> None:
+def test_bad_points_are_refused(points: Path, what: str) -> None:
     change, expected = BAD[what]
     old = points.read_text(encoding="utf-8")
     points.write_text(change(old), encoding="utf-8")
     assert points.read_text(encoding="utf-8") != old
     folder = points.parent
-    err = refuses(capsys, folder, points, "--out", folder / "a.yaml", "--report", folder / "r")
+    err = refuses(folder, points, "--out", folder / "a.yaml", "--report", folder / "r")
     assert re.search(re.escape(str(points)) + ".*" + expected, err), err
 
 
@@ -169,7 +169,7 @@ def swapped(folder: Path) -> Path:
     return folder / "swapped.yaml"
 
 
-def test_bad_options_are_refused(points: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_bad_options_are_refused(points: Path, tmp_path: Path) -> None:
     other = tmp_path / "other.yaml"
     other.write_text("landmarks:\n  o1: {position_mm: [0, 0, 0]}\n", encoding="utf-8")
     bad = {
@@ -187,29 +187,29 @@ def test_bad_options_are_refused(points: Path, tmp_path: Path, capsys: Capture) 
         ("--tolerance-mm", "-1"): r"-1.* is not in the range",
     }
     for options, expected in bad.items():
-        assert re.search(expected, refuses(capsys, tmp_path, points, *options))
-    assert "no such file" in refuses(capsys, tmp_path, tmp_path / "none.csv")
+        assert re.search(expected, refuses(tmp_path, points, *options))
+    assert "no such file" in refuses(tmp_path, tmp_path / "none.csv")
 
 
-def test_too_few_touches_to_learn_the_noise_from(tmp_path: Path, capsys: Capture) -> None:
+def test_too_few_touches_to_learn_the_noise_from(tmp_path: Path) -> None:
     points = write_points(tmp_path / "points.csv")
     text = without(r"top,.*,[34],|ground,,([135-9]|1\d|2[1-4]),")
     few = text(points.read_text(encoding="utf-8"))
     points.write_text(few, encoding="utf-8")
-    assert "state it with --sigma-um" in refuses(capsys, tmp_path, points)
-    found = answer(capsys, "certify", points, "--sigma-um", 1)
+    assert "state it with --sigma-um" in refuses(tmp_path, points)
+    found = answer("certify", points, "--sigma-um", 1)
     assert found["verdict"]["level"] == "care"
 
 
-def test_the_example_files(repository: Path, capsys: Capture) -> None:
+def test_the_example_files(repository: Path) -> None:
     folder = repository / "data" / "artefact"
     drawing = ("--nominal", repository / "data" / "suta" / "artefact.yaml")
     exact = read_artefact(folder / "truth.yaml")
-    found = answer(capsys, "certify", folder / "points.csv", *drawing)
+    found = answer("certify", folder / "points.csv", *drawing)
     for name, mark in exact.landmarks.items():
         row = found["landmarks"][name]
         off = np.abs(np.array(row["position_mm"]) - 1e3 * mark.position)
         assert np.all(off <= 4 * np.array(row["std_mm"]) + 1e-9)
-    worse = answer(capsys, "certify", folder / "points_damaged.csv", *drawing, code=1)
+    worse = answer("certify", folder / "points_damaged.csv", *drawing, code=1)
     assert worse["damaged"] == ["S2"]
     assert len(worse["wrong_touches"]) == 1

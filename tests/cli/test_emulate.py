@@ -241,7 +241,7 @@ def test_a_simulation_says_everything_itself(
     assert "4 rests in 1 round" in capsys.readouterr().err
     assert cli("emulate", *common, "--set", "nothing") == 2
     assert "calibration, validation, fixed_point" in capsys.readouterr().err
-    assert "one of P1, P2" in refused(capsys, "emulate", *common, "--placement", "V2")
+    assert "one of P1, P2" in refused("emulate", *common, "--placement", "V2")
 
 
 def test_a_placement_without_a_pose_is_found_within_reach(
@@ -261,8 +261,8 @@ def test_a_placement_without_a_pose_is_found_within_reach(
     assert all(pose["position_mm"][2] >= 0 for pose in poses.values())
 
 
-def test_help_lists_every_fault(capsys: Capture) -> None:
+def test_help_lists_every_fault() -> None:
     from suta_calib.emulation.faults import WORDS
 
-    out = printed(capsys, "emulate", "--help")
+    out = printed("emulate", "--help")
     assert all(word in out for word in WORDS)

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from cli_job import Capture, answer, cli
+from cli_job import answer, cli
 from simulated import SUTA_URDF
 
 from suta_calib.terms import KINDS, Term
@@ -185,28 +185,28 @@ def test_it_is_begun(kind: type[Term], tmp_path: Path) -> None:
     assert not set(kind.columns.common_labels) & set(header)
 
 
-def test_it_is_observed(job: Path, capsys: Capture) -> None:
-    found = answer(capsys, "observe", job)
+def test_it_is_observed(job: Path) -> None:
+    found = answer("observe", job)
     assert found["parameters"][case_of(job).told]["state"] == "identified"
     assert all(each["sentence"] for each in found["explanations"])
 
 
-def test_it_is_calibrated_and_validated(job: Path, capsys: Capture) -> None:
+def test_it_is_calibrated_and_validated(job: Path) -> None:
     """Held-out errors fall to the noise; what is seen or touched again keeps its fitted place."""
     case, out = case_of(job), job.parent / "results"
-    found = answer(capsys, "calibrate", job, "--out", out)
+    found = answer("calibrate", job, "--out", out)
     assert found["verdict"]["usable"], found["verdict"]
     metrics, rms = found["metrics"]["validation"], f"rms_{case.unit}".rstrip("_")
     limit = 0.2 if case.unit else 0.005
     assert metrics["after"][rms] < limit < metrics["before"][rms]
     if case.place:
         assert found["parameters"][case.place]["state"] == "identified"
-    again = answer(capsys, "validate", out / "calibrated.urdf", job)
+    again = answer("validate", out / "calibrated.urdf", job)
     assert again["metrics"]["validation"]["after"]["count"] == metrics["after"]["count"]
 
 
-def analysed(capsys: Capture, job: Path, command: str, *options: object) -> dict[str, Any]:
-    found = answer(capsys, command, job, *options, "--out", job.parent / command)
+def analysed(job: Path, command: str, *options: object) -> dict[str, Any]:
+    found = answer(command, job, *options, "--out", job.parent / command)
     assert found["verdict"]["usable"], found["verdict"]
     return found
 
@@ -216,10 +216,8 @@ def analysed(capsys: Capture, job: Path, command: str, *options: object) -> dict
     [("study", ("--unit", "sample", "--trials", 2, "--sizes", "25", "--jobs", 1)), ("budget", ())],
     ids=["study", "budget"],
 )
-def test_it_is_analysed(
-    job: Path, command: str, options: tuple[object, ...], capsys: Capture
-) -> None:
-    analysed(capsys, job, command, *options)
+def test_it_is_analysed(job: Path, command: str, options: tuple[object, ...]) -> None:
+    analysed(job, command, *options)
 
 
 @pytest.mark.parametrize(
@@ -234,8 +232,6 @@ def test_it_is_analysed(
     ids=["outliers", "monte-carlo", "plan", "extend", "tip-map"],
 )
 @pytest.mark.parametrize("job", AT_LENGTH, indirect=True)
-def test_it_is_analysed_at_length(
-    job: Path, command: str, options: tuple[object, ...], capsys: Capture
-) -> None:
+def test_it_is_analysed_at_length(job: Path, command: str, options: tuple[object, ...]) -> None:
     """These take seconds: by default of one kind that touches and of one that is seen."""
-    analysed(capsys, job, command, *options)
+    analysed(job, command, *options)

@@ -27,9 +27,9 @@ def job(calibrated: Path, tmp_path: Path) -> Path:
     return Path(shutil.copytree(calibrated, tmp_path / "job"))
 
 
-def test_a_file_and_what_it_cannot_hold(job: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_file_and_what_it_cannot_hold(job: Path, tmp_path: Path) -> None:
     out = tmp_path / "arm.xml"
-    told = answer(capsys, "export", job / "results", "--format", "mjcf", "--out", out)
+    told = answer("export", job / "results", "--format", "mjcf", "--out", out)
     beside = Path(f"{out}.left_out.json")
     assert told["files"] == [str(out), str(beside)]
     assert told["verdict"]["usable"]
@@ -42,13 +42,13 @@ def test_a_file_and_what_it_cannot_hold(job: Path, tmp_path: Path, capsys: Captu
     assert not beside.exists()
 
 
-def test_values_of_no_geometry_are_said(job: Path, capsys: Capture) -> None:
+def test_values_of_no_geometry_are_said(job: Path) -> None:
     path = job / "results/result.json"
     data = json.loads(path.read_text())
     gain = {"unit": "1", "nominal": 0.0, "value": 0.01, "std": 0.001, "state": "identified"}
     data["parameters"]["joint_2.gain"] = gain
     path.write_text(json.dumps(data))
-    told = answer(capsys, "export", path, "--format", "urdf")
+    told = answer("export", path, "--format", "urdf")
     assert told["verdict"]["level"] == "care"
     assert "joint_2.gain" in told["verdict"]["notes"][0]
     assert told["left_out"]["parameters"] == {"joint_2.gain": 0.01}
@@ -61,18 +61,18 @@ def test_every_format_is_listed_with_an_example(capsys: Capture) -> None:
     assert all(f"--format {name}" in each["example"] for name, each in told.items())
 
 
-def test_an_answer_that_must_not_be_used_is_refused(job: Path, capsys: Capture) -> None:
+def test_an_answer_that_must_not_be_used_is_refused(job: Path) -> None:
     path = job / "results/result.json"
     data = json.loads(path.read_text())
     data["verdict"] |= {"usable": False, "level": "bad", "notes": ["It is worse."]}
     path.write_text(json.dumps(data))
     before = sorted(job.rglob("*"))
-    assert "must not be used (It is worse)" in refused(capsys, "export", path, "--format", "urdf")
+    assert "must not be used (It is worse)" in refused("export", path, "--format", "urdf")
     assert sorted(job.rglob("*")) == before
     assert cli("export", path, "--format", "urdf", "--anyway") == 0
 
 
-def test_a_job_that_was_changed_or_is_gone(job: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_job_that_was_changed_or_is_gone(job: Path, tmp_path: Path) -> None:
     with (job / "calibration.yaml").open("a") as file:
         file.write("# another day\n")
     command = ("export", job / "results", "--format", "urdf", "--out", tmp_path / "arm.urdf")
@@ -82,7 +82,7 @@ def test_a_job_that_was_changed_or_is_gone(job: Path, tmp_path: Path, capsys: Ca
     data["run"]["inputs"] = {"elsewhere/calibration.yaml": hashed}
     (job / "results/result.json").write_text(json.dumps(data))
     (job / "results/inputs.zip").unlink()
-    assert "calibration.yaml, which was changed since" in refused(capsys, *command)
+    assert "calibration.yaml, which was changed since" in refused(*command)
     assert cli(*command, "--urdf", job / "arm.urdf", "--tip", "tip") == 0
     made = ArmModel.from_urdf(tmp_path / "arm.urdf", "tip")
     written = ArmModel.from_urdf(job / "results/calibrated.urdf", "tip")
@@ -103,11 +103,11 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_refused(what: str, job: Path, capsys: Capture) -> None:
+def test_refused(what: str, job: Path) -> None:
     words, says = REFUSED[what]
     given = [word.format(results=job / "results") for word in words]
     before = {path: path.stat().st_mtime_ns for path in job.rglob("*")}
-    err = refused(capsys, "export", job / "results", *given)
+    err = refused("export", job / "results", *given)
     assert re.search(says, err), err
     assert {path: path.stat().st_mtime_ns for path in job.rglob("*")} == before
 

@@ -13,10 +13,10 @@ from suta_calib.exchange import import_formats
 from suta_calib.measurements import read_csv_table
 
 
-def test_a_poses_csv_is_written_and_told(tmp_path: Path, capsys: Capture) -> None:
+def test_a_poses_csv_is_written_and_told(tmp_path: Path) -> None:
     path = SAMPLES["motive"](tmp_path).path
     out = tmp_path / "poses.csv"
-    told = answer(capsys, "import", path, "--body", "probe", "--out", out)
+    told = answer("import", path, "--body", "probe", "--out", out)
     assert (told["format"], told["rows"], told["dropped"]) == ("motive", len(KEPT), 1)
     assert told["file"] == str(out)
     assert told["verdict"]["usable"]
@@ -25,7 +25,7 @@ def test_a_poses_csv_is_written_and_told(tmp_path: Path, capsys: Capture) -> Non
     assert told["columns"][1]["least"] == pytest.approx(P[KEPT, 0].min(), abs=1e-9)
 
 
-def test_what_was_imported_is_what_other_commands_read(tmp_path: Path, capsys: Capture) -> None:
+def test_what_was_imported_is_what_other_commands_read(tmp_path: Path) -> None:
     """From a tracker's file to the tip of a pointer."""
     from pose_scenes import pivot_numbers
 
@@ -36,7 +36,7 @@ def test_what_was_imported_is_what_other_commands_read(tmp_path: Path, capsys: C
     path.write_text("Tx;Ty;Tz;Q0;Qx;Qy;Qz\n" + text + "\n")
     out = tmp_path / "poses.csv"
     assert cli("import", path, "--unit", "mm", "--out", out) == 0
-    assert json.loads(printed(capsys, "pivot", out, "--json"))["rms_mm"] < 1.0
+    assert json.loads(printed("pivot", out, "--json"))["rms_mm"] < 1.0
 
 
 def test_a_file_of_options(tmp_path: Path) -> None:
@@ -70,13 +70,13 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_refused(what: str, tmp_path: Path, capsys: Capture) -> None:
+def test_refused(what: str, tmp_path: Path) -> None:
     words, says = REFUSED[what]
     path = SAMPLES["table"](tmp_path).path
     before = path.read_bytes()
     out = () if "--out" in words else ("--out", tmp_path / "out.csv")
     given = [word.format(table=path, folder=tmp_path) for word in words]
-    err = refused(capsys, "import", *given, *out)
+    err = refused("import", *given, *out)
     assert says in err
     assert [each.name for each in tmp_path.iterdir()] == [path.name]
     assert path.read_bytes() == before

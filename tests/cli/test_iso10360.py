@@ -47,8 +47,8 @@ def decisions(found: dict[str, Any]) -> dict[str, str]:
     return {each["symbol"]: each["decision"] for each in found["characteristics"]}
 
 
-def test_a_whole_acceptance_test_passes(folder: Path, capsys: Capture) -> None:
-    found = answer(capsys, "iso10360", folder / "job.yaml")
+def test_a_whole_acceptance_test_passes(folder: Path) -> None:
+    found = answer("iso10360", folder / "job.yaml")
     symbols = ("E_Uni", "L_Dia", "P_Size", "P_Form", "repeatability")
     assert decisions(found) == dict.fromkeys(symbols, "pass")
     assert found["passed"] is True
@@ -62,20 +62,20 @@ def test_a_whole_acceptance_test_passes(folder: Path, capsys: Capture) -> None:
     assert not list(folder.glob("*.json"))
 
 
-def test_a_limit_that_is_broken_or_left_open_exits_with_1(folder: Path, capsys: Capture) -> None:
-    worst = abs(answer(capsys, "iso10360", folder / "job.yaml")["characteristics"][0]["value_mm"])
+def test_a_limit_that_is_broken_or_left_open_exits_with_1(folder: Path) -> None:
+    worst = abs(answer("iso10360", folder / "job.yaml")["characteristics"][0]["value_mm"])
     change(folder, "{a_um: 200, k: 10, max_um: 250}", f"{{max_um: {1e3 * worst + 10:.3f}}}")
-    found = answer(capsys, "iso10360", folder / "job.yaml", code=1)
+    found = answer("iso10360", folder / "job.yaml", code=1)
     assert decisions(found)["E_Uni"] == "undecided"
     assert found["passed"] is False
     change(folder, "decision_rule: guarded", "decision_rule: simple")
-    assert answer(capsys, "iso10360", folder / "job.yaml")["passed"] is True
+    assert answer("iso10360", folder / "job.yaml")["passed"] is True
     change(folder, "location_mm: 0.15", "location_mm: 0.01")
-    assert decisions(answer(capsys, "iso10360", folder / "job.yaml", code=1))["L_Dia"] == "fail"
+    assert decisions(answer("iso10360", folder / "job.yaml", code=1))["L_Dia"] == "fail"
 
 
-def test_files_are_written_and_the_text_is_readable(folder: Path, capsys: Capture) -> None:
-    text = printed(capsys, "iso10360", folder / "job.yaml", "--out", folder / "out")
+def test_files_are_written_and_the_text_is_readable(folder: Path) -> None:
+    text = printed("iso10360", folder / "job.yaml", "--out", folder / "out")
     assert "Passed: 5 of 5 limits are kept" in text
     assert "guard band" in text
     names = {path.name for path in (folder / "out").iterdir()}
@@ -105,7 +105,7 @@ def rewrite(file: Path, made: Callable[[int, list[list[str]]], list[str]]) -> No
 
 
 @pytest.mark.parametrize("jitter", [0.0, 1e-9])
-def test_copies_are_no_touches(folder: Path, capsys: Capture, jitter: float) -> None:
+def test_copies_are_no_touches(folder: Path, jitter: float) -> None:
     """Readings that were written again, with other labels or last digits, prove nothing."""
 
     def copied(k: int, rows: list[list[str]]) -> list[str]:
@@ -116,14 +116,14 @@ def test_copies_are_no_touches(folder: Path, capsys: Capture, jitter: float) -> 
         return [*(repr(float(each) + k * jitter) for each in source[:6]), *labels]
 
     rewrite(folder / "probing.csv", copied)
-    found = answer(capsys, "iso10360", folder / "job.yaml", code=1)
+    found = answer("iso10360", folder / "job.yaml", code=1)
     assert decisions(found)["P_Form"] == "undecided"
     notes = " ".join(found["verdict"]["notes"])
     assert "probing: 40 of 50 touches read what another does" in notes
     assert "5 of near, 5 of far touches; the standard asks for 25" in notes
 
     rewrite(folder / "repeated.csv", lambda k, rows: [*rows[0][:6], *rows[k][6:]])
-    assert "29 of 30 touches read what another does" in refuses(capsys, folder)
+    assert "29 of 30 touches read what another does" in refuses(folder)
 
 
 def test_coarse_encoders_may_read_the_same_again(folder: Path, capsys: Capture) -> None:
@@ -140,17 +140,17 @@ def test_coarse_encoders_may_read_the_same_again(folder: Path, capsys: Capture) 
     assert "copies" not in capsys.readouterr().out
 
 
-def test_parts_of_the_test_may_be_left_out(folder: Path, capsys: Capture) -> None:
+def test_parts_of_the_test_may_be_left_out(folder: Path) -> None:
     (folder / "job.yaml").write_text(
         "arm: {urdf: suta.urdf, tip: tip}\nrepeatability: {samples: repeated.csv}\n"
     )
-    found = answer(capsys, "iso10360", folder / "job.yaml", "--out", folder / "out")
+    found = answer("iso10360", folder / "job.yaml", "--out", folder / "out")
     assert decisions(found) == {"repeatability": "no limit"}
     assert found["passed"] is None
     assert found["lengths"] is None
 
 
-def test_spheres_may_be_probed_in_the_articulations(folder: Path, capsys: Capture) -> None:
+def test_spheres_may_be_probed_in_the_articulations(folder: Path) -> None:
     text = (folder / "probing.csv").read_text().replace("sphere", "articulation", 1)
     rows = text.splitlines()
     lines = [f"{rows[0]},point", *(f"{row},S" for row in rows[1:26])]
@@ -162,7 +162,7 @@ def test_spheres_may_be_probed_in_the_articulations(folder: Path, capsys: Captur
         "articulation: {samples: spheres.csv, probed: sphere}\n"
         "mpe: {location_mm: 0.3}\n"
     )
-    found = answer(capsys, "iso10360", folder / "job.yaml")
+    found = answer("iso10360", folder / "job.yaml")
     assert found["articulations"]["S"]["articulations"] == 5
     assert found["articulations"]["S"]["location_mm"] < 0.3
     # Every fifth touch of that spiral lies on one side of the sphere.
@@ -181,33 +181,29 @@ def calibration(folder: Path) -> Path:
     return folder / "calibration.yaml"
 
 
-def test_a_calibration_gives_figures_without_decision(calibration: Path, capsys: Capture) -> None:
-    found = answer(capsys, "iso10360", calibration)
+def test_a_calibration_gives_figures_without_decision(calibration: Path) -> None:
+    found = answer("iso10360", calibration)
     assert decisions(found) == {"E_Uni": "no limit", "L_Dia": "no limit"}
     notes = " ".join(found["verdict"]["notes"])
     assert "give the calibrated one with --urdf" in notes
     assert "not held out" in notes
-    own = answer(capsys, "iso10360", calibration.parent / "job.yaml")
+    own = answer("iso10360", calibration.parent / "job.yaml")
     assert found["lengths"]["rms_mm"] == pytest.approx(own["lengths"]["rms_mm"])
 
 
-def test_a_job_may_judge_a_calibration(calibration: Path, capsys: Capture) -> None:
+def test_a_job_may_judge_a_calibration(calibration: Path) -> None:
     (calibration.parent / "limits.yaml").write_text(
         "job: calibration.yaml\nmpe: {length: {a_um: 250}}\n"
     )
     found = answer(
-        capsys,
-        "iso10360",
-        calibration.parent / "limits.yaml",
-        "--urdf",
-        calibration.parent / "suta.urdf",
+        "iso10360", calibration.parent / "limits.yaml", "--urdf", calibration.parent / "suta.urdf"
     )
     assert decisions(found) == {"E_Uni": "pass", "L_Dia": "no limit"}
     assert "--urdf" not in " ".join(found["verdict"]["notes"])
 
 
-def refuses(capsys: Capture, folder: Path, *more: object) -> str:
-    line = refused(capsys, "iso10360", folder / "job.yaml", "--out", folder / "out", *more)
+def refuses(folder: Path, *more: object) -> str:
+    line = refused("iso10360", folder / "job.yaml", "--out", folder / "out", *more)
     assert not (folder / "out").exists()
     return line
 
@@ -230,11 +226,9 @@ def refuses(capsys: Capture, folder: Path, *more: object) -> str:
         ("arm: {urdf: suta.urdf, tip: tip}", "job: job.yaml", "one or the other"),
     ],
 )
-def test_bad_keys_are_one_line(
-    folder: Path, capsys: Capture, old: str, new: str, said: str
-) -> None:
+def test_bad_keys_are_one_line(folder: Path, old: str, new: str, said: str) -> None:
     change(folder, old, new)
-    assert said in refuses(capsys, folder)
+    assert said in refuses(folder)
 
 
 def cell(file: Path, line: int, column: str, value: str) -> None:
@@ -254,32 +248,32 @@ def cell(file: Path, line: int, column: str, value: str) -> None:
     ],
 )
 def test_bad_cells_are_one_line(
-    folder: Path, capsys: Capture, file: str, line: int, column: str, value: str, said: str
+    folder: Path, file: str, line: int, column: str, value: str, said: str
 ) -> None:
     cell(folder / f"{file}.csv", line, column, value)
-    assert said in refuses(capsys, folder)
+    assert said in refuses(folder)
 
 
-def test_an_arm_and_data_are_asked_for(folder: Path, capsys: Capture) -> None:
+def test_an_arm_and_data_are_asked_for(folder: Path) -> None:
     change(folder, "arm: {urdf: suta.urdf", "arm: {urdf: other.urdf")
-    assert "other.urdf" in refuses(capsys, folder)
+    assert "other.urdf" in refuses(folder)
     (folder / "job.yaml").write_text("arm: {urdf: suta.urdf, tip: tip}\n")
-    assert "nothing that was measured" in refuses(capsys, folder)
+    assert "nothing that was measured" in refuses(folder)
 
 
-def test_limits_for_what_is_not_tested_are_refused(folder: Path, capsys: Capture) -> None:
+def test_limits_for_what_is_not_tested_are_refused(folder: Path) -> None:
     (folder / "job.yaml").write_text(
         "arm: {urdf: suta.urdf, tip: tip}\nrepeatability: {samples: repeated.csv}\n"
         "mpe: {size_mm: 0.1}\n"
     )
-    assert "not tested" in refuses(capsys, folder)
+    assert "not tested" in refuses(folder)
 
 
-def test_a_calibration_without_lengths_is_refused(calibration: Path, capsys: Capture) -> None:
+def test_a_calibration_without_lengths_is_refused(calibration: Path) -> None:
     text = calibration.read_text().splitlines()
     hand_eye = "observations: [{kind: landmark, artefact: artefact.yaml, samples: lengths.csv}]"
     calibration.write_text("\n".join([*text[:2], hand_eye]) + "\n")
-    assert "neither pairwise_distance nor fixed_point" in refused(capsys, "iso10360", calibration)
+    assert "neither pairwise_distance nor fixed_point" in refused("iso10360", calibration)
 
 
 VALUES = st.sampled_from(["1", "-1", "0", ".nan", "1e30", "abc", "[]", "{}", "true", "simple"])

@@ -44,7 +44,7 @@ def test_unattended_it_writes_what_the_arm_truly_did(bench: Bench, capsys: Captu
     assert np.all(np.diff(table["sequence"].to_numpy()) == 1)
     # The same once more is refused; nothing that was measured is overwritten.
     before = (bench.folder / "calibration/P1_1.csv").read_bytes()
-    assert "already there" in refused(capsys, *bench.command("--placement", "P1", "--yes"))
+    assert "already there" in refused(*bench.command("--placement", "P1", "--yes"))
     assert (bench.folder / "calibration/P1_1.csv").read_bytes() == before
 
 
@@ -124,23 +124,21 @@ def test_pivoting_is_sampled_while_it_moves(bench: Bench, capsys: Capture) -> No
         (["--placement", "P1", "--urdf", "none.urdf"], "none.urdf"),
     ],
 )
-def test_bad_usage_is_one_line(
-    bench: Bench, capsys: Capture, arguments: list[str], said: str
-) -> None:
+def test_bad_usage_is_one_line(bench: Bench, arguments: list[str], said: str) -> None:
     device = bench.folder / "device.yaml"
     device.write_text(
         "port: /dev/does-not-exist\njoints: [{name: joint_1}, {name: elbow}]\n", encoding="utf-8"
     )
-    err = refused(capsys, *bench.command("--yes", *arguments))
+    err = refused(*bench.command("--yes", *arguments))
     assert said in err
     assert not (bench.folder / "calibration").exists()
 
 
-def test_a_missing_port_is_one_line(bench: Bench, capsys: Capture) -> None:
+def test_a_missing_port_is_one_line(bench: Bench) -> None:
     joints = ", ".join(f"{{name: {name}}}" for name in bench.arm.joints)
     device = bench.folder / "device.yaml"
     device.write_text(f"port: /dev/does-not-exist\njoints: [{joints}]\n", encoding="utf-8")
-    err = refused(capsys, *bench.command("--placement", "P1", "--yes"))
+    err = refused(*bench.command("--placement", "P1", "--yes"))
     assert "/dev/does-not-exist" in err
 
 

@@ -57,8 +57,8 @@ def with_row(job: Path) -> Path:
     return job.parent / "with.yaml"
 
 
-def test_extend_finds_the_eccentric_encoder(job: Path, capsys: Capture) -> None:
-    found = answer(capsys, "extend", job, "--quick")
+def test_extend_finds_the_eccentric_encoder(job: Path) -> None:
+    found = answer("extend", job, "--quick")
     assert found["added"] == ["joint_3.ecc_c1", "joint_3.ecc_s1"]
     assert found["estimates"]["joint_3.ecc_c1"]["value"] == pytest.approx(ECCENTRIC, abs=2e-4)
     assert found["rows"] == [{"select": ["joint_3.ecc_c1", "joint_3.ecc_s1"], "bound_deg": 1.0}]
@@ -72,8 +72,8 @@ def test_extend_finds_the_eccentric_encoder(job: Path, capsys: Capture) -> None:
     assert "select: [joint_3.ecc_c1, joint_3.ecc_s1], bound_deg: 1" in page
 
 
-def test_extend_leaves_a_clean_job_alone(clean: Path, capsys: Capture) -> None:
-    out = printed(capsys, "extend", clean, "--out", clean.parent / "out")
+def test_extend_leaves_a_clean_job_alone(clean: Path) -> None:
+    out = printed("extend", clean, "--out", clean.parent / "out")
     assert "Good. No error beside geometry predicts left-out data better" in " ".join(out.split())
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80
     models = json.loads((clean.parent / "out" / "extend.json").read_text())["models"]
@@ -89,28 +89,28 @@ def test_calibrate_offers_it_when_the_residuals_show_it(
     assert "The residuals of joint_3 look like an eccentric encoder" in said
     assert "the error of rows left out of the fit changes from" in said
     assert "Run suta-calib extend" in said
-    assert "look like" not in printed(capsys, "calibrate", clean)
+    assert "look like" not in printed("calibrate", clean)
 
 
-def test_what_a_urdf_cannot_hold_is_said_and_can_be_applied(job: Path, capsys: Capture) -> None:
+def test_what_a_urdf_cannot_hold_is_said_and_can_be_applied(job: Path) -> None:
     extended = with_row(job)
-    result = answer(capsys, "calibrate", extended)
+    result = answer("calibrate", extended)
     after = result["metrics"]["validation"]["after"]["rms_mm"]
     page = (job.parent / "results" / "report.html").read_text()
     assert "A URDF cannot hold joint_3.ecc_c1, joint_3.ecc_s1" in page
     urdf, file = (Path(result["files"][n]) for n in ("calibrated.urdf", "result.json"))
     assert "ecc_" not in urdf.read_text()
-    plain = answer(capsys, "validate", urdf, extended)["metrics"]["validation"]["after"]["rms_mm"]
-    told = answer(capsys, "validate", urdf, extended, "--result", file)
+    plain = answer("validate", urdf, extended)["metrics"]["validation"]["after"]["rms_mm"]
+    told = answer("validate", urdf, extended, "--result", file)
     assert told["metrics"]["validation"]["after"]["rms_mm"] == pytest.approx(after, rel=1e-6)
     assert plain > 5 * after
 
 
-def test_values_of_another_urdf_are_refused(job: Path, capsys: Capture) -> None:
+def test_values_of_another_urdf_are_refused(job: Path) -> None:
     """The nominal arm with the corrections of the calibrated one would be neither."""
     extended = with_row(job)
-    result = answer(capsys, "calibrate", extended)["files"]["result.json"]
-    said = refused(capsys, "validate", job.parent / "arm.urdf", extended, "--result", result)
+    result = answer("calibrate", extended)["files"]["result.json"]
+    said = refused("validate", job.parent / "arm.urdf", extended, "--result", result)
     assert "arm.urdf: joint_2: found another origin of joint_2" in said
 
 
@@ -122,8 +122,8 @@ def test_rows_to_add_are_yaml_however_many() -> None:
     assert rows == [{"select": list(names), "bound_deg": 1}]
 
 
-def test_the_tracked_tip_is_corrected(job: Path, capsys: Capture) -> None:
-    files = answer(capsys, "calibrate", with_row(job))["files"]
+def test_the_tracked_tip_is_corrected(job: Path) -> None:
+    files = answer("calibrate", with_row(job))["files"]
     nominal = ArmModel.from_urdf(job.parent / "arm.urdf", "tip")
     arm = ArmModel.from_urdf(files["calibrated.urdf"], "tip")
     uncertainty = read_uncertainty(files["result.json"], arm)
@@ -137,9 +137,9 @@ def test_the_tracked_tip_is_corrected(job: Path, capsys: Capture) -> None:
     assert (std > 0).all()
 
 
-def test_budget_splits_the_errors(clean: Path, capsys: Capture) -> None:
+def test_budget_splits_the_errors(clean: Path) -> None:
     clean.write_text(JOB + "encoders: {bits: 22, noise_deg: 0.0005}\n")
-    found = answer(capsys, "budget", clean)
+    found = answer("budget", clean)
     first = found["blocks"][0]
     assert [s["sources"] for s in first["shares"]] == [
         ["gross"],
@@ -149,29 +149,29 @@ def test_budget_splits_the_errors(clean: Path, capsys: Capture) -> None:
     assert sum(s["share_pct"] for s in first["shares"]) == pytest.approx(100)
     assert found["tip"]["model_rms_mm"] is None
     assert (clean.parent / "results" / "budget.svg").read_text().startswith("<svg")
-    out = printed(capsys, "budget", clean)
+    out = printed("budget", clean)
     assert "tracked_point has no repeats of the same posture" in " ".join(out.split())
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80
 
 
-def test_masses_that_are_missing_are_named(clean: Path, capsys: Capture) -> None:
+def test_masses_that_are_missing_are_named(clean: Path) -> None:
     urdf = clean.parent / "arm.urdf"
     bare = re.sub(r"<inertial>.*?</inertial>", "", urdf.read_text(), flags=re.DOTALL)
     urdf.write_text(bare)
     text = JOB.replace("observations:", "  - {select: ['*.compliance']}\nobservations:")
     clean.write_text(text)
-    said = refused(capsys, "calibrate", clean)
+    said = refused("calibrate", clean)
     assert "arm.urdf: joint_1.compliance: found no mass in any link beyond joint_1" in said
 
 
 @pytest.mark.parametrize("command", ["extend", "budget"])
-def test_bad_input_is_one_line(clean: Path, command: str, capsys: Capture) -> None:
+def test_bad_input_is_one_line(clean: Path, command: str) -> None:
     compliance = "  - {select: ['*.compliance'], bound_deg: 1}\nobservations:"
     for text, said in (
         (JOB.replace("observations:", compliance), "bound_deg_per_nm"),
         (JOB + "encoders: {bits: 80}\n", "encoders.bits"),
     ):
         clean.write_text(text)
-        assert said in refused(capsys, command, clean)
-    refused(capsys, "extend", clean, "--seed", -1)
+        assert said in refused(command, clean)
+    refused("extend", clean, "--seed", -1)
     assert not (clean.parent / "results").exists()

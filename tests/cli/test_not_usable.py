@@ -24,10 +24,10 @@ def job(tmp_path_factory: pytest.TempPathFactory, suta_urdf: Path) -> Path:
     [("study", "--trials", "1", "--sizes", "30", "--jobs", "1"), ("budget",), ("tip-map", *BOX)],
 )
 def test_nothing_is_built_on_it_but_by_will(
-    job: Path, tmp_path: Path, asked: tuple[str, ...], capsys: Capture
+    job: Path, tmp_path: Path, asked: tuple[str, ...]
 ) -> None:
     command, *options = asked
-    said = refused(capsys, command, job, *options, "--out", tmp_path / "out")
+    said = refused(command, job, *options, "--out", tmp_path / "out")
     assert f"{job}: found an answer that must not be used" in said
     assert WHY in said
     assert "--anyway" in said
@@ -37,10 +37,10 @@ def test_nothing_is_built_on_it_but_by_will(
 
 @pytest.mark.parametrize("asked", [("plan", "-n", "1", "--tilt", "0"), ("extend", "--quick")])
 def test_what_may_mend_it_says_so_and_exits_with_one(
-    job: Path, tmp_path: Path, asked: tuple[str, ...], capsys: Capture
+    job: Path, tmp_path: Path, asked: tuple[str, ...]
 ) -> None:
     command, *options = asked
-    verdict = answer(capsys, command, job, *options, "--out", tmp_path, code=1)["verdict"]
+    verdict = answer(command, job, *options, "--out", tmp_path, code=1)["verdict"]
     assert verdict["level"] == "bad"
     assert WHY in verdict["notes"][0]
 
@@ -58,6 +58,6 @@ def test_the_map_of_a_result_needs_the_arm_that_was_calibrated(
     for other, told in ((tmp_path / "calibrated.urdf", "joint_"), (arm, "joint_2")):
         if other == arm:
             arm.write_text(arm.read_text().replace('xyz="0 0 0.047"', 'xyz="0 0 0.057"'))
-        said = refused(capsys, *calibrated, other)
+        said = refused(*calibrated, other)
         assert f"{other}: found another arm than the one that was calibrated" in said
         assert told in said

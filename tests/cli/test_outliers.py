@@ -95,9 +95,9 @@ def test_the_console_says_what_was_not_done(
     assert "3 of 4 metrics name it" in out
 
 
-def test_the_job_excludes_it_and_the_result_says_so(made: Path, capsys: Capture) -> None:
+def test_the_job_excludes_it_and_the_result_says_so(made: Path) -> None:
     job = excluding(made, "landmarks: [S2]")
-    found = answer(capsys, "calibrate", job, "--out", made / "without")
+    found = answer("calibrate", job, "--out", made / "without")
     assert found["excluded"] == [
         {"in": "observations[0]", "kind": "pairwise_distance", "landmarks": ["S2"]}
     ]
@@ -117,9 +117,9 @@ def test_the_job_excludes_it_and_the_result_says_so(made: Path, capsys: Capture)
     ],
 )
 def test_exclusions_that_cannot_be_are_refused(
-    made: Path, capsys: Capture, what: str, said: tuple[str, ...]
+    made: Path, what: str, said: tuple[str, ...]
 ) -> None:
-    err = refused(capsys, "outliers", excluding(made, what), "--out", made / "refused")
+    err = refused("outliers", excluding(made, what), "--out", made / "refused")
     assert "excluding.yaml" in err
     assert all(part in err for part in said)
     assert not (made / "refused").exists()
@@ -136,7 +136,7 @@ def test_other_kinds_are_judged_row_by_row(
     cells[column] = str(float(cells[column]) + 0.005)
     lines[11] = ",".join(cells)
     file.write_text("\n".join(lines) + "\n")
-    found = answer(capsys, "outliers", job)
+    found = answer("outliers", job)
     assert "landmarks" not in found
     assert [name for name, g in found["rows"].items() if g["outlier"]] == ["a.csv:12"]
     assert found["exclude"] == [{"rows": ["a.csv:12"]}]
@@ -149,18 +149,18 @@ def test_other_kinds_are_judged_row_by_row(
 
 
 @pytest.mark.parametrize("bias", ["0", "-1", "nan", "one"])
-def test_a_threshold_that_is_none_is_refused(made: Path, capsys: Capture, bias: str) -> None:
-    assert "--bias-mm" in refused(capsys, "outliers", made / "calibration.yaml", "--bias-mm", bias)
+def test_a_threshold_that_is_none_is_refused(made: Path, bias: str) -> None:
+    assert "--bias-mm" in refused("outliers", made / "calibration.yaml", "--bias-mm", bias)
 
 
-def test_a_calibration_that_does_not_converge_is_not_searched(made: Path, capsys: Capture) -> None:
+def test_a_calibration_that_does_not_converge_is_not_searched(made: Path) -> None:
     text = (made / "calibration.yaml").read_text()
     job = made / "hasty.yaml"
     job.write_text(text.replace("starts: 1", "max_iterations: 1, starts: 1"))
-    found = answer(capsys, "outliers", job, "--out", made / "hasty", code=1)
+    found = answer("outliers", job, "--out", made / "hasty", code=1)
     assert found["verdict"]["level"] == "bad"
     assert "landmarks" not in found
 
 
-def test_help_says_that_nothing_is_excluded(capsys: Capture) -> None:
-    assert "Nothing is excluded" in " ".join(printed(capsys, "outliers", "--help").split())
+def test_help_says_that_nothing_is_excluded() -> None:
+    assert "Nothing is excluded" in " ".join(printed("outliers", "--help").split())

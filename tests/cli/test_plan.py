@@ -151,10 +151,10 @@ points:
 
 @pytest.mark.usefixtures("drawn")
 def test_the_command_chooses_among_the_candidates_and_writes_a_plan(
-    suta: Path, tmp_path: Path, capsys: Capture
+    suta: Path, tmp_path: Path
 ) -> None:
     file = written(tmp_path, CANDIDATES)
-    told = answer(capsys, "plan", suta, "-n", 2, "--candidates", file, "--out", tmp_path / "o")
+    told = answer("plan", suta, "-n", 2, "--candidates", file, "--out", tmp_path / "o")
     assert [c["name"] for c in told["chosen"]] == ["F1", "N1"]
     assert told["makes_identified"] == {"tip.y": ["F1"]}
     assert [u["name"] for u in told["unreachable"]] == ["far"]
@@ -177,25 +177,25 @@ def test_the_command_chooses_among_the_candidates_and_writes_a_plan(
 
 
 def test_the_table_fits_a_terminal(
-    suta: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    suta: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     file = written(tmp_path, CANDIDATES)
     options = ("--candidates", file, "--target-mm", "0.01", "--out", tmp_path / "o")
-    shown = printed(capsys, "plan", suta, "-n", 1, *options)
+    shown = printed("plan", suta, "-n", 1, *options)
     assert max(map(len, shown.split("Written to")[0].splitlines())) <= 80
     assert "is not reached" in " ".join(shown.split())
     assert "No candidate can determine" in shown
 
 
-def test_an_instrument_gets_postures(tmp_path: Path, suta_urdf: Path, capsys: Capture) -> None:
+def test_an_instrument_gets_postures(tmp_path: Path, suta_urdf: Path) -> None:
     job = write_simulated_job(tmp_path / "job", suta_urdf)
     pose = (
         "{posture_deg: {joint_1: %d, joint_2: 20, joint_3: %d, joint_4: 5, joint_5: 9, joint_6: 0}}"
     )
     text = "poses:\n" + "".join(f"  A{k}: {pose % (20 * k, 30 * k)}\n" for k in range(4))
     file = written(tmp_path, text + "  B: " + pose.replace("%d", "400") + "\n")
-    told = answer(capsys, "plan", job, "-n", 2, "--candidates", file, "--out", tmp_path / "o")
+    told = answer("plan", job, "-n", 2, "--candidates", file, "--out", tmp_path / "o")
     assert told["unreachable"] == [
         {"name": "B", "kind": "pose", "reason": "joint_1 beyond its limits"}
     ]
@@ -231,9 +231,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     assert not (tmp_path / "o").exists()
 
 
-def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
-    suta: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(suta: Path, tmp_path: Path) -> None:
     artefact = suta.parent / "artefact.yaml"
     # Centimetres where millimetres are said: metres are refused when they are read.
     in_centimetres = re.sub(
@@ -252,6 +250,6 @@ def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(
         encoding="utf-8",
     )
     file = written(tmp_path, CANDIDATES)
-    told = answer(capsys, "plan", job, "--candidates", file, "-n", 1, code=1)
+    told = answer("plan", job, "--candidates", file, "-n", 1, code=1)
     assert told["verdict"]["level"] == "bad"
     assert told["verdict"]["notes"][0].startswith("The calibration itself must not be used (not ")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import Capture, answer, printed
+from cli_job import answer, printed
 from pose_answers import within
 from pose_scenes import (
     B_A,
@@ -31,8 +31,8 @@ pytestmark = pytest.mark.usefixtures("undrawn")
 
 
 # ── pivot ────────────────────────────────────────────────────────────────────────────────────
-def test_pivot_finds_tip_post_and_outliers(pivot_file: Path, capsys: Capture) -> None:
-    found = answer(capsys, "pivot", pivot_file)
+def test_pivot_finds_tip_post_and_outliers(pivot_file: Path) -> None:
+    found = answer("pivot", pivot_file)
     within(found["tip_mm"], 1e3 * TIP, found["tip_std_mm"])
     within(found["post_mm"], 1e3 * POSTS["left"], found["post_std_mm"])
     assert max(found["tip_std_mm"]) < 0.1
@@ -53,28 +53,26 @@ def test_pivot_finds_tip_post_and_outliers(pivot_file: Path, capsys: Capture) ->
     assert not [path for path in pivot_file.parent.iterdir() if path != pivot_file]
 
 
-def test_pivot_in_millimetres_is_the_same(pivot_file: Path, capsys: Capture) -> None:
-    metres = answer(capsys, "pivot", pivot_file)
+def test_pivot_in_millimetres_is_the_same(pivot_file: Path) -> None:
+    metres = answer("pivot", pivot_file)
     numbers = np.loadtxt(pivot_file, delimiter=",", skiprows=1)
     numbers[:, :3] *= 1e3
     in_mm = write_csv(pivot_file, [*("x_mm", "y_mm", "z_mm"), *POSE[3:]], numbers)
-    np.testing.assert_allclose(
-        answer(capsys, "pivot", in_mm)["tip_mm"], metres["tip_mm"], atol=1e-6
-    )
+    np.testing.assert_allclose(answer("pivot", in_mm)["tip_mm"], metres["tip_mm"], atol=1e-6)
 
 
-def test_without_robustness_all_poses_count(pivot_file: Path, capsys: Capture) -> None:
-    robust, plain = (answer(capsys, "pivot", pivot_file, *o) for o in ((), ("--no-robust",)))
+def test_without_robustness_all_poses_count(pivot_file: Path) -> None:
+    robust, plain = (answer("pivot", pivot_file, *o) for o in ((), ("--no-robust",)))
     assert plain["outliers"] == []
     assert (robust["robust"], plain["robust"]) == (True, False)
     errors = [np.abs(np.subtract(f["tip_mm"], 1e3 * TIP)).max() for f in (robust, plain)]
     assert errors[1] > 3 * errors[0]
 
 
-def test_pivot_on_several_posts(tmp_path: Path, capsys: Capture) -> None:
+def test_pivot_on_several_posts(tmp_path: Path) -> None:
     labels = ["right"] * 25 + ["left"] * 25
     path = write_csv(tmp_path / "p.csv", (*POSE, "point"), pivot_numbers(labels), labels)
-    found = answer(capsys, "pivot", path)
+    found = answer("pivot", path)
     assert list(found["posts_mm"]) == ["right", "left"]
     for name, post in POSTS.items():
         within(found["posts_mm"][name], 1e3 * post, found["posts_std_mm"][name])
@@ -87,9 +85,9 @@ def test_pivot_on_several_posts(tmp_path: Path, capsys: Capture) -> None:
     np.testing.assert_allclose(std, np.ravel(expected), rtol=1e-12)
 
 
-def test_pivot_writes_its_files(pivot_file: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_pivot_writes_its_files(pivot_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "new" / "folder"
-    found = answer(capsys, "pivot", pivot_file, "--out", out)
+    found = answer("pivot", pivot_file, "--out", out)
     names = {"residuals.csv", "pivot.svg", "tip.json", "report.html", "result.json"}
     assert {path.name for path in out.iterdir()} == names
     assert found["files"] == {name: str(out / name) for name in found["files"]}
@@ -104,10 +102,8 @@ def test_pivot_writes_its_files(pivot_file: Path, tmp_path: Path, capsys: Captur
     assert "<script" not in page
 
 
-def test_residuals_are_those_of_the_answer(
-    pivot_file: Path, tmp_path: Path, capsys: Capture
-) -> None:
-    found = answer(capsys, "pivot", pivot_file, "--out", tmp_path / "out")
+def test_residuals_are_those_of_the_answer(pivot_file: Path, tmp_path: Path) -> None:
+    found = answer("pivot", pivot_file, "--out", tmp_path / "out")
     with (tmp_path / "out" / "residuals.csv").open() as file:
         rows = list(csv.DictReader(file))
     assert [int(row["row"]) for row in rows] == list(range(40))
@@ -126,21 +122,21 @@ def test_residuals_are_those_of_the_answer(
     assert found["rms_mm"] == pytest.approx(np.sqrt(np.mean(fitted**2)), rel=1e-4)
 
 
-def test_an_answer_not_to_be_used_exits_with_1(tmp_path: Path, capsys: Capture) -> None:
+def test_an_answer_not_to_be_used_exits_with_1(tmp_path: Path) -> None:
     numbers = pivot_numbers(["left"] * 40)
     random = np.random.default_rng(3)
     numbers[:18, :3] += random.uniform(0.02, 0.2, (18, 3))
     path = write_csv(tmp_path / "p.csv", POSE, numbers)
-    found = answer(capsys, "pivot", path, "--out", tmp_path / "out", code=1)
+    found = answer("pivot", path, "--out", tmp_path / "out", code=1)
     assert found["verdict"]["level"] == "bad"
     assert not found["verdict"]["usable"]
     written = {p.name for p in (tmp_path / "out").iterdir()}
     assert written == {"result.json", "report.html", "residuals.csv", "pivot.svg"}
-    assert "Do not use." in printed(capsys, "pivot", path, code=1)
+    assert "Do not use." in printed("pivot", path, code=1)
 
 
-def test_the_seed_makes_an_answer_the_same(pivot_file: Path, capsys: Capture) -> None:
-    first, again = (answer(capsys, "pivot", pivot_file, "--seed", 5) for _ in range(2))
+def test_the_seed_makes_an_answer_the_same(pivot_file: Path) -> None:
+    first, again = (answer("pivot", pivot_file, "--seed", 5) for _ in range(2))
     assert first == again
     assert first["seed"] == 5
 
@@ -148,11 +144,11 @@ def test_the_seed_makes_an_answer_the_same(pivot_file: Path, capsys: Capture) ->
 # ── hand-eye ─────────────────────────────────────────────────────────────────────────────────
 @pytest.mark.parametrize("setup", ["eye-in-hand", "eye-to-hand"])
 @pytest.mark.parametrize("model", ["AX=XB", "AX=ZB"])
-def test_hand_eye_finds_x_and_z(tmp_path: Path, setup: str, model: str, capsys: Capture) -> None:
+def test_hand_eye_finds_x_and_z(tmp_path: Path, setup: str, model: str) -> None:
     numbers = pair_numbers(25, setup)
     numbers[7, 7:10] += [0.03, 0.0, -0.02]
     path = write_csv(tmp_path / "p.csv", PAIR, numbers)
-    found = answer(capsys, "hand-eye", path, "--setup", setup, "--model", model)
+    found = answer("hand-eye", path, "--setup", setup, "--model", model)
     X, Z = X_AND_Z[setup]
     truth = {"X": matrix(X)} | ({"Z": matrix(Z)} if model == "AX=ZB" else {})
     assert ("Z" in found) == (model == "AX=ZB")
@@ -178,10 +174,10 @@ def test_hand_eye_finds_x_and_z(tmp_path: Path, setup: str, model: str, capsys: 
     assert found["verdict"]["level"] == "good"
 
 
-def test_hand_eye_writes_its_files(tmp_path: Path, capsys: Capture) -> None:
+def test_hand_eye_writes_its_files(tmp_path: Path) -> None:
     path = write_csv(tmp_path / "p.csv", PAIR, pair_numbers(20, "eye-in-hand"))
     out = tmp_path / "out"
-    found = answer(capsys, "hand-eye", path, "--model", "AX=ZB", "--out", out)
+    found = answer("hand-eye", path, "--model", "AX=ZB", "--out", out)
     names = {"residuals.csv", "hand_eye.svg", "report.html", "result.json"}
     assert {p.name for p in out.iterdir()} == names
     assert json.loads((out / "result.json").read_text()) == found
@@ -195,8 +191,8 @@ def test_hand_eye_writes_its_files(tmp_path: Path, capsys: Capture) -> None:
 
 
 # ── register ─────────────────────────────────────────────────────────────────────────────────
-def test_register_finds_the_transform(point_files: tuple[Path, Path], capsys: Capture) -> None:
-    found = answer(capsys, "register", *point_files)
+def test_register_finds_the_transform(point_files: tuple[Path, Path]) -> None:
+    found = answer("register", *point_files)
     pose, true, std = np.array(found["T_b_a"]), matrix(B_A), found["std"]
     within(1e3 * pose[:3, 3], 1e3 * true[:3, 3], [std[f"{axis}_mm"] for axis in "xyz"])
     assert angle_deg(pose, true) < 5 * max(std[f"r{axis}_deg"] for axis in "xyz")
@@ -212,12 +208,10 @@ def test_register_finds_the_transform(point_files: tuple[Path, Path], capsys: Ca
     assert "targets" not in found
 
 
-def test_register_says_the_error_at_targets(
-    point_files: tuple[Path, Path], tmp_path: Path, capsys: Capture
-) -> None:
+def test_register_says_the_error_at_targets(point_files: tuple[Path, Path], tmp_path: Path) -> None:
     targets = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [1.5, 0.0, 0.0]])
     file = write_csv(tmp_path / "t.csv", ("x_mm", "y_mm", "z_mm"), 1e3 * targets)
-    found = answer(capsys, "register", *point_files, "--target", file)["targets"]
+    found = answer("register", *point_files, "--target", file)["targets"]
     assert [(t["row"], t["line"]) for t in found] == [(0, 2), (1, 3), (2, 4)]
     true = 1e3 * (B_A[0].apply(targets) + B_A[1])
     errors = [t["error_mm"] for t in found]
@@ -228,11 +222,9 @@ def test_register_says_the_error_at_targets(
         assert np.linalg.norm(target["std_mm"]) == pytest.approx(target["error_mm"])
 
 
-def test_register_writes_its_files(
-    point_files: tuple[Path, Path], tmp_path: Path, capsys: Capture
-) -> None:
+def test_register_writes_its_files(point_files: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
-    found = answer(capsys, "register", *point_files, "--out", out)
+    found = answer("register", *point_files, "--out", out)
     names = {"residuals.csv", "register.svg", "report.html", "result.json"}
     assert {p.name for p in out.iterdir()} == names
     with (out / "residuals.csv").open() as file:

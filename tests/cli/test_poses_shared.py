@@ -128,28 +128,28 @@ def test_misread_pairs_are_one_line(given: str, tmp_path: Path, capsys: Capture)
     assert not (tmp_path / "out").exists()
 
 
-def test_the_shipped_examples(repository: Path, capsys: Capture) -> None:
+def test_the_shipped_examples(repository: Path) -> None:
     folder = repository / "data" / "poses"
-    one = answer(capsys, "pivot", folder / "pivot.csv")
+    one = answer("pivot", folder / "pivot.csv")
     within(one["tip_mm"], [-14.3, 2.1, 158.7], one["tip_std_mm"])
     assert one["outliers"] == [7, 23, 41]
-    two = answer(capsys, "pivot", folder / "pivot_two_posts.csv")
+    two = answer("pivot", folder / "pivot_two_posts.csv")
     within(two["posts_mm"]["P2"], [20, 90, -1470], two["posts_std_mm"]["P2"])
     assert two["outliers"] == [5, 52]
-    eye = answer(capsys, "hand-eye", folder / "hand_eye.csv")
+    eye = answer("hand-eye", folder / "hand_eye.csv")
     std = eye["std"]["X"]
     within(eye["X_position_mm"], [31, -62, 94], [std[f"{axis}_mm"] for axis in "xyz"])
     assert eye["outliers"] == [4, 17]
-    moved = answer(capsys, "register", folder / "register_a.csv", folder / "register_b.csv")
+    moved = answer("register", folder / "register_a.csv", folder / "register_b.csv")
     std = moved["std"]
     within(moved["position_mm"], [250, -400, 1100], [std[f"{axis}_mm"] for axis in "xyz"])
     assert moved["outliers"] == [8]
 
 
 # ── measured sets ────────────────────────────────────────────────────────────────────────────
-def test_measured_pointer(shared: Path, capsys: Capture) -> None:
+def test_measured_pointer(shared: Path) -> None:
     path = shared / "poses" / "pivot_sksurgery.csv"
-    found = answer(capsys, "pivot", path, "--no-robust")
+    found = answer("pivot", path, "--no-robust")
     np.testing.assert_allclose(found["tip_mm"], [-14.473, 394.634, -7.407], atol=1e-3)
     assert found["rms_mm"] == pytest.approx(1.761 * np.sqrt(3), rel=1e-3)
     assert found["verdict"]["level"] == "care"
@@ -158,7 +158,7 @@ def test_measured_pointer(shared: Path, capsys: Capture) -> None:
 
 def test_measured_robot_and_chessboard(shared: Path, tmp_path: Path, capsys: Capture) -> None:
     path = shared / "poses" / "handeye_kuka_1.csv"
-    found = answer(capsys, "hand-eye", path)
+    found = answer("hand-eye", path)
     numbers = np.loadtxt(path, delimiter=",", skiprows=1)
     R, eye = Rotation.from_quat(numbers[:, 3:7]), np.array(found["X"])
     board = numbers[:, 7:10] @ eye[:3, :3].T + eye[:3, 3]
@@ -170,8 +170,8 @@ def test_measured_robot_and_chessboard(shared: Path, tmp_path: Path, capsys: Cap
     assert "five.csv: found poses that do not determine X" in capsys.readouterr().err
 
 
-def test_course_data(shared: Path, capsys: Capture) -> None:
-    found = answer(capsys, "hand-eye", shared / "hand_eye_rviz" / "clean.csv")
+def test_course_data(shared: Path) -> None:
+    found = answer("hand-eye", shared / "hand_eye_rviz" / "clean.csv")
     expected = [-0.295686, 0.641919, -0.295793, 0.642663]
     np.testing.assert_allclose(found["X_quaternion_xyzw"], expected, atol=2e-3)
     np.testing.assert_allclose(found["X_position_mm"], [13.254, -10.796, -11.528], atol=3.0)

@@ -42,8 +42,8 @@ def resting(tmp_path: Path) -> Path:
     return tmp_path / "rest.csv"
 
 
-def test_figures_of_visits_are_printed_as_json(visited: Path, arm, capsys: Capture) -> None:
-    found = answer(capsys, "repeatability", visited, *arm)
+def test_figures_of_visits_are_printed_as_json(visited: Path, arm) -> None:
+    found = answer("repeatability", visited, *arm)
     assert found["visits"] == 60
     position = found["position"]
     assert position["rp_mm"] == pytest.approx(position["mean_mm"] + 3 * position["std_mm"])
@@ -65,10 +65,8 @@ def test_figures_of_visits_are_printed_as_json(visited: Path, arm, capsys: Captu
     assert not list(visited.parent.glob("*.json"))
 
 
-def test_the_same_call_gives_the_same_answer(visited: Path, arm, capsys: Capture) -> None:
-    assert answer(capsys, "repeatability", visited, *arm) == answer(
-        capsys, "repeatability", visited, *arm
-    )
+def test_the_same_call_gives_the_same_answer(visited: Path, arm) -> None:
+    assert answer("repeatability", visited, *arm) == answer("repeatability", visited, *arm)
 
 
 def test_files_are_written_and_the_section_is_replaced(
@@ -88,8 +86,8 @@ def test_files_are_written_and_the_section_is_replaced(
     assert json.loads((out / "repeatability.json").read_text())["visits"] == 60
 
 
-def test_a_stream_alone_needs_no_arm(resting: Path, tmp_path: Path, capsys: Capture) -> None:
-    found = answer(capsys, "repeatability", "--stationary", resting, "--out", tmp_path / "out")
+def test_a_stream_alone_needs_no_arm(resting: Path, tmp_path: Path) -> None:
+    found = answer("repeatability", "--stationary", resting, "--out", tmp_path / "out")
     assert set(found) == {"stationary", "verdict", "files", "run"}
     joints = found["stationary"]["joints"]
     assert joints["joint_1"]["std_deg"] == pytest.approx(np.degrees(1e-5), rel=0.1)
@@ -98,10 +96,10 @@ def test_a_stream_alone_needs_no_arm(resting: Path, tmp_path: Path, capsys: Capt
     assert (tmp_path / "out" / "repeatability.svg").is_file()
 
 
-def test_an_arm_that_moved_is_not_usable(tmp_path: Path, capsys: Capture) -> None:
+def test_an_arm_that_moved_is_not_usable(tmp_path: Path) -> None:
     rows = [f"{k / 100},{0.001 * k}" for k in range(500)]
     (tmp_path / "m.csv").write_text("\n".join(["time,joint_1", *rows]) + "\n")
-    found = answer(capsys, "repeatability", "--stationary", tmp_path / "m.csv", code=1)
+    found = answer("repeatability", "--stationary", tmp_path / "m.csv", code=1)
     assert found["stationary"]["joints"]["joint_1"]["moved"] is True
 
 
@@ -121,29 +119,27 @@ def spoilt(visited: Path, line: int, column: str, value: str) -> None:
     ],
 )
 def test_bad_cells_are_one_line(
-    visited: Path, arm, capsys: Capture, line: int, column: str, value: str, said: str
+    visited: Path, arm, line: int, column: str, value: str, said: str
 ) -> None:
     spoilt(visited, line, column, value)
-    assert said in refused(capsys, "repeatability", visited, *arm, "--out", visited.parent / "out")
+    assert said in refused("repeatability", visited, *arm, "--out", visited.parent / "out")
     assert not (visited.parent / "out").exists()
 
 
-def test_bad_streams_are_one_line(resting: Path, capsys: Capture) -> None:
+def test_bad_streams_are_one_line(resting: Path) -> None:
     resting.write_text("joint_1\n" + "0.1\n" * 200)
-    assert "time" in refused(capsys, "repeatability", "--stationary", resting)
+    assert "time" in refused("repeatability", "--stationary", resting)
     resting.with_suffix(".parquet").write_bytes(b"PAR1")
-    assert "Parquet" in refused(
-        capsys, "repeatability", "--stationary", resting.with_suffix(".parquet")
-    )
+    assert "Parquet" in refused("repeatability", "--stationary", resting.with_suffix(".parquet"))
 
 
-def test_bad_usage_is_one_line(visited: Path, arm, capsys: Capture) -> None:
-    assert "SAMPLES.csv" in refused(capsys, "repeatability")
-    assert "--urdf" in refused(capsys, "repeatability", visited)
-    assert "--tip" in refused(capsys, "repeatability", visited, *arm[:2])
-    assert "--urdf" in refused(capsys, "repeatability", "--stationary", visited, "--tip", "tip")
-    assert "nowhere" in refused(capsys, "repeatability", visited, *arm[:2], "--tip", "nowhere")
-    assert "no folder" in refused(capsys, "repeatability", visited, *arm, "--out", visited)
+def test_bad_usage_is_one_line(visited: Path, arm) -> None:
+    assert "SAMPLES.csv" in refused("repeatability")
+    assert "--urdf" in refused("repeatability", visited)
+    assert "--tip" in refused("repeatability", visited, *arm[:2])
+    assert "--urdf" in refused("repeatability", "--stationary", visited, "--tip", "tip")
+    assert "nowhere" in refused("repeatability", visited, *arm[:2], "--tip", "nowhere")
+    assert "no folder" in refused("repeatability", visited, *arm, "--out", visited)
 
 
 def test_files_of_a_calibration_are_pooled_over_their_points(
@@ -151,7 +147,7 @@ def test_files_of_a_calibration_are_pooled_over_their_points(
 ) -> None:
     files = sorted((repository / "data/suta/calibration").glob("P*.csv"))
     arm = ("--urdf", repository / "urdf/suta.urdf", "--tip", "tip")
-    found = answer(capsys, "repeatability", *files, *arm)
+    found = answer("repeatability", *files, *arm)
     assert (found["touches"], found["points"]) == (225, 75)
     assert 0.2 < found["rms_of_others_mm"] < 0.4 < found["rms_mm"]
     joint = found["joints"]["joint_3"]

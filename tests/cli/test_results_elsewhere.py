@@ -49,12 +49,12 @@ def alone(calibrated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
     hidden.rename(calibrated)
 
 
-def test_a_copy_of_the_results_is_enough(alone: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_copy_of_the_results_is_enough(alone: Path, tmp_path: Path) -> None:
     pytest.importorskip("viser")
     assert cli("export", alone, "--format", "urdf", "--out", tmp_path / "arm.urdf") == 0
     assert (tmp_path / "arm.urdf").read_bytes() == (alone / "calibrated.urdf").read_bytes()
     assert cli("view", alone, "--html", tmp_path / "arm.html") == 0
-    told = answer(capsys, "validate", alone / "calibrated.urdf", alone)
+    told = answer("validate", alone / "calibrated.urdf", alone)
     metrics = json.loads((alone / "result.json").read_text())["metrics"]["validation"]
     assert told["metrics"]["validation"]["after"]["rms_mm"] == pytest.approx(
         metrics["after"]["rms_mm"]

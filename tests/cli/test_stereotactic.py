@@ -45,15 +45,15 @@ def of(prefix: Path, kind: str) -> Path:
     return prefix.with_name(f"{prefix.name}-{kind}.txt")
 
 
-def refuses(capsys: Capture, prefix: Path, out: Path, *options: object) -> str:
+def refuses(prefix: Path, out: Path, *options: object) -> str:
     """The one line that says why; nothing is written."""
-    line = refused(capsys, "stereotactic", prefix, "--out", out, *options)
+    line = refused("stereotactic", prefix, "--out", out, *options)
     assert not out.exists() or list(out.iterdir()) == []
     return line
 
 
-def test_first_assignment(prefix: Path, out: Path, capsys: Capture) -> None:
-    found = answer(capsys, "stereotactic", prefix, "--out", out)
+def test_first_assignment(prefix: Path, out: Path) -> None:
+    found = answer("stereotactic", prefix, "--out", out)
     assert {f.name for f in out.iterdir()} == {f"{NAME}-output1.txt", f"{NAME}-stereotactic.svg"}
     output = read_output1(out / f"{NAME}-output1.txt")
     np.testing.assert_allclose(1e3 * output.em_post, found["em_post_mm"], atol=0.0051)
@@ -68,8 +68,8 @@ def test_first_assignment(prefix: Path, out: Path, capsys: Capture) -> None:
 
 
 @pytest.mark.usefixtures("drawn")
-def test_second_assignment(prefix: Path, out: Path, capsys: Capture) -> None:
-    found = answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")
+def test_second_assignment(prefix: Path, out: Path) -> None:
+    found = answer("stereotactic", prefix, "--out", out, "--dewarp")
     assert {f.name for f in out.iterdir()} == {
         f"{NAME}-output1.txt",
         f"{NAME}-output2.txt",
@@ -89,15 +89,13 @@ def test_second_assignment(prefix: Path, out: Path, capsys: Capture) -> None:
     ElementTree.parse(out / f"{NAME}-stereotactic.svg")
 
 
-def test_an_answer_that_must_not_be_used_is_written_all_the_same(
-    prefix: Path, out: Path, capsys: Capture
-) -> None:
+def test_an_answer_that_must_not_be_used_is_written_all_the_same(prefix: Path, out: Path) -> None:
     """Where the optical tracker says the markers were does not hang on how they were read."""
     counts, *rows = of(prefix, "calreadings").read_text().splitlines()
     frames = np.array(rows).reshape(-1, 8 + 8 + 27)
     frames[:, 16:] = frames[:, 16:][:, np.random.default_rng(0).permutation(27)]
     of(prefix, "calreadings").write_text("\n".join([counts, *frames.ravel()]) + "\n")
-    found = answer(capsys, "stereotactic", prefix, "--out", out, code=1)
+    found = answer("stereotactic", prefix, "--out", out, code=1)
     assert not found["verdict"]["usable"]
     assert "order of the C markers" in found["verdict"]["notes"][0]
     output = read_output1(out / f"{NAME}-output1.txt")
@@ -116,25 +114,23 @@ def test_headers_and_layout(prefix: Path, out: Path) -> None:
 
 
 @pytest.mark.parametrize("dewarp", [False, True])
-def test_table(prefix: Path, out: Path, dewarp: bool, capsys: Capture) -> None:
-    shown = printed(capsys, "stereotactic", prefix, "--out", out, *(["--dewarp"] if dewarp else []))
+def test_table(prefix: Path, out: Path, dewarp: bool) -> None:
+    shown = printed("stereotactic", prefix, "--out", out, *(["--dewarp"] if dewarp else []))
     assert "optical post" in shown
     assert ("tip in CT" in shown) == dewarp
     assert ("--dewarp corrects it" in shown) != dewarp
     assert f"{NAME}-output1.txt" in shown
 
 
-def test_a_wrong_marker_is_left_out_unless_all_are_to_be_believed(
-    prefix: Path, out: Path, capsys: Capture
-) -> None:
+def test_a_wrong_marker_is_left_out_unless_all_are_to_be_believed(prefix: Path, out: Path) -> None:
     path = of(prefix, "optpivot")
     lines = path.read_text().splitlines()
     x, y, z = map(float, lines[1 + 8].split(","))
     lines[1 + 8] = f"{x + 8:8.2f}, {y - 6:8.2f}, {z + 9:8.2f}"
     path.write_text("\n".join(lines) + "\n")
-    believed = answer(capsys, "stereotactic", prefix, "--out", out, "--no-robust")
-    unasked = answer(capsys, "stereotactic", prefix, "--out", out)
-    found = answer(capsys, "stereotactic", prefix, "--out", out, "--robust")
+    believed = answer("stereotactic", prefix, "--out", out, "--no-robust")
+    unasked = answer("stereotactic", prefix, "--out", out)
+    found = answer("stereotactic", prefix, "--out", out, "--robust")
     assert unasked["comparison"]["optical_post_mm"] < 0.02
     assert believed["comparison"]["optical_post_mm"] > 0.1
     assert found["comparison"]["optical_post_mm"] < 0.02
@@ -142,25 +138,21 @@ def test_a_wrong_marker_is_left_out_unless_all_are_to_be_believed(
     assert "marker_outliers" not in believed
 
 
-def test_without_given_outputs_there_is_nothing_to_compare(
-    prefix: Path, out: Path, capsys: Capture
-) -> None:
+def test_without_given_outputs_there_is_nothing_to_compare(prefix: Path, out: Path) -> None:
     for kind in ("output1", "output2"):
         of(prefix, kind).unlink()
-    assert answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")["comparison"] == {}
+    assert answer("stereotactic", prefix, "--out", out, "--dewarp")["comparison"] == {}
 
 
-def test_the_other_spelling_is_read(prefix: Path, out: Path, capsys: Capture) -> None:
+def test_the_other_spelling_is_read(prefix: Path, out: Path) -> None:
     of(prefix, "em-fiducials").rename(of(prefix, "em-fiducialss"))
-    assert answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")["nav_mm"]
+    assert answer("stereotactic", prefix, "--out", out, "--dewarp")["nav_mm"]
 
 
-def test_without_navigation_files_only_the_first_output(
-    prefix: Path, out: Path, capsys: Capture
-) -> None:
+def test_without_navigation_files_only_the_first_output(prefix: Path, out: Path) -> None:
     for kind in ("ct-fiducials", "em-fiducials", "EM-nav"):
         of(prefix, kind).unlink()
-    assert answer(capsys, "stereotactic", prefix, "--out", out, "--dewarp")["nav_mm"] is None
+    assert answer("stereotactic", prefix, "--out", out, "--dewarp")["nav_mm"] is None
     assert not (out / f"{NAME}-output2.txt").exists()
 
 
@@ -241,15 +233,10 @@ def still(prefix: Path) -> None:
     ],
 )
 def test_bad_input(
-    spoil: Spoil,
-    options: list[str],
-    says: tuple[str, ...],
-    prefix: Path,
-    out: Path,
-    capsys: Capture,
+    spoil: Spoil, options: list[str], says: tuple[str, ...], prefix: Path, out: Path
 ) -> None:
     spoil(prefix)
-    error = refuses(capsys, prefix, out, *options)
+    error = refuses(prefix, out, *options)
     for words in says:
         assert words in error
 
@@ -259,7 +246,7 @@ def test_navigation_files_do_not_matter_without_dewarp(prefix: Path, out: Path) 
     assert cli("stereotactic", prefix, "--out", out) == 0
 
 
-def test_one_frame_cannot_be_corrected(tmp_path: Path, out: Path, capsys: Capture) -> None:
+def test_one_frame_cannot_be_corrected(tmp_path: Path, out: Path) -> None:
     seen = MADE.data.readings
     first = type(seen)(seen.base[:1], seen.optical[:1], seen.em[:1])
     data = type(MADE.data)(
@@ -267,12 +254,12 @@ def test_one_frame_cannot_be_corrected(tmp_path: Path, out: Path, capsys: Captur
     )
     prefix = SimulatedSet(data, MADE.truth).write(tmp_path)
     of(prefix, "output1").unlink()
-    assert "1 frame of calibration readings" in refuses(capsys, prefix, out, "--dewarp")
+    assert "1 frame of calibration readings" in refuses(prefix, out, "--dewarp")
     assert cli("stereotactic", prefix, "--out", out) == 0
 
 
-def test_bad_usage(prefix: Path, out: Path, capsys: Capture) -> None:
-    assert "--out" in refused(capsys, "stereotactic", prefix)
+def test_bad_usage(prefix: Path, out: Path) -> None:
+    assert "--out" in refused("stereotactic", prefix)
     out.write_text("mine")
-    assert "expected a folder" in refused(capsys, "stereotactic", prefix, "--out", out)
+    assert "expected a folder" in refused("stereotactic", prefix, "--out", out)
     assert out.read_text() == "mine"

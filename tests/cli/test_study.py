@@ -19,8 +19,8 @@ JOB = SUTA / "calibration.yaml"
 FEW = ("--trials", "3", "--jobs", "1")
 
 
-def test_sizes_as_the_formats_have_them(tmp_path: Path, capsys: Capture) -> None:
-    found = answer(capsys, "study", JOB, *FEW, "--sizes", "1-2,6", "--out", tmp_path)
+def test_sizes_as_the_formats_have_them(tmp_path: Path) -> None:
+    found = answer("study", JOB, *FEW, "--sizes", "1-2,6", "--out", tmp_path)
     assert [s["size"] for s in found["sizes"]] == [1, 2, 6]
     keys = {"size", "trials", "mean_mm", "std_mm", "min_mm", "max_mm", "improvement_pct"}
     for size in found["sizes"]:
@@ -61,19 +61,9 @@ def test_what_is_written(tmp_path: Path, kind: str, name: str, capsys: Capture) 
     assert len(lines) == 2 + 12 * (2 if kind == "size" else 1)
 
 
-def test_parameters_of_a_bootstrap(tmp_path: Path, capsys: Capture) -> None:
+def test_parameters_of_a_bootstrap(tmp_path: Path) -> None:
     found = answer(
-        capsys,
-        "study",
-        JOB,
-        "--trials",
-        "15",
-        "--jobs",
-        "1",
-        "--kind",
-        "bootstrap",
-        "--out",
-        tmp_path,
+        "study", JOB, "--trials", "15", "--jobs", "1", "--kind", "bootstrap", "--out", tmp_path
     )
     told, silent = found["parameters"]["joint_4.z"], found["parameters"]["tip.y"]
     assert silent == {"unit": "m", "state": "unidentified", "told": 0}
@@ -84,9 +74,9 @@ def test_parameters_of_a_bootstrap(tmp_path: Path, capsys: Capture) -> None:
     assert found["validation"]["rms_mm"] == pytest.approx(0.925, abs=1e-3)
 
 
-def test_a_job_without_placements_draws_samples(job: Path, capsys: Capture) -> None:
+def test_a_job_without_placements_draws_samples(job: Path) -> None:
     """Two samples cannot be solved: they are counted, and told."""
-    found = answer(capsys, "study", job, *FEW, "--sizes", "2,20,40")
+    found = answer("study", job, *FEW, "--sizes", "2,20,40")
     assert (found["unit"], found["sets"], found["set_is"]) == ("sample", 40, "one sample")
     few, *others = found["sizes"]
     assert (few["failed"], few["mean_mm"], few["improvement_pct"]) == (3, None, None)
@@ -105,12 +95,12 @@ def test_no_result_at_all_exits_with_one(job: Path, capsys: Capture) -> None:
     assert "Traceback" not in err
 
 
-def test_sizes_beyond_the_sets_are_left_out_and_told(tmp_path: Path, capsys: Capture) -> None:
-    found = answer(capsys, "study", JOB, *FEW, "--sizes", "14-17", "--out", tmp_path)
+def test_sizes_beyond_the_sets_are_left_out_and_told(tmp_path: Path) -> None:
+    found = answer("study", JOB, *FEW, "--sizes", "14-17", "--out", tmp_path)
     assert [s["size"] for s in found["sizes"]] == [14, 15]
     assert found["left_out_sizes"] == [16, 17]
     assert any("16 to 17" in note for note in found["verdict"]["notes"])
-    assert "up to 15" in refused(capsys, "study", JOB, "--sizes", "16", "--out", tmp_path / "none")
+    assert "up to 15" in refused("study", JOB, "--sizes", "16", "--out", tmp_path / "none")
     assert not (tmp_path / "none").exists()
 
 
@@ -133,10 +123,10 @@ def test_sizes_beyond_the_sets_are_left_out_and_told(tmp_path: Path, capsys: Cap
         (("--dask", "nowhere"), "no scheduler"),
     ],
 )
-def test_bad_usage(tmp_path: Path, arguments: tuple[str, ...], says: str, capsys: Capture) -> None:
+def test_bad_usage(tmp_path: Path, arguments: tuple[str, ...], says: str) -> None:
     pytest.importorskip("distributed")  # its settings are there once it is loaded
     with dask.config.set({"distributed.comm.timeouts.connect": "0.5s"}):
-        line = refused(capsys, "study", JOB, *arguments, "--out", tmp_path / "none")
+        line = refused("study", JOB, *arguments, "--out", tmp_path / "none")
     assert re.search(says, line), line
     assert not (tmp_path / "none").exists()
 
@@ -147,11 +137,11 @@ def test_another_study_is_not_resumed(job: Path, capsys: Capture) -> None:
     results = job.parent / "results"
     before = {path: path.read_bytes() for path in results.iterdir()}
     capsys.readouterr()
-    assert "(seed differs)" in refused(capsys, "study", *asked, "--seed", "1")
+    assert "(seed differs)" in refused("study", *asked, "--seed", "1")
     samples = job.parent / "calibration" / "a.csv"
     lines = samples.read_text().splitlines(keepends=True)
     samples.write_text("".join(lines[:-1]))
-    assert "(job differs)" in refused(capsys, "study", *asked)
+    assert "(job differs)" in refused("study", *asked)
     assert {path: path.read_bytes() for path in results.iterdir()} == before
 
 

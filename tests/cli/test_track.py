@@ -123,7 +123,7 @@ def test_what_was_held_and_moves_the_tip_is_streamed_and_said(device: Path, tmp_
     scene.path.write_text(json.dumps(scene.result | {"held": [within]}), encoding="utf-8")
     command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
     options = ("--result", scene.path, "--seconds", 0.3)
-    found = answer(capsys, *command, *options)
+    found = answer(*command, *options)
     assert found["uncertainty"]["held_within"] == ["joint_6.z"]
     assert np.linalg.norm(found["last"]["std"]) == pytest.approx(0.06 / np.sqrt(3.0), rel=1e-3)
     assert cli(*command, *options) == 0
@@ -143,7 +143,7 @@ def test_an_arm_that_grows_with_warmth_is_said_to_be_taken_as_cool(
     (note,) = json.loads(capsys.readouterr().out)["notes"]
     assert "at 20 °C, though links.expansion was found" in note
     assert "10 K above, a metre of it is off by up to 0.23 mm" in note
-    assert printed(capsys, *command, *options).count(note) == 1
+    assert printed(*command, *options).count(note) == 1
 
 
 def test_error_flags_make_poses_invalid(tmp_path: Path, capsys):
@@ -232,10 +232,10 @@ def test_bad_devices_are_one_clear_line(tmp_path: Path, capsys, joints: str, sai
     assert [file.name for file in tmp_path.iterdir()] == ["device.yaml"]
 
 
-def test_a_port_that_is_not_there_leaves_no_file(tmp_path: Path, capsys):
+def test_a_port_that_is_not_there_leaves_no_file(tmp_path: Path):
     joints = ", ".join(f"{{name: joint_{k}}}" for k in range(1, 7))
     device = write_device(tmp_path, f"port: {tmp_path}/none\njoints: [{joints}]\n")
-    assert refused(capsys, *TRACK, device, "--csv", tmp_path / "log.csv").count("\n") == 1
+    assert refused(*TRACK, device, "--csv", tmp_path / "log.csv").count("\n") == 1
     assert [file.name for file in tmp_path.iterdir()] == ["device.yaml"]
 
 
@@ -275,7 +275,7 @@ def test_no_recording_and_no_input_is_replaced_unasked(tmp_path: Path, capsys):
     for inputs in (device, SUTA_URDF):
         assert cli(*TRACK, device, "--csv", inputs, "--force") == 2
         assert "found an input of the same command" in capsys.readouterr().err
-    assert "found another output" in refused(capsys, *TRACK, device, "--csv", log, "--parquet", log)
+    assert "found another output" in refused(*TRACK, device, "--csv", log, "--parquet", log)
 
 
 def test_the_console_says_where_how_late_and_how_old(tmp_path: Path, capsys):

@@ -43,18 +43,16 @@ def result(job: Path) -> Path:
     return job.parent / "results" / "result.json"
 
 
-def test_a_job_becomes_one_file(job: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_a_job_becomes_one_file(job: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
-    said = printed(capsys, "view", job, "--html", page)
+    said = printed("view", job, "--html", page)
     assert f"Written: {page}" in said
     assert "mm RMS" in said
     assert max(time for time, _ in held_by(page.read_bytes()).messages) == 54 * EACH_S
     assert [*tmp_path.iterdir()] == [page]
 
 
-def test_a_result_is_what_the_job_gave(
-    job: Path, result: Path, tmp_path: Path, capsys: Capture
-) -> None:
+def test_a_result_is_what_the_job_gave(job: Path, result: Path, tmp_path: Path) -> None:
     made, read = CalibrationJob.load(job).run().calibrated, read_calibrated(result)
     for name in made.arm.parameters:
         assert read.values.get(name) == pytest.approx(made.values.get(name))
@@ -67,7 +65,7 @@ def test_a_result_is_what_the_job_gave(
             for own in term.own_parameters:
                 assert again[own.name] == pytest.approx(values[own.name], abs=1e-7)
     # The folder of a result is the result.
-    found = answer(capsys, "view", result.parent, "--html", tmp_path / "a.html")
+    found = answer("view", result.parent, "--html", tmp_path / "a.html")
     assert found["samples"] == 55
     assert found["verdict"]["usable"] is True
     assert found["html"] == str(tmp_path / "a.html")
@@ -117,7 +115,7 @@ def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
     tmp_path: Path, capsys: Capture
 ) -> None:
     job, page = made_worse(write_simulated_job(tmp_path / "job", SUTA_URDF)), tmp_path / "page.html"
-    assert "Do not use" in printed(capsys, "view", job, "--html", page, code=1)
+    assert "Do not use" in printed("view", job, "--html", page, code=1)
     assert "Do not use" in page.read_text(encoding="utf-8")
     page.unlink()
     assert cli("calibrate", job, "--json") == 1
@@ -141,16 +139,14 @@ def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
         (lambda data: data.update(parameters=[]), "found no table of parameters"),
     ],
 )
-def test_a_result_that_tells_too_little_is_refused(
-    result: Path, change: Any, told: str, capsys: Capture
-) -> None:
+def test_a_result_that_tells_too_little_is_refused(result: Path, change: Any, told: str) -> None:
     data = json.loads(result.read_text())
     change(data)
     # In a folder of its own beside the results: there the job is looked for.
     folder = result.parent.parent / "changed"
     folder.mkdir(exist_ok=True)
     (folder / "result.json").write_text(json.dumps(data))
-    assert told in refused(capsys, "view", folder, "--html", folder / "page.html")
+    assert told in refused("view", folder, "--html", folder / "page.html")
     assert not (folder / "page.html").exists()
 
 
@@ -194,11 +190,11 @@ def test_bad_input_is_one_line_and_nothing_is_written(
 
 
 def test_without_the_extra_it_says_how_to_install_it(
-    job: Path, monkeypatch: pytest.MonkeyPatch, capsys: Capture
+    job: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name in ("viser", "yourdfpy"):
         monkeypatch.setitem(sys.modules, name, None)
-    assert "pip install 'suta_calib[view]'" in refused(capsys, "view", job, "--seconds", "0.1")
+    assert "pip install 'suta_calib[view]'" in refused("view", job, "--seconds", "0.1")
 
 
 # ── a device ────────────────────────────────────────────────────────────────────────────────

@@ -37,13 +37,11 @@ def pose_of(samples: Samples, row: int = 0, *, oriented: bool = True) -> str:
     return ",".join(repr(float(number)) for number in numbers)
 
 
-def test_the_urdf_written_agrees_with_every_pose(
-    arm: ArmModel, tmp_path: Path, capsys: Capture
-) -> None:
+def test_the_urdf_written_agrees_with_every_pose(arm: ArmModel, tmp_path: Path) -> None:
     samples, file, out = known(arm, 5), tmp_path / "r.csv", tmp_path / "out.urdf"
     write_samples(file, samples)
     command = ("baseline", arm.chain.path, "--tip", "tip", "--readings", file)
-    found = answer(capsys, *command, "--out", out)
+    found = answer(*command, "--out", out)
     assert found["status"] == "found"
     assert found["urdf"] == str(out)
     assert len(found["branches"]) == 1
@@ -54,14 +52,14 @@ def test_the_urdf_written_agrees_with_every_pose(
     assert np.allclose(rotation, samples.rotation, atol=1e-8)
 
 
-def test_no_input_is_replaced(arm: ArmModel, tmp_path: Path, capsys: Capture) -> None:
+def test_no_input_is_replaced(arm: ArmModel, tmp_path: Path) -> None:
     file, urdf = tmp_path / "r.csv", tmp_path / "arm.urdf"
     write_samples(file, known(arm, 5))
     urdf.write_bytes(arm.chain.path.read_bytes())
     for out in (urdf, file):
         before = out.read_bytes()
         command = ("zero-offsets", urdf, "--tip", "tip", "--readings", file, "--out", out)
-        assert f"{out}: found an input of the same command" in refused(capsys, *command)
+        assert f"{out}: found an input of the same command" in refused(*command)
         assert out.read_bytes() == before
 
 
@@ -70,7 +68,7 @@ def test_a_branch_is_chosen_by_number(arm: ArmModel, tmp_path: Path, capsys: Cap
     write_samples(file, Samples.from_arrays(arm.joints, samples.q))
     command = ["baseline", arm.chain.path, "--tip", "tip", "--readings", file]
     command += [f"--pose={pose_of(samples)}"]
-    found = answer(capsys, *command)
+    found = answer(*command)
     count = len(found["branches"])
     assert count > 1
     assert found["branch"] == 1
@@ -84,31 +82,29 @@ def test_a_branch_is_chosen_by_number(arm: ArmModel, tmp_path: Path, capsys: Cap
         capsys.readouterr().out
     )
     out = tmp_path / "last.urdf"
-    assert answer(capsys, *command, "--branch", count, "--out", out)["branch"] == count
+    assert answer(*command, "--branch", count, "--out", out)["branch"] == count
     _, position = ArmModel.from_urdf(out, "tip").forward(samples.q)
     assert np.allclose(position, samples.position, atol=1e-8)
     assert cli(*command, "--branch", count + 1) == 2
     assert f"--branch: found {count + 1}; expected 1 to {count}" in capsys.readouterr().err
 
 
-def test_one_position_is_not_enough(arm: ArmModel, tmp_path: Path, capsys: Capture) -> None:
+def test_one_position_is_not_enough(arm: ArmModel, tmp_path: Path) -> None:
     samples, file, out = known(arm, 1), tmp_path / "r.csv", tmp_path / "out.urdf"
     write_samples(file, Samples.from_arrays(arm.joints, samples.q))
     command = ("baseline", arm.chain.path, "--tip", "tip", "--readings", file, "--out", out)
-    said = printed(capsys, *command, f"--pose={pose_of(samples, oriented=False)}", code=1)
+    said = printed(*command, f"--pose={pose_of(samples, oriented=False)}", code=1)
     assert "only together with" in said
     assert "Not usable: give more poses" in said
     assert not out.exists()
 
 
-def test_poses_that_no_offsets_explain_exit_with_1(
-    arm: ArmModel, tmp_path: Path, capsys: Capture
-) -> None:
+def test_poses_that_no_offsets_explain_exit_with_1(arm: ArmModel, tmp_path: Path) -> None:
     samples, file, out = known(arm, 3), tmp_path / "r.csv", tmp_path / "out.urdf"
     write_samples(file, Samples.from_arrays(arm.joints, samples.q))
     command = ["baseline", arm.chain.path, "--tip", "tip", "--readings", file, "--out", out]
     command += [f"--pose={x},0,0" for x in (5000, 6000, 7000)]
-    assert answer(capsys, *command, code=1)["status"] == "no_fit"
+    assert answer(*command, code=1)["status"] == "no_fit"
     assert not out.exists()
 
 
@@ -122,11 +118,9 @@ def test_poses_that_no_offsets_explain_exit_with_1(
         (["1,2,3", "1,2,3,4,5,6"], "poses with and without orientation"),
     ],
 )
-def test_bad_poses_are_one_line(
-    arm: ArmModel, tmp_path: Path, capsys: Capture, poses: list[str], said: str
-) -> None:
+def test_bad_poses_are_one_line(arm: ArmModel, tmp_path: Path, poses: list[str], said: str) -> None:
     file = tmp_path / "r.csv"
     write_samples(file, Samples.from_arrays(arm.joints, known(arm, 2).q))
     command = ["baseline", arm.chain.path, "--tip", "tip", "--readings", file]
-    err = refused(capsys, *command, *(f"--pose={pose}" for pose in poses))
+    err = refused(*command, *(f"--pose={pose}" for pose in poses))
     assert said in err

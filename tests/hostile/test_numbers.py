@@ -27,12 +27,10 @@ def folder(scene: Path, tmp_path: Path) -> Path:
     ("old", "new", "at_most"),
     [("starts: 2", "starts: {}", "1,000"), ("seed: 0", "seed: 0, max_iterations: {}", "100,000")],
 )
-def test_of_a_job(
-    folder: Path, old: str, new: str, at_most: str, number: str, capsys: Capture
-) -> None:
+def test_of_a_job(folder: Path, old: str, new: str, at_most: str, number: str) -> None:
     job = folder / "calibration.yaml"
     job.write_text(job.read_text().replace(old, new.format(number)))
-    error = refused(capsys, "calibrate", job)
+    error = refused("calibrate", job)
     assert f"expected a whole number from 1 to {at_most}" in error
     assert "calibration.yaml:9: solver." in error
 
@@ -45,9 +43,9 @@ def test_of_a_job(
         (TOUCHED.replace("KIND", "tracked_point").replace("    PLACES\n", ""), "samples"),
     ],
 )
-def test_of_a_simulation(folder: Path, text: str, key: str, capsys: Capture) -> None:
+def test_of_a_simulation(folder: Path, text: str, key: str) -> None:
     (folder / "simulation.yaml").write_text(text.replace("WHAT", f"{key}: {HUGE}"))
-    error = refused(capsys, "simulate", folder / "simulation.yaml", "--out", folder / "out")
+    error = refused("simulate", folder / "simulation.yaml", "--out", folder / "out")
     assert f"{key}: found {HUGE}; expected a whole number from 1 to " in error
     assert not (folder / "out").exists()
 
@@ -67,9 +65,9 @@ def test_of_a_simulation(folder: Path, text: str, key: str, capsys: Capture) -> 
         ("emulate", "arm.urdf", "--tip", "tip", "--counts-per-turn", HUGE + "0"),
     ],
 )
-def test_of_options(folder: Path, line: tuple[str, ...], capsys: Capture) -> None:
+def test_of_options(folder: Path, line: tuple[str, ...]) -> None:
     words = [folder / word if (folder / word).is_file() else word for word in line]
-    error = refused(capsys, *words)
+    error = refused(*words)
     assert line[-1] in error
 
 

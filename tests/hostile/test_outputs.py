@@ -161,7 +161,7 @@ def test_an_interrupt_while_it_reads(
 
 @pytest.mark.parametrize("command", [name for name in GIVEN if GIVEN[name].out])
 def test_a_place_that_cannot_be_written(
-    command: str, scene: Path, tmp_path: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+    command: str, scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A file where a folder should be, and a folder that this user may not write into."""
     (tmp_path / "file").write_text("a file")
@@ -172,7 +172,7 @@ def test_a_place_that_cannot_be_written(
     )
     for place in ("file", "locked"):
         out = tmp_path / place / "out"
-        stderr = refused(capsys, *command_line(command, scene, out))
+        stderr = refused(*command_line(command, scene, out))
         assert len(re.findall("^suta-calib: error: ", stderr, re.MULTILINE)) == 1
         assert str(out.parent) in stderr
     assert contents(tmp_path) == {"file": b"a file"}

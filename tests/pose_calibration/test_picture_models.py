@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arm_scenes import BOARD, arm_pictures, truth
 from camera_scenes import CAMERA, LENS, errors, pictures, solved
-from cli_job import Capture, answer
+from cli_job import answer
 
 from suta_calib.geometry.numbers import vector_from_rotation
 from suta_calib.geometry.pinhole import projected
@@ -117,7 +117,7 @@ def test_standard_deviations_hold_for_arms_of_wrong_geometry(setup: str, wrong: 
     assert 0.3 < ratios(setup, 40, **{wrong: 1.0}) < 3.0
 
 
-def test_what_held_intrinsics_would_give_is_told(tmp_path, capsys: Capture) -> None:
+def test_what_held_intrinsics_would_give_is_told(tmp_path) -> None:
     """As `--intrinsics fixed` gives it, where the file's own ± is next to nothing."""
     sure = Camera(1280, 960, LENS, np.diag([0.05, 0.05, 0.05, 0.05, *[1e-5] * 5]) ** 2)
     scene = pictures(20, pixel=0.1, robot=(2e-4, 3e-4), given=sure)
@@ -127,7 +127,7 @@ def test_what_held_intrinsics_would_give_is_told(tmp_path, capsys: Capture) -> N
     assert np.abs(held.X - fixed.X).max() < 0.3 * fixed.std["X"][:3].max()
     assert fixed.if_held is None
     assert solved(pictures(12, pixel=0.1, given=CAMERA)).cameras[0].if_held is None
-    record = answer(capsys, "hand-eye", *scene.written(tmp_path))
+    record = answer("hand-eye", *scene.written(tmp_path))
     assert set(record["intrinsics_held"]) == {"X", "std"}
     assert record["reprojection_left_out_rms_px"] > 0.1
     assert record["hand_noise"]["model"] == "hand-errors"

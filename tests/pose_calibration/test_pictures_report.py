@@ -13,10 +13,10 @@ from cli_job import Capture, answer, cli
 from suta_calib.measurements import corners_of, read_camera, write_corners
 
 
-def test_the_command_answers_and_writes(tmp_path: Path, capsys: Capture) -> None:
+def test_the_command_answers_and_writes(tmp_path: Path) -> None:
     options = pictures(14, pixel=0.1).written(tmp_path)
     out = tmp_path / "out"
-    found = answer(capsys, "hand-eye", *options, "--model", "AX=ZB", "--out", out)
+    found = answer("hand-eye", *options, "--model", "AX=ZB", "--out", out)
     assert found["frames"] == {"X": "T_hand_eye", "Z": "T_base_target"}
     assert np.linalg.norm(np.array(found["X"])[:3, 3] - X[1]) < 2e-3
     assert 0.1 < found["reprojection_rms_px"] < 0.2

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -74,30 +76,34 @@ def cli(*arguments: object) -> int:
     return run([str(a) for a in arguments])
 
 
-def answer(capsys: Capture, *arguments: object, code: int = 0) -> dict[str, Any]:
+def spoken(*arguments: object) -> tuple[int, str, str]:
+    """Exit code of one command line, and what it said on stdout and on stderr."""
+    out, err = io.StringIO(), io.StringIO()
+    with redirect_stdout(out), redirect_stderr(err):
+        code = cli(*arguments)
+    return code, out.getvalue(), err.getvalue()
+
+
+def answer(*arguments: object, code: int = 0) -> dict[str, Any]:
     """What a command prints with --json: one object, and nothing on stderr."""
-    capsys.readouterr()
-    assert cli(*arguments, "--json") == code
-    out, err = capsys.readouterr()
-    assert err == ""
+    ended, out, err = spoken(*arguments, "--json")
+    assert (ended, err) == (code, ""), (ended, err)
     found = json.loads(out)
     assert isinstance(found, dict)
     return found
 
 
-def printed(capsys: Capture, *arguments: object, code: int = 0) -> str:
+def printed(*arguments: object, code: int = 0) -> str:
     """What a command prints on stdout."""
-    capsys.readouterr()
-    assert cli(*arguments) == code
-    return capsys.readouterr().out
+    ended, out, err = spoken(*arguments)
+    assert ended == code, err
+    return out
 
 
-def refused(capsys: Capture, *arguments: object) -> str:
+def refused(*arguments: object) -> str:
     """The one line of a command that must refuse, beside warnings; nothing is on stdout."""
-    capsys.readouterr()
-    assert cli(*arguments) == 2
-    out, err = capsys.readouterr()
+    code, out, err = spoken(*arguments)
     errors = [line for line in err.splitlines(keepends=True) if "warning: " not in line]
-    assert (out, len(errors)) == ("", 1), (out, err)
+    assert (code, out, len(errors)) == (2, "", 1), (code, out, err)
     assert errors[0].startswith("suta-calib: error: ")
     return errors[0]

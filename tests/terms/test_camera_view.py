@@ -105,8 +105,8 @@ def test_corners_that_noise_drives_out_of_the_picture_are_not_seen(folder: Path)
         assert 0.6 * len(all_of_them) < len(corners) < len(all_of_them)
 
 
-def test_pictures_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    found = answer(capsys, "calibrate", folder / "job.yaml", "--out", folder / "results")
+def test_pictures_tell_the_arm(folder: Path) -> None:
+    found = answer("calibrate", folder / "job.yaml", "--out", folder / "results")
     assert not found["unidentified"]
     for data in ("calibration", "validation"):
         metrics = found["metrics"][data]
@@ -117,9 +117,7 @@ def test_pictures_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str])
         assert abs(entry["value"] - true) < 5 * entry["std"]
 
 
-def test_a_reading_that_never_came_is_believed_less_than_all_others(
-    folder: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_reading_that_never_came_is_believed_less_than_all_others(folder: Path) -> None:
     header, *rows = (folder / "calibration" / "samples.csv").read_text().splitlines()
     joints = sum(name.startswith("joint") for name in header.split(","))
 
@@ -130,7 +128,7 @@ def test_a_reading_that_never_came_is_believed_less_than_all_others(
         job = JOB.replace("'calibration/*.csv'", "'lost/*.csv'")
         (folder / "lost.yaml").write_text(job)
         files = folder / "lost.yaml", "--out", folder / "lost_results"
-        return answer(capsys, "calibrate", *files, code=code)
+        return answer("calibrate", *files, code=code)
 
     truth = read_truth(folder / "truth.yaml", ArmModel.from_urdf(folder / "arm.urdf", "tip"))
     told = found(1, 0)
@@ -143,11 +141,11 @@ def test_a_reading_that_never_came_is_believed_less_than_all_others(
     assert "3 rows of camera view" in " ".join(said["notes"])
 
 
-def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_the_camera_is_corrected_too(folder: Path) -> None:
     (folder / "other.yaml").write_text(CAMERA.replace("1000,", "1015,").replace("1002,", "1017,"))
     free = JOB.replace("camera.yaml", "other.yaml").replace("px: 1}", "px: 1, intrinsics: free}")
     (folder / "free.yaml").write_text(free)
-    found = answer(capsys, "calibrate", folder / "free.yaml", "--out", folder / "free")
+    found = answer("calibrate", folder / "free.yaml", "--out", folder / "free")
     focal = found["parameters"]["camera.fx"]
     assert (focal["unit"], focal["nominal"]) == ("px", 1015.0)
     assert abs(focal["value"] - 1000.0) < 5 * focal["std"] < 15.0
@@ -156,13 +154,13 @@ def test_the_camera_is_corrected_too(folder: Path, capsys: pytest.CaptureFixture
 
 @pytest.mark.parametrize(("focal", "contradicted"), [(1000, False), (1015, True)])
 def test_held_intrinsics_that_the_pictures_contradict_are_named(
-    folder: Path, capsys: pytest.CaptureFixture[str], focal: int, contradicted: bool
+    folder: Path, focal: int, contradicted: bool
 ) -> None:
     """Also in silence about right ones, whatever the arm has wrong."""
     file = CAMERA.replace("1000,", f"{focal},").replace("1002,", f"{focal + 2},")
     (folder / "held.yaml").write_text(file)
     (folder / "held_job.yaml").write_text(JOB.replace("camera.yaml", "held.yaml"))
-    found = answer(capsys, "calibrate", folder / "held_job.yaml", "--out", folder / "held")
+    found = answer("calibrate", folder / "held_job.yaml", "--out", folder / "held")
     notes = [note for note in found["verdict"]["notes"] if "contradict what was held" in note]
     assert len(notes) == contradicted
     assert all("of camera (fx 1015.000 → 100" in note for note in notes)
@@ -194,12 +192,10 @@ def test_a_corrected_camera_is_told_without_being_asked_for(
     ],
     ids=lambda command: " ".join(map(str, command[:3:2])),
 )
-def test_every_command_takes_the_job(
-    folder: Path, command: tuple[Any, ...], capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_every_command_takes_the_job(folder: Path, command: tuple[Any, ...]) -> None:
     name, job, *more = command
     out = () if name == "observe" else ("--out", folder / name)
-    assert answer(capsys, name, folder / job, *more, *out)["verdict"]["usable"]
+    assert answer(name, folder / job, *more, *out)["verdict"]["usable"]
 
 
 def test_a_job_of_pictures_is_begun(folder: Path, tmp_path: Path) -> None:

@@ -69,11 +69,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory, repository: Path) -> Path:
     return path
 
 
-def test_planes_tell_the_arm(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_planes_tell_the_arm(folder: Path) -> None:
     """What is told, how well, where the plane then stands; and that errors have a sign."""
-    seen = answer(capsys, "observe", folder / "job.yaml")
+    seen = answer("observe", folder / "job.yaml")
     assert seen["parameters"]["tip.y"]["state"] == "identified"
-    found = answer(capsys, "calibrate", folder / "job.yaml", "--out", folder / "results")
+    found = answer("calibrate", folder / "job.yaml", "--out", folder / "results")
     assert found["unidentified"] == ["joint_1.offset"]
     for data, count in (("calibration", 48), ("validation", 6)):
         metrics = found["metrics"][data]
@@ -111,10 +111,10 @@ def test_a_touch_that_slipped_is_found(folder: Path, tmp_path: Path) -> None:
     assert len(CalibrationJob.load(tmp_path / "job.yaml").observations[0].poses) == 35
 
 
-def test_a_study_draws_planes(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_study_draws_planes(folder: Path) -> None:
     job, few = folder / "job.yaml", ("--trials", 2, "--jobs", 1)
     sized = ("--unit", "plane", "--sizes", "3-4", "--out", folder / "size")
-    found = answer(capsys, "study", job, *few, *sized)
+    found = answer("study", job, *few, *sized)
     assert (found["unit"], found["sets"], found["set_is"]) == (
         "plane",
         4,

@@ -150,8 +150,8 @@ def job(tmp_path: Path, suta_urdf: Path) -> Path:
     return path
 
 
-def test_coarser_held_out_rows_are_no_surprise(job: Path, capsys: Capture) -> None:
-    content = answer(capsys, "calibrate", job, "--out", job.parent / "out")
+def test_coarser_held_out_rows_are_no_surprise(job: Path) -> None:
+    content = answer("calibrate", job, "--out", job.parent / "out")
     (row,) = content["held_out"]
     assert row["predicted_std"] == pytest.approx(2e-3, rel=0.3)
     assert 0.8 < row["std"] / row["predicted_std"] < 1.2
@@ -179,8 +179,8 @@ def test_files_of_which_some_state_nothing_are_refused(
     assert "b.csv: found no column 'sigma'" in capsys.readouterr().err
 
 
-def test_every_answer_about_the_job_is_given(job: Path, capsys: Capture) -> None:
+def test_every_answer_about_the_job_is_given(job: Path) -> None:
     """Leaving out, simulating again and dividing up the errors know of the weights."""
-    assert answer(capsys, "calibrate", job, "--out", job.parent / "out")["status"] == "converged"
+    assert answer("calibrate", job, "--out", job.parent / "out")["status"] == "converged"
     for command in (("outliers",), ("study", "--trials", "3", "--sizes", "40"), ("budget",)):
-        assert answer(capsys, command[0], job, *command[1:])["verdict"]["usable"]
+        assert answer(command[0], job, *command[1:])["verdict"]["usable"]
