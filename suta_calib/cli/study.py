@@ -23,8 +23,7 @@ from suta_calib.cli._options import (
 from suta_calib.cli._output import LateProgress, answer_command, results_folder
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
-from suta_calib.report.drift import drift_document
-from suta_calib.report.study import study_document
+from suta_calib.report.study import drift_document, study_document
 from suta_calib.units import from_deg, from_mm, stored
 
 if TYPE_CHECKING:

@@ -1,10 +1,10 @@
-from .change import Change as Change
 from .errors import draw_histogram as draw_histogram
 from .look import BLUE as BLUE
 from .look import GREY as GREY
 from .look import ORANGE as ORANGE
 from .look import ROW_HEIGHT as ROW_HEIGHT
 from .look import WIDTH as WIDTH
+from .look import Change as Change
 from .parameters import draw_changes as draw_changes
 from .parameters import draw_prospects as draw_prospects
 from .planar import draw_arm as draw_arm

@@ -5,9 +5,12 @@ It needs no Matplotlib: who tells what a picture leaves out need not draw it.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
+
+from suta_calib.units import Unit
 
 # Okabe, Ito (2008), https://jfly.uni-koeln.de/color/: told apart by colour-blind people, and these
 # three also by their grey.
@@ -41,3 +44,22 @@ def round_down(value: float) -> float:
     """1, 2 or 5 times a power of ten, at most a positive value: a factor that can be told."""
     decade = 10.0 ** np.floor(np.log10(value))
     return float(decade * max(step for step in (1, 2, 5) if step * decade <= value * (1 + 1e-9)))
+
+
+@dataclass(frozen=True)
+class Change:
+    """How far a parameter moved.
+
+    Attributes:
+        name: the parameter's.
+        unit: its SI unit.
+        change: from nominal, SI.
+        std: its standard deviation, SI.
+        by_prior: whether most of what is known of it was known before.
+    """
+
+    name: str
+    unit: Unit
+    change: float
+    std: float
+    by_prior: bool = False

@@ -7,8 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from suta_calib.plotting.change import Change
-from suta_calib.plotting.look import BLUE, GREY, ORANGE, shortened
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, Change, shortened
 from suta_calib.plotting.style import legend_above, plain_log
 from suta_calib.units import Unit, shown, unit_name
 

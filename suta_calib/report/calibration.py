@@ -57,12 +57,16 @@ from suta_calib.report.errors import (
 from suta_calib.report.listing import Json, Place, csv_of_groups
 from suta_calib.report.observability import (
     EXPLANATIONS,
+    MANY,
     MOST_SENTENCES,
+    PARAMETERS,
     explained,
     held_directions,
+    left_out,
+    outcomes,
+    state_shown,
     unobservable,
 )
-from suta_calib.report.parameters import MANY, PARAMETERS, left_out, outcomes, state_shown
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term

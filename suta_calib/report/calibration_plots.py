@@ -10,7 +10,6 @@ from matplotlib.colors import BoundaryNorm
 from matplotlib.ticker import MaxNLocator
 
 from suta_calib.arrays import FloatArray
-from suta_calib.plotting.change import Change
 from suta_calib.plotting.errors import draw_grouped_errors, draw_histogram
 from suta_calib.plotting.look import (
     BLUE,
@@ -20,6 +19,7 @@ from suta_calib.plotting.look import (
     ORANGE,
     ROW_HEIGHT,
     WIDTH,
+    Change,
     shortened,
 )
 from suta_calib.plotting.parameters import draw_changes

@@ -26,10 +26,9 @@ from suta_calib.report.document import Shown
 from suta_calib.report.errors import errors_table
 from suta_calib.report.hand_eye import frame_tables
 from suta_calib.report.listing import Column, Listing, components, shown_as
-from suta_calib.report.observability import observability_document
+from suta_calib.report.observability import PARAMETERS, observability_document, outcomes
 from suta_calib.report.outliers import outliers_document
 from suta_calib.report.page import environment, page_with
-from suta_calib.report.parameters import PARAMETERS, outcomes
 from suta_calib.report.pivot import places_table
 from suta_calib.report.plan import plan_document
 from suta_calib.report.registration import transform_table

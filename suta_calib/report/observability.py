@@ -1,17 +1,22 @@
-"""What a data set can determine, told: every parameter's prospect, and why some have none."""
+"""Parameters and what data can determine, told: prospects, estimates, why some have none."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Final
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
 
+from suta_calib.assessment import attempt
+from suta_calib.model.parameters import Parameter
 from suta_calib.report.document import Document, Part, Text, section
-from suta_calib.report.listing import Column, Json, Listing, Place
-from suta_calib.report.parameters import PROSPECTS, left_out
+from suta_calib.report.listing import Column, Json, Listing, Place, Tone
 from suta_calib.solver.identifiability import Identification
-from suta_calib.solver.solution import Solution
-from suta_calib.trust.explanation import Explanation
-from suta_calib.trust.observability import Observability
+from suta_calib.solver.solution import Estimate, Solution, State
+from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.explanation import Explanation, as_drawn_names, redundant_names
+from suta_calib.trust.observability import Observability, Prospect
+from suta_calib.units import Unit, text, unit_name
 from suta_calib.words import listed
 
 NAME: Final = "observability"
@@ -134,3 +139,141 @@ def held_directions(solution: Solution) -> list[Json]:
 def unobservable(identification: Identification) -> list[dict[str, float]]:
     """Combinations of several parameters that change no observation: factors by name."""
     return [dict(c.direction) for c in identification.combinations if not c.alone]
+
+
+# Of a longer list a console leaves out what is held.
+MANY: Final = 20
+TONE: Final[dict[State, Tone]] = {
+    "identified": "good",
+    "unidentified": "care",
+    "prior": "note",
+    "at_bound": "bad",
+    "fixed": "soft",
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """A parameter's estimate beside what was known of it before.
+
+    Attributes:
+        estimate: what came out.
+        known: what went in.
+        converged: whether the estimate is one.
+        redundant: whether no data of these kinds could tell it.
+        as_drawn: whether the tip depends on it all the same; otherwise it is a convention.
+    """
+
+    estimate: Estimate
+    parameter: Parameter
+    converged: bool
+    redundant: bool = False
+    as_drawn: bool = False
+
+    @property
+    def unit(self) -> Unit:
+        """Of its value: m, rad or rad/Nm."""
+        return self.estimate.unit
+
+    @property
+    def change(self) -> float | None:
+        """From nominal, SI; None where it was held there."""
+        e = self.estimate
+        return None if e.state in ("unidentified", "fixed") else e.value - e.nominal
+
+    @property
+    def state(self) -> str:
+        """The estimate's state, or that it is none."""
+        return self.estimate.state if self.converged else "not_converged"
+
+    def known(self, name: str) -> Any:
+        """``value``, ``std`` or ``given`` of the estimate; nothing where it is none."""
+        return getattr(self.estimate, name) if self.converged else () if name == "given" else None
+
+    def worth_showing(self, among: int) -> bool:
+        """Whether it is more than what was known; among many, also whether the data tell it."""
+        e = self.estimate
+        if e.state == "prior":
+            # Moved by a tenth of what is uncertain about it.
+            return abs(e.value - e.nominal) >= 0.1 * (e.std or 0.0)
+        return among <= MANY or e.state != "unidentified"
+
+
+def _bounds(row: Outcome) -> tuple[float, float] | None:
+    """Lower and upper, SI; None without any."""
+    limits = row.parameter.lower, row.parameter.upper
+    return limits if any(map(math.isfinite, limits)) else None
+
+
+def _unit(row: Outcome | Prospect) -> Unit:
+    return row.unit
+
+
+def state_shown(row: Outcome | Prospect) -> str:
+    """The state in words; ``redundant`` or ``as drawn`` where no such data could tell it."""
+    if row.as_drawn:
+        return "as drawn"
+    return "redundant" if row.redundant else row.state.replace("_", " ")
+
+
+def _tone(row: Outcome | Prospect, state: State) -> Tone:
+    return "note" if row.as_drawn else "soft" if row.redundant else TONE[state]
+
+
+PARAMETERS: Final = Listing[Outcome](
+    "Parameters",
+    Column("name", "parameter", lambda row: row.estimate.name),
+    Column("nominal", "nominal", lambda row: row.estimate.nominal, unit=_unit, si=True),
+    Column("value", "value", lambda row: row.known("value"), _unit, si=True),
+    Column("", "change", lambda row: row.change, unit=_unit, si=True, sign=True),
+    Column("std", "± std", lambda row: row.known("std"), _unit, si=True),
+    Column("unit", "unit", cell=lambda row: unit_name(row.unit)),
+    Column("state", "state", cell=state_shown, tone=lambda row: _tone(row, row.estimate.state)),
+    Column(
+        "given",
+        "given",
+        lambda row: row.known("given"),
+        cell=lambda row: listed(row.known("given"), 3),
+        optional=True,
+    ),
+    Column("scale", None, lambda _: 1.0),
+    Column("prior", None, lambda row: row.parameter.prior, optional=True),
+    Column("bounds", None, _bounds, optional=True),
+    named=True,
+)
+PROSPECTS: Final = Listing[Prospect](
+    "What these readings can determine",
+    Column("name", "parameter"),
+    Column("nominal"),
+    Column("plausible", "plausible", cell=lambda p: f"± {text(p.plausible, p.unit)}", numeric=True),
+    Column("bound"),
+    Column("prior"),
+    Column("std", "predicted ± std", unit=_unit, si=True),
+    Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
+    Column("state", "state", cell=state_shown, tone=lambda p: _tone(p, p.state)),
+    Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
+    named=True,
+)
+
+
+def outcomes(examined: CalibrationExamination) -> list[Outcome]:
+    """Every parameter's, in the problem's order."""
+    solution, parameters = examined.solution, examined.solution.problem.parameters
+    nothing: tuple[Explanation, ...] = ()
+    why_held = attempt("shown: why they are held", lambda: examined.explanations, nothing)
+    redundant, as_drawn = redundant_names(why_held), as_drawn_names(why_held)
+    return [
+        Outcome(estimate, parameters[name], solution.converged, name in redundant, name in as_drawn)
+        for name, estimate in solution.estimates.items()
+    ]
+
+
+def left_out(unmoved: int, of_terms: Sequence[Estimate] | Sequence[Prospect]) -> list[Text]:
+    """A line on unknowns that a console's table leaves out, of the arm and of terms, if any."""
+    parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
+    if of_terms:
+        determined = sum(unknown.state in ("identified", "prior") for unknown in of_terms)
+        frames = listed(sorted({unknown.owner for unknown in of_terms}), 2)
+        parts.append(f"{determined} of {len(of_terms)} unknowns of the observations ({frames})")
+    line = f"and {', '.join(parts)}: --verbose shows them"
+    return [Text(line, place="console")] if parts else []

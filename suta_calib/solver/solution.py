@@ -15,7 +15,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
-from suta_calib.plotting.change import Change
+from suta_calib.plotting.look import Change
 from suta_calib.showing import Displayable, named
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
