@@ -196,13 +196,8 @@ def test_an_empty_truth_is_the_nominal_arm(tmp_path: Path, arm: ArmModel) -> Non
         (["--trajectory-out", "/dev/null/x.csv"], "no folder"),
     ],
 )
-def test_bad_usage_is_one_line(
-    suta_urdf: Path, capsys: Capture, arguments: list[str], message: str
-) -> None:
-    code = cli("emulate", suta_urdf, "--tip", "tip", "--seconds", 0.01, *arguments)
-    out, err = capsys.readouterr()
-    assert (code, out, err.count("\n")) == (2, "", 1), err
-    assert message in err
+def test_bad_usage_is_one_line(suta_urdf: Path, arguments: list[str], message: str) -> None:
+    assert message in refused("emulate", suta_urdf, "--tip", "tip", "--seconds", 0.01, *arguments)
 
 
 @pytest.mark.parametrize(
@@ -218,16 +213,13 @@ def test_bad_usage_is_one_line(
     ],
 )
 def test_scripts_that_cannot_be_played_are_one_line(
-    job: Path, suta_urdf: Path, capsys: Capture, change: str, arguments: list[str], message: str
+    job: Path, suta_urdf: Path, change: str, arguments: list[str], message: str
 ) -> None:
     job.write_text(JOB.replace(change, "x" if change == "observations" else "") if change else JOB)
     truth = job.parent / "truth.yaml"
     truth.write_text("parameters:\n  joint_9.offset: {value_deg: 1}\n")
     arguments = [str(truth) if each == "TRUTH" else each for each in arguments]
-    code = cli("emulate", suta_urdf, "--script", job, "--seconds", 0.01, *arguments)
-    out, err = capsys.readouterr()
-    assert (code, out, err.count("\n")) == (2, "", 1), err
-    assert message in err
+    assert message in refused("emulate", suta_urdf, "--script", job, "--seconds", 0.01, *arguments)
 
 
 def test_a_simulation_says_everything_itself(
@@ -239,8 +231,7 @@ def test_a_simulation_says_everything_itself(
     assert "15 rests in 1 round; 37 true parameters" in capsys.readouterr().err
     assert cli("emulate", *common, "--set", "fixed_point", "--directions", 4) == 0
     assert "4 rests in 1 round" in capsys.readouterr().err
-    assert cli("emulate", *common, "--set", "nothing") == 2
-    assert "calibration, validation, fixed_point" in capsys.readouterr().err
+    assert "calibration, validation, fixed_point" in refused("emulate", *common, "--set", "nothing")
     assert "one of P1, P2" in refused("emulate", *common, "--placement", "V2")
 
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from cli_job import Capture, answer, cli, printed, refused
+from cli_job import answer, cli, printed, refused
 from foreign_samples import KEPT, SAMPLES, P
 
 from suta_calib.exchange import import_formats
@@ -51,9 +51,8 @@ def test_a_file_of_options(tmp_path: Path) -> None:
     assert table.labels("placement").tolist() == ["P1", "P1"]
 
 
-def test_every_format_is_listed_with_an_example(capsys: Capture) -> None:
-    assert cli("import", "--list", "--json") == 0
-    told = {each["name"]: each for each in json.loads(capsys.readouterr().out)["formats"]}
+def test_every_format_is_listed_with_an_example() -> None:
+    told = {each["name"]: each for each in answer("import", "--list")["formats"]}
     assert set(told) == set(import_formats())
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cli_job import JOB, Capture, answer, cli, printed, refused, simulated, write_simulated_job
+from cli_job import JOB, answer, printed, refused, simulated, write_simulated_job
 
 from suta_calib.measurements import write_samples
 from suta_calib.model.arm import ArmModel
@@ -81,11 +81,8 @@ def test_extend_leaves_a_clean_job_alone(clean: Path) -> None:
     assert any("all joints" in m["name"] for m in models)
 
 
-def test_calibrate_offers_it_when_the_residuals_show_it(
-    job: Path, clean: Path, capsys: Capture
-) -> None:
-    assert cli("calibrate", job) == 0
-    said = " ".join(capsys.readouterr().out.split())
+def test_calibrate_offers_it_when_the_residuals_show_it(job: Path, clean: Path) -> None:
+    said = " ".join(printed("calibrate", job).split())
     assert "The residuals of joint_3 look like an eccentric encoder" in said
     assert "the error of rows left out of the fit changes from" in said
     assert "Run suta-calib extend" in said

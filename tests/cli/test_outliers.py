@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import Capture, answer, cli, printed, refused, write_simulated_job
+from cli_job import answer, cli, printed, refused, write_simulated_job
 from lxml import etree
 from outlier_studies import SUTA, description, moved
 
@@ -83,13 +83,10 @@ def test_the_picture_and_the_section_are_written(listed: dict[str, Any], made: P
     assert "exclude: {landmarks: [S2]}" in page
 
 
-def test_the_console_says_what_was_not_done(
-    made: Path, capsys: Capture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_console_says_what_was_not_done(made: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("COLUMNS", "80")
     job = excluding(made, "placements: [P4, P5]")
-    assert cli("outliers", job, "--out", made / "three", "--bias-mm", "50") == 0
-    out = " ".join(capsys.readouterr().out.split())
+    out = " ".join(printed("outliers", job, "--out", made / "three", "--bias-mm", "50").split())
     assert "Nothing was excluded" in out
     assert "bias 50 mm" in out
     assert "3 of 4 metrics name it" in out
@@ -125,9 +122,7 @@ def test_exclusions_that_cannot_be_are_refused(
     assert not (made / "refused").exists()
 
 
-def test_other_kinds_are_judged_row_by_row(
-    tmp_path: Path, suta_urdf: Path, capsys: Capture
-) -> None:
+def test_other_kinds_are_judged_row_by_row(tmp_path: Path, suta_urdf: Path) -> None:
     job = write_simulated_job(tmp_path / "job", suta_urdf)
     file = job.parent / "calibration" / "a.csv"
     lines = file.read_text().splitlines()
@@ -144,8 +139,7 @@ def test_other_kinds_are_judged_row_by_row(
         "sigma_mm: 0.05}", "sigma_mm: 0.05, exclude: {rows: ['a.csv:12']}}"
     )
     job.write_text(text)
-    assert cli("calibrate", job, "--json") == 0
-    assert json.loads(capsys.readouterr().out)["excluded"][0]["rows"] == ["a.csv:12"]
+    assert answer("calibrate", job)["excluded"][0]["rows"] == ["a.csv:12"]
 
 
 @pytest.mark.parametrize("bias", ["0", "-1", "nan", "one"])

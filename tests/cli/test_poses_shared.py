@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cli_job import Capture, answer, cli
+from cli_job import Capture, answer, cli, printed, refused
 from pose_answers import XYZ, within
 from pose_scenes import PAIR, POSE, TIP, pair_numbers, pivot_numbers, point_numbers, write_csv
 from rich.console import Console
@@ -44,9 +44,8 @@ def test_the_screen_fits_eighty_columns(
             assert words in out
 
 
-def test_files_named_on_the_screen(pivot_file: Path, tmp_path: Path, capsys: Capture) -> None:
-    assert cli("pivot", pivot_file, "--out", tmp_path / "out") == 0
-    said = capsys.readouterr().out.splitlines()
+def test_files_named_on_the_screen(pivot_file: Path, tmp_path: Path) -> None:
+    said = printed("pivot", pivot_file, "--out", tmp_path / "out").splitlines()
     files = "residuals.csv, pivot.svg, tip.json, report.html, result.json"
     assert f"Written to {tmp_path / 'out'}: {files}" in said
 
@@ -105,8 +104,7 @@ def test_an_evident_unit_is_in_the_verdict(command: str, tmp_path: Path, capsys:
     assert len(notes) == (1 if command == "pivot" else 2)
     assert err.count("looks like millimetres") == len(notes)
     assert f"{files[0]}:1: column" in notes[0]
-    assert cli(command, *files) == 1
-    shown = " ".join(capsys.readouterr().out.split())
+    shown = " ".join(printed(command, *files, code=1).split())
     assert "Do not use" in shown
     assert shown.count("looks like millimetres") == len(notes)
 
@@ -156,7 +154,7 @@ def test_measured_pointer(shared: Path) -> None:
     assert any("turned too little" in note for note in found["verdict"]["notes"])
 
 
-def test_measured_robot_and_chessboard(shared: Path, tmp_path: Path, capsys: Capture) -> None:
+def test_measured_robot_and_chessboard(shared: Path, tmp_path: Path) -> None:
     path = shared / "poses" / "handeye_kuka_1.csv"
     found = answer("hand-eye", path)
     numbers = np.loadtxt(path, delimiter=",", skiprows=1)
@@ -166,8 +164,7 @@ def test_measured_robot_and_chessboard(shared: Path, tmp_path: Path, capsys: Cap
     spread = np.sqrt(np.mean(np.sum((board - board.mean(axis=0)) ** 2, axis=1)))
     assert 1e3 * spread <= 1.75
     translations = write_csv(tmp_path / "five.csv", PAIR, numbers[:5])
-    assert cli("hand-eye", translations) == 2
-    assert "five.csv: found poses that do not determine X" in capsys.readouterr().err
+    assert "five.csv: found poses that do not determine X" in refused("hand-eye", translations)
 
 
 def test_course_data(shared: Path) -> None:

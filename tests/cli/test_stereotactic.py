@@ -163,10 +163,9 @@ def test_a_missing_navigation_file_is_told(prefix: Path, out: Path, capsys: Capt
     assert not (out / f"{NAME}-output2.txt").exists()
 
 
-def test_given_outputs_are_not_replaced(prefix: Path, capsys: Capture) -> None:
+def test_given_outputs_are_not_replaced(prefix: Path) -> None:
     before = {f.name: f.read_bytes() for f in prefix.parent.iterdir()}
-    assert cli("stereotactic", prefix, "--out", prefix.parent) == 2
-    assert "choose another folder" in capsys.readouterr().err
+    assert "choose another folder" in refused("stereotactic", prefix, "--out", prefix.parent)
     assert {f.name: f.read_bytes() for f in prefix.parent.iterdir()} == before
     of(prefix, "output1").unlink()
     assert cli("stereotactic", prefix, "--out", prefix.parent) == 0
