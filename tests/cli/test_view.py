@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from cli_job import Capture, answer, cli, made_worse, printed, refused, write_simulated_job
+from cli_job import Capture, answer, cli, made_worse, printed, refused, spoken, write_simulated_job
 from simulated import SUTA_URDF
 from swinging_arm import emulated
 from viser_page import held_by
@@ -229,7 +229,9 @@ def test_the_command_follows_a_device(result: Path, device: Path, capsys: Captur
 def test_a_device_of_another_arm_is_refused(result: Path, tmp_path: Path) -> None:
     other = tmp_path / "device.yaml"
     other.write_text("port: loop://\njoints: [{name: elbow}]\n")
-    assert "elbow" in refused("view", result, "--device", other, "--port", "0", "--seconds", "0.5")
+    asked = ("view", result, "--device", other, "--port", "0", "--seconds", "0.5")
+    code, _, err = spoken(*asked)
+    assert (code, "elbow" in err) == (2, True)
 
 
 def test_an_answer_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
