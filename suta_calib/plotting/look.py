@@ -19,6 +19,8 @@ ORANGE: Final = "#E69F00"
 GREY: Final = "#999999"
 TINT: Final = "#CFE3F1"  # of surfaces that something stands on
 LINE: Final = "#dddddd"  # of a grid
+# What does not agree with the rest.
+OUTLIER: Final = {"marker": "X", "color": ORANGE, "linestyle": "none", "mec": "black"}
 # A box behind letters, so that they stand out from the marks below them.
 BEHIND: Final = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 0.8}
 WIDTH: Final = 7.2  # of a plot on the page, inch

@@ -23,7 +23,7 @@ from suta_calib.certification.result import (
     frame_sentence,
     noise_source,
 )
-from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH, round_down
+from suta_calib.plotting.look import BLUE, GREY, ORANGE, OUTLIER, WIDTH, round_down
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, components, shown_as, written
 from suta_calib.report.svg import picture, svg_text
@@ -43,14 +43,7 @@ MARKERS: Final[tuple[dict[str, Any], ...]] = (
     {"marker": "s", "color": ORANGE, "markeredgecolor": "black", "markeredgewidth": 0.6},
     {"marker": "^", "color": "black"},
 )
-DAMAGED: Final[dict[str, Any]] = {
-    "marker": "X",
-    "color": ORANGE,
-    "linestyle": "none",
-    "ms": 10,
-    "markeredgecolor": "black",
-    "markeredgewidth": 0.8,
-}
+DAMAGED: Final[dict[str, Any]] = OUTLIER | {"ms": 10, "mew": 0.8}
 
 
 # ── rows ─────────────────────────────────────────────────────────────────────────────────────

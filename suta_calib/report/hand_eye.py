@@ -63,15 +63,8 @@ def hand_eye_document(calibration: HandEyeCalibration, data: PosePairs) -> Docum
         "covariance": covariance_record(calibration.covariance[:size, :size], order, "m, rad"),
         "input": str(data.path),
     }
-    return Document(
-        NAME,
-        "Hand-eye calibration",
-        calibration.assessment,
-        parts,
-        record,
-        "result",
-        calibration.in_a_line,
-    )
+    about = NAME, "Hand-eye calibration", calibration.assessment
+    return Document(*about, parts, record, "result", calibration.in_a_line)
 
 
 def frame_tables(

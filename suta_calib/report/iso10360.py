@@ -20,7 +20,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.job.limits import LengthLimit, Limits
 from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.listing import Column, Json, Listing, plain, written
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.trust.accuracy import Metrics
 from suta_calib.units import from_mm, mm, text, um
@@ -51,8 +51,7 @@ CHARACTERISTICS: Final = Listing[Characteristic](
     ),
     Column("limit", "limit", unit="m"),
     Column("expanded_uncertainty", "U", lambda row: row.expanded, "m"),
-    Column("decision"),
-    Column("where"),
+    *written("decision", "where"),
     Column("count", "of", form="d"),
     Column("missing", optional=True),
     Column("", "", lambda row: row.decision),

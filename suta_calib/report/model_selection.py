@@ -13,7 +13,7 @@ from suta_calib.analysis.model_selection.selection import SHORT
 from suta_calib.model.parameters import Selection
 from suta_calib.plotting.look import BLUE, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing
+from suta_calib.report.listing import Column, Json, Listing, written
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.solver.solution import Estimate
 from suta_calib.trust.extended_problem import LOOKS_LIKE
@@ -45,9 +45,7 @@ ADDED: Final = Listing[Estimate](
     "What it adds",
     Column("name", "parameter"),
     Column("value", "value", cell=_estimate_text),
-    Column("std"),
-    Column("unit"),
-    Column("state"),
+    *written("std", "unit", "state"),
     key="estimates",
     named=True,
 )

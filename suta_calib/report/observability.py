@@ -10,7 +10,7 @@ from typing import Any, Final
 from suta_calib.assessment import attempt
 from suta_calib.model.parameters import Parameter
 from suta_calib.report.document import Document, Part, Text, section
-from suta_calib.report.listing import Column, Json, Listing, Place, Tone
+from suta_calib.report.listing import Column, Json, Listing, Place, Tone, written
 from suta_calib.solver.identifiability import Identification
 from suta_calib.solver.solution import Estimate, Solution, State
 from suta_calib.trust.calibration_examination import CalibrationExamination
@@ -246,8 +246,7 @@ PROSPECTS: Final = Listing[Prospect](
     Column("name", "parameter"),
     Column("nominal"),
     Column("plausible", "plausible", cell=lambda p: f"± {text(p.plausible, p.unit)}", numeric=True),
-    Column("bound"),
-    Column("prior"),
+    *written("bound", "prior"),
     Column("std", "predicted ± std", unit=_unit, si=True),
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
     Column("state", "state", cell=state_shown, tone=lambda p: _tone(p, p.state)),

@@ -25,7 +25,7 @@ from suta_calib.analysis.outliers import (
 from suta_calib.analysis.outliers.answer import metric_labels
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.listing import Column, Json, Listing, plain, written
 from suta_calib.units import NOTHING, Unit, key, shown, text, unit_name
 
 NAME: Final = "outliers"
@@ -181,9 +181,7 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
         Column("", "", lambda g: "outlier" if g.outlier else "suspect" if g.suspect else ""),
         Column("p", None, lambda g: {_key(metric, term.unit): g.p[metric] for metric in METRICS}),
         Column("flags", None, lambda g: [_key(metric, term.unit) for metric in g.flags]),
-        Column("outlier"),
-        Column("suspect"),
-        Column("samples"),
+        *written("outlier", "suspect", "samples"),
         Column("as_calibrated", None, Listing("", *_as_calibrated(term)).record),
         named=True,
     )

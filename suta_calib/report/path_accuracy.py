@@ -14,7 +14,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, shown_as
+from suta_calib.report.listing import Column, Json, Listing, shown_as, written
 from suta_calib.report.poses import pose_record
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.tracking.path_accuracy import UPDATE_RATES, MotionQuarter, PathAccuracy
@@ -111,14 +111,10 @@ def _fault_unit(fault: RecordFault) -> Unit:
 # Written only: the notes of the assessment tell them.
 FAULTS: Final = Listing[RecordFault](
     "What the record itself got wrong",
-    Column("kind"),
-    Column("first"),
-    Column("last"),
-    Column("since", unit="s"),
-    Column("until", unit="s"),
+    *written("kind", "first", "last"),
+    *written("since", "until", unit="s"),
     Column("count"),
-    Column("size", unit=_fault_unit),
-    Column("std", unit=_fault_unit),
+    *written("size", "std", unit=_fault_unit),
     Column("explained"),
     Column("rms", unit="m"),
     Column("latency_ms", value=lambda row: ms(row.latency)),

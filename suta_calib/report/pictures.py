@@ -15,7 +15,7 @@ from suta_calib.geometry.pinhole import CENTRE, FOCAL, INTRINSICS
 from suta_calib.measurements.camera import camera_text
 from suta_calib.measurements.pose_files import HandPoses
 from suta_calib.model.parameters import PLACEMENT
-from suta_calib.plotting.look import BLUE, GREY, LARGE, ORANGE
+from suta_calib.plotting.look import BLUE, GREY, LARGE, OUTLIER
 from suta_calib.pose_calibration.eye_poses import FRAMES
 from suta_calib.pose_calibration.picture_answer import ROBOTS, CameraEstimate, PictureCalibration
 from suta_calib.pose_calibration.picture_models import MODELS, ErrorModel
@@ -35,14 +35,7 @@ from suta_calib.units import NOTHING, Unit, deg, mm, text
 from suta_calib.words import listed
 
 _INLIER: Final[dict[str, Any]] = {"marker": "o", "color": BLUE, "linestyle": "none", "ms": 4.5}
-_OUTLIER: Final[dict[str, Any]] = {
-    "marker": "X",
-    "color": ORANGE,
-    "linestyle": "none",
-    "ms": 8,
-    "markeredgecolor": "black",
-    "markeredgewidth": 0.6,
-}
+_OUTLIER: Final[dict[str, Any]] = OUTLIER | {"ms": 8, "mew": 0.6}
 
 
 def _shown(k: int) -> Callable[[tuple[Any, ...]], str]:

@@ -66,15 +66,8 @@ def pivot_document(calibration: PivotCalibration, data: ToolPoses) -> Document:
         "covariance": covariance_record(calibration.covariance, order, "m²"),
         "input": str(data.path),
     }
-    return Document(
-        NAME,
-        "Pivot calibration",
-        calibration.assessment,
-        parts,
-        record,
-        "result",
-        calibration.in_a_line,
-    )
+    about = NAME, "Pivot calibration", calibration.assessment
+    return Document(*about, parts, record, "result", calibration.in_a_line)
 
 
 def places_table(calibration: PivotCalibration, *, labelled: bool) -> Table:

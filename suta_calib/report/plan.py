@@ -28,7 +28,7 @@ from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.plotting.look import WIDTH
 from suta_calib.report.document import Document, Figure, File, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as
+from suta_calib.report.listing import Column, Json, Listing, csv_text, plain, shown_as, written
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, deg, key, mm, shown, text, unit_name
 from suta_calib.words import listed
@@ -100,12 +100,10 @@ PARAMETERS: Final = Listing[tuple[Expected, Expected]](
 )
 BEST: Final = Listing[Best](
     "",
-    Column("count"),
-    Column("names"),
+    *written("count", "names"),
     Column("tip", unit="m"),
     Column("present_tip", None, lambda best: best.present, "m"),
-    Column("efficiency", unit="%"),
-    Column("d_efficiency", unit="%"),
+    *written("efficiency", "d_efficiency", unit="%"),
 )
 STOP: Final = Listing[Stop](
     "",
@@ -115,7 +113,7 @@ STOP: Final = Listing[Stop](
     Column("target", unit="m"),
     Column("needed"),
 )
-UNREACHABLE: Final = Listing[Unreachable]("", Column("name"), Column("kind"), Column("reason"))
+UNREACHABLE: Final = Listing[Unreachable]("", *written("name", "kind", "reason"))
 
 
 def plan_document(plan: Plan) -> Document:

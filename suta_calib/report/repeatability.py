@@ -106,8 +106,7 @@ def _joints(confidence: float) -> Listing[JointScatter]:
 
 CHANGE: Final = Listing[ScatterChange](
     "",
-    Column("first", unit="m"),
-    Column("second", unit="m"),
+    *written("first", "second", unit="m"),
     Column("ratio", value=lambda row: row.factor),
     Column("ratio_interval", value=lambda row: row.ratio.ends),
     Column("difference", value=lambda row: row.second - row.first, unit="m"),

@@ -23,7 +23,7 @@ from suta_calib.analysis.study import (
 from suta_calib.analysis.study.trial import ESTIMATED, NAMES, Kind, described
 from suta_calib.plotting.look import BLUE, GREY, ORANGE, WIDTH
 from suta_calib.report.document import Document, Figure, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain
+from suta_calib.report.listing import Column, Json, Listing, plain, written
 from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import NOTHING, Unit, deg, key, mm, shown, text, unit_name
 from suta_calib.words import listed
@@ -125,8 +125,7 @@ def _sizes(study: SizeStudy) -> Listing[SizeResult]:
         Column("max", f"max{of}", lambda s: s.range[1], unit),
         Column("improvement", "improvement, %", unit="%"),
         Column("trials", "trials", cell=done_text, numeric=True),
-        Column("failed"),
-        Column("distinct"),
+        *written("failed", "distinct"),
         key="sizes",
     )
 

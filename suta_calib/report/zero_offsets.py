@@ -8,7 +8,7 @@ from typing import Final
 
 from suta_calib.acquisition.zero_offsets import Branch, ContradictedZero, ZeroOffsets
 from suta_calib.report.document import Document, Part, Text
-from suta_calib.report.listing import Column, Json, Listing, plain, shown_as
+from suta_calib.report.listing import Column, Json, Listing, plain, shown_as, written
 from suta_calib.units import deg, mm
 
 NAME: Final = "zero_offsets"
@@ -20,7 +20,7 @@ RESIDUAL: Final = Listing[Branch](
     Column("rms", value=lambda branch: branch.rms_angle, unit="rad"),
 )
 CONTRADICTED: Final = Listing[ContradictedZero](
-    "", Column("row"), Column("distance", unit="m"), Column("rms", unit="m")
+    "", Column("row"), *written("distance", "rms", unit="m")
 )
 
 
