@@ -221,9 +221,8 @@ class ErrorBudget(Displayable):
             sentence = f"Of the {errors}, gross ones aside, {part} is {largest.words}"
         care = [*self.missing]
         shares = [(b.variance_of("gross") or 0.0) / b.variance for b in self.blocks if b.variance]
-        # Of a mean square: more than that are errors to look for, not to split.
-        mostly_gross = 0.5
-        if (worst := max(shares, default=0.0)) >= mostly_gross:
+        # Half of a mean square are errors to look for, not to split.
+        if (worst := max(shares, default=0.0)) >= 0.5:
             part = text(worst, "%", decimals=0, with_unit=True)
             care.append(
                 f"Gross errors make {part} of a mean square: suta-calib outliers says which "

@@ -147,15 +147,13 @@ class TipMap(Displayable):
         bad = []
         if self.tolerance is not None and self.registered.rms > self.tolerance:
             bad.append(f"That is more than the {mm(self.tolerance):.3g} mm asked for.")
-        # A direction that moves the registered tip by less than this part of what is estimated is
-        # nothing.
-        nothing = 0.05
+        # What moves the registered tip by less than a twentieth of what is estimated is nothing.
         care = [
             f"{open_one.fixed} is held, not measured, and not in these figures: if it is off by "
             f"{shown(open_one.plausible, open_one.unit):.3g} {unit_name(open_one.unit)}, "
             f"the tip is off by {mm(open_one.effect):.3g} mm ('plan' says what measures it)."
             for open_one in self.open_directions
-            if open_one.effect > nothing * self.registered.rms
+            if open_one.effect > 0.05 * self.registered.rms
         ]
         if (held := self.knowledge.fixed) and not self.knowledge.open_directions:
             care.append(
@@ -227,9 +225,8 @@ def _registrable(walker: Walker, tips: FloatArray, fiducials: FloatArray) -> Flo
 
 
 def _corners() -> FloatArray:
-    signs = np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T
-    # Points to register where there is no artefact: the corners of a box as large as one, m.
-    return np.asarray(0.08 * signs)
+    """Points to register where there is no artefact: corners of a box as large as one, m."""
+    return np.asarray(0.08 * np.array(np.meshgrid(*[[-1.0, 1.0]] * 3)).reshape(3, -1).T)
 
 
 def _mapped(

@@ -84,8 +84,7 @@ class Knowledge(Displayable):
     @cached_property
     def farthest(self) -> float:
         """Beyond this distance from the base the tip does not get, m."""
-        reach_samples = 4000
-        q = self.kinematics.random_readings(np.random.default_rng(0), reach_samples)
+        q = self.kinematics.random_readings(np.random.default_rng(0), 4000)
         _, position = self.arm.forward(q, self.values)
         # Beyond the farthest the tip gets, nothing needs to be tried.
         return 1.02 * float(np.linalg.norm(position, axis=1).max())
@@ -145,14 +144,12 @@ class Walker(Displayable):
         found_readings = np.full((len(places), readings.shape[1]), np.nan)
         order = np.argsort(KDTree(reached_places).query(places)[0], kind="stable")
         starts = 3
-        waves = 8
-        for rows in np.array_split(order, min(waves, len(order))):
+        for rows in np.array_split(order, min(8, len(order))):
             rows = rows[np.linalg.norm(places[rows], axis=1) <= knowledge.farthest]
             if not len(rows):
                 continue
             start = readings[KDTree(reached_places).query(places[rows])[1]]
-            matching = knowledge.kinematics.most("axis")
-            targets = Targets(places[rows], rotation[rows], matching)
+            targets = Targets(places[rows], rotation[rows], knowledge.kinematics.most("axis"))
             answer = knowledge.kinematics.solve(
                 targets, start, np.random.default_rng(self.seed), starts
             )

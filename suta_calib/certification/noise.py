@@ -81,10 +81,8 @@ def scatter_of_holes(uneven: FloatArray) -> Scatter:
 
 def noise_of(measured: MeasuredArtefact, stated: float | None, raw: RawPoints) -> ProbingNoise:
     """The stated noise where residuals bear it out, else theirs; on holes no less than theirs."""
-    planes = _noise_of_planes(measured, stated, raw)
-    return planes.beside(
-        "hole", scatter_of_holes(np.array([g.values[UNEVEN] for g in measured.geometry]))
-    )
+    uneven = np.array([g.values[UNEVEN] for g in measured.geometry])
+    return _noise_of_planes(measured, stated, raw).beside("hole", scatter_of_holes(uneven))
 
 
 def _noise_of_planes(

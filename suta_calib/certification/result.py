@@ -235,8 +235,7 @@ class Certification(Displayable):
 def _touches(result: Certification) -> Iterator[str]:
     # A ground so many times rougher than a touch deserves a word.
     rough = 3.0
-    planes = {"ground": result.ground, "side": result.side}
-    for name, plane in planes.items():
+    for name, plane in (("ground", result.ground), ("side", result.side)):
         if plane is not None and plane.wrong_touches:
             yield f"Touches of the {name} that the others refute: {_lines(plane.wrong_touches)}."
     for mark in result.landmarks:

@@ -321,7 +321,6 @@ def _in_sight(
     rng: np.random.Generator,
 ) -> FloatArray:
     """Random configurations in which what is looked at is in sight."""
-    # Times that configurations are drawn until what is looked at is in sight in enough of them.
     rounds = 20
     arm, n, chance = kinematics.arm, plan.samples, plan.term.chance
     tries, batches, left = math.ceil(n / chance), list[FloatArray](), n

@@ -26,10 +26,9 @@ from simulated import (
 
 from suta_calib.analysis.outliers import METRICS, Level, Outliers, Thresholds, find_outliers
 from suta_calib.analysis.outliers.chance import Simulator
-from suta_calib.analysis.outliers.groups import Registered, groupings
 from suta_calib.analysis.outliers.metrics import JudgedFit as Metrics
 from suta_calib.analysis.outliers.metrics import measures, shares
-from suta_calib.analysis.outliers.reference import ReferenceFit
+from suta_calib.analysis.outliers.reference import ReferenceFit, Registered, groupings
 from suta_calib.analysis.outliers.search import not_searched
 from suta_calib.analysis.outliers.touches import RobustLinearFit, Touches, find_moves, linearised
 from suta_calib.errors import SamplesError

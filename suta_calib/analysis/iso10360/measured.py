@@ -99,9 +99,7 @@ def best_sphere(points: FloatArray, where: str = "") -> Sphere:
     solution = least_squares(
         lambda x: (np.linalg.norm(away - x[:3] * scale, axis=1) - x[3] * scale) / scale,
         np.append(start[:3], radius) / scale,
-        xtol=1e-15,
-        ftol=1e-15,
-        gtol=1e-15,
+        **dict.fromkeys(("xtol", "ftol", "gtol"), 1e-15),
     ).x * scale  # fmt: skip
     centre = middle + solution[:3]
     # How much less sure a centre is than a touch; a pole and four places on the equator give 1.5.
@@ -163,8 +161,7 @@ class LengthErrors(Displayable):
     @property
     def repeat_range(self) -> float | None:
         """Largest range of a length's errors over the repeats of one placement, m."""
-        ranges = [max(e) - min(e) for e in self._repeats().values() if len(e) > 1]
-        return max(ranges, default=None)
+        return max((max(e) - min(e) for e in self._repeats().values() if len(e) > 1), default=None)
 
     def _repeats(self) -> dict[tuple[str, ...], list[float]]:
         """Errors of each pair at each placement, whichever of the two was touched first."""

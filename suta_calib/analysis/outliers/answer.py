@@ -277,9 +277,7 @@ class Outliers(Displayable):
             The figure.
         """
         figure = plotting.figure_or_new(figure, (9.0, 7.0))
-        outliers.draw_metrics(
-            figure, [term_outliers for term_outliers in self.terms if term_outliers.levels][term]
-        )
+        outliers.draw_metrics(figure, [each for each in self.terms if each.levels][term])
         return figure
 
     @property

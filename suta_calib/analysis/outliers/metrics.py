@@ -24,8 +24,13 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.outliers.groups import Grouping, Registered, systematic
-from suta_calib.analysis.outliers.reference import ReferenceFit, Refit
+from suta_calib.analysis.outliers.reference import (
+    Grouping,
+    ReferenceFit,
+    Refit,
+    Registered,
+    systematic,
+)
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import predicted_information, scaled_inverse
 

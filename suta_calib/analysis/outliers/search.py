@@ -30,9 +30,15 @@ from suta_calib.analysis.outliers.answer import (
     Thresholds,
 )
 from suta_calib.analysis.outliers.chance import Simulator, chance_of
-from suta_calib.analysis.outliers.groups import Grouping, groupings, row_names, touch_name
 from suta_calib.analysis.outliers.metrics import JudgedFit, measures
-from suta_calib.analysis.outliers.reference import Judge, ReferenceFit
+from suta_calib.analysis.outliers.reference import (
+    Grouping,
+    Judge,
+    ReferenceFit,
+    groupings,
+    row_names,
+    touch_name,
+)
 from suta_calib.analysis.outliers.touches import (
     SMALLEST,
     Touches,

@@ -235,15 +235,13 @@ def forecast(space: SharedUnknowns, information: SharedInformation, tip: Sensiti
         information: on them.
         tip: postures of the region, with derivatives by the arm's parameters.
     """
-    identification = space.identify(information)
-    fixed = {int(k) for k in identification.fixed}
+    fixed = set(space.identify(information).fixed.tolist())
     estimated = np.array([k for k in range(len(space.names)) if k not in fixed], dtype=np.intp)
     covariance = space.covariance(information, estimated)
     std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    arm = list(space.parameters.values())[: space.arm_count]
     expected = [
         Expected(p.name, p.unit, p.plausible, None if k in fixed else float(std[k]))
-        for k, p in enumerate(arm)
+        for k, p in enumerate(list(space.parameters.values())[: space.arm_count])
     ]
     return Forecast(
         parameters=tuple(expected),

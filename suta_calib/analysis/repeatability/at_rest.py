@@ -135,9 +135,7 @@ class JointNoise(Displayable):
     @property
     def moved(self) -> bool:
         """Whether the joint was not at rest."""
-        # A joint whose batches differ by more than this was moved, rad or m.
-        moved = {"rad": from_deg(0.5), "m": 1e-3}
-        return self.batch_range > moved[self.unit]
+        return self.batch_range > {"rad": from_deg(0.5), "m": 1e-3}[self.unit]
 
     @property
     def drifts(self) -> bool:

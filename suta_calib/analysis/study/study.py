@@ -178,8 +178,7 @@ class TrialScatter(Displayable):
 
     @property
     def enough(self) -> bool:
-        """Whether there are enough values to speak of a spread."""
-        # Fewer values have no spread worth a number.
+        """Whether there are enough values for a spread that is worth a number."""
         return len(self.values) >= 10
 
     @property
@@ -197,10 +196,8 @@ class TrialScatter(Displayable):
         """Percentile interval of 95 %."""
         if not self.enough:
             return (math.nan, math.nan)
-        # Percentiles that enclose 95 %.
-        interval = (2.5, 97.5)
-        low, high = np.percentile(self.values, interval)
-        return float(low), float(high)
+        low, high = np.percentile(self.values, (2.5, 97.5)).tolist()
+        return low, high
 
 
 @dataclass(frozen=True, eq=False)

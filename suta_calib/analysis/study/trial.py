@@ -118,8 +118,6 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
     A set is by default one placement and repeat where any term has them; else ``point``, or what
     else is touched, where there are four or more; else ``sample``.
     """
-    # Fewer sets cannot be chosen from.
-    fewest_sets = 2
     unit = _natural(terms) if unit is None else unit
     if unit not in UNITS:
         hint = did_you_mean(unit, UNITS)
@@ -141,10 +139,10 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
             where="observations",
             hint="draw other units, for example sample",
         )
-    if len(names) < fewest_sets:
+    if len(names) == 1:
         raise SamplesError(
             f"one {unit} only ({names[0]})",
-            f"at least {fewest_sets} to draw from",
+            "at least 2 to draw from",
             where="observations",
             hint="measure more of them, or draw smaller units, for example sample",
         )
@@ -234,8 +232,7 @@ class StudyData:
         """The term whose kind of error counts: the first held out, or the first drawn."""
         if self.validation:
             return self.validation[0]
-        complete_terms = self.sets.kept_whole
-        return next(term for k, term in enumerate(self.terms) if k not in complete_terms)
+        return next(t for k, t in enumerate(self.terms) if k not in self.sets.kept_whole)
 
     def chosen(self, size: int, trial: int) -> tuple[int, ...]:
         """Numbers of the sets of one trial, ascending; with repeats in a bootstrap."""
