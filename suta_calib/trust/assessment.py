@@ -103,21 +103,17 @@ def _not_converged(
     notes = notes or judge(
         "single rows", lambda: [row.sentence for row in gross_rows(solution)], failed
     )
-    patterns = judge("patterns", lambda: _patterns(solution, "note"), failed)
+    patterns = judge("patterns", lambda: matches(solution, "note"), failed)
     return Assessment("bad", solution.sentence, (*patterns, *notes, *failed))
-
-
-def _patterns(solution: Solution, *roles: str) -> list[str]:
-    return [match.sentence for match in matches(solution, *roles)]
 
 
 def _cause(examined: CalibrationExamination) -> list[str]:
     """The data read in another way, where that explains them far better."""
     solution = examined.solution
-    if obvious := _patterns(solution, "cause"):
+    if obvious := matches(solution, "cause"):
         return [] if solution.converged else obvious
     cause = examined.other_reading
-    return _patterns(solution, "suspicion") if cause is None else [cause.sentence]
+    return matches(solution, "suspicion") if cause is None else [cause.sentence]
 
 
 def _on_gain(accuracy: Accuracy) -> list[str]:
@@ -233,10 +229,7 @@ def _named_cause(examined: CalibrationExamination, accuracy: Accuracy, *, alone:
     Where parameters describe it, it stands here only if estimating them predicts left-out rows
     better.
 
-    Args:
-        examined: converged.
-        accuracy: its errors.
-        alone: whether no other reading of the data explains them far better.
+    ``alone`` says whether no other reading of the data explains them far better.
     """
     cause = examined.strongest_cause
     if cause is None:
@@ -268,13 +261,8 @@ def _beside_geometry(
 ) -> list[str]:
     """What a URDF cannot hold, and what the residuals look like, held geometry last.
 
-    A note on what the model lacks stands here only if estimating it predicts left-out rows better.
-
-    Args:
-        examined: converged.
-        fewer: the same over part of many rows.
-        named: whether the cause of the residuals was said.
-        suspect: whether the residuals tell of the arm, and of no other reading of the data.
+    A note on what the model lacks stands here only if estimating it predicts left-out rows better,
+    and the residuals are ``suspect``: they tell of the arm, and of no other reading of the data.
     """
     notes, solution = list[str](), examined.solution
     arm = solution.problem.arm

@@ -133,24 +133,13 @@ def contradicted_beliefs(solution: Solution) -> Iterator[ContradictedBelief]:
 
 
 def chance_of(squared: float, count: int, freedom: float) -> float:
-    """Chance of so large a change, by what is right.
-
-    Args:
-        squared: ``dᵀ C⁻¹ d`` of the change d of some parameters, C their covariance.
-        count: of these parameters.
-        freedom: of C: `freedom_of`.
-    """
+    """Chance of a change d of ``count`` parameters, by ``dᵀ C⁻¹ d`` and the freedom of C."""
     left = freedom - count + 1.0
     return float(fdtrc(count, left, squared * left / (freedom * count))) if left > 0.0 else 1.0
 
 
 def freedom_of(solution: Solution, at: IntArray) -> float:
-    """Degrees of freedom of the covariance of some parameters, by witness.
-
-    Args:
-        solution: of terms whose rows look at one sample each.
-        at: (k,) numbers of the parameters, which are free.
-    """
+    """Degrees of freedom of the covariance of free parameters (k,); rows are of one sample each."""
     free, problem = solution.free, solution.problem
     curvature = np.diag(problem.prior_precision()[free])
     gains: list[FloatArray] = []
@@ -177,12 +166,9 @@ def freedom_of(solution: Solution, at: IntArray) -> float:
 
 
 def wishart_freedom(gain: FloatArray, prior: FloatArray, at: IntArray) -> float:
-    """Degrees of freedom of a sandwich, from what every witness tells.
+    """Degrees of freedom of the sandwich of some parameters (k,).
 
-    Args:
-        gain: (witnesses, n, n) curvature of the cost that each contributes.
-        prior: (n, n) curvature of what is known without them.
-        at: (k,) the parameters whose covariance it is.
+    By the curvature that each witness contributes (witnesses, n, n), and that of priors (n, n).
     """
     if len(gain) > MANY_TOUCHES:
         return float(len(gain))

@@ -66,7 +66,7 @@ def contradictions(
         # What does not fit at all has no scale.
         *([] if any(residual.bad for residual in residuals) else _scales(solution)),
         *_priors(solution),
-        *(Contradiction(False, m.sentence) for m in matches(solution, "cause", "note")),
+        *(Contradiction(False, sentence) for sentence in matches(solution, "cause", "note")),
         *_repeated(solution, list(dict.fromkeys(item.term for item in held_out))),
     ]
     same, tried = solution.agreeing, len(solution.attempts)

@@ -335,9 +335,8 @@ def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
     moves = fit.moves(np.hstack([effect.columns for effect in everywhere])) if everywhere else None
     first = 0
     for effect in effects:
-        windows: Iterable[int | None] = (
-            (None,) if effect.windows is None else range(len(effect.windows))
-        )
+        windows: Iterable[int | None] = (None,)
+        windows = windows if effect.windows is None else range(len(effect.windows))
         tried = 1
         if isinstance(effect.windows, Stretches):
             likeliest, tried = _likeliest(fit, effect, effect.windows)
@@ -345,13 +344,11 @@ def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
         for window in windows:
             columns = effect.columns_in(window)
             if window is None and moves is not None:
-                follows, first = (
-                    moves[:, first : first + columns.shape[1]],
-                    first + columns.shape[1],
-                )
+                end = first + columns.shape[1]
+                follows, first = moves[:, first:end], end
             else:
                 follows = fit.moves(columns)
-            weighted = columns if fit.weight is None else columns * fit.weight[:, None]
+            weighted = columns * fit.weights[:, None]
             curvature = weighted.T @ columns + (weighted.T @ fit.jacobian) @ follows
             alone = np.einsum("mk,mk->k", weighted, columns)
             scale, eigenvalues, axes = _determined(fit, effect, curvature, alone)
@@ -365,17 +362,10 @@ def _trials(fit: LinearFit, effects: Sequence[Effect]) -> list[_Trial]:
 def _determined(
     fit: LinearFit, effect: Effect, curvature: FloatArray, alone: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Scale of the components of an effect, and the directions of it that the data determine.
+    """Scale (..., k) of an effect's components, eigenvalues of the scaled curvature, directions.
 
-    Args:
-        fit: beside which.
-        effect: whose curvature it is.
-        curvature: (..., k, k) when the parameters follow.
-        alone: (..., k) its diagonal when they do not.
-
-    Returns:
-        (..., k) scale, (..., k) eigenvalues of the scaled curvature, 0 where the data do not
-        determine the direction, and (..., k, k) the directions.
+    By its curvature (..., k, k) when the parameters follow, and its diagonal when they do not; an
+    eigenvalue is 0 where the data do not determine the direction.
     """
     if effect.plausible is None:
         # Part of a column's squares that must remain when the parameters follow, where no plausible
@@ -394,7 +384,7 @@ def _determined(
 def _likeliest(fit: LinearFit, effect: Effect, windows: Stretches) -> tuple[int | None, int]:
     """The window whose effect is least likely by chance, and how many could be tested."""
     width = effect.columns.shape[1]
-    weighted = effect.columns if fit.weight is None else effect.columns * fit.weight[:, None]
+    weighted = effect.columns * fit.weights[:, None]
     beside = np.hstack([effect.columns, fit.settled[:, None], fit.jacobian])
     sums = windows.sums(weighted, beside)
     square, score, cross = np.split(sums, [width, width + 1], axis=2)

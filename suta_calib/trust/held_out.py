@@ -46,11 +46,8 @@ PROBABILITIES: Final = (0.68, 0.95)
 def robust_level(residual: FloatArray, share: float = 0.5) -> float:
     """Standard deviation of one component of residuals (n, d) by a quantile of their norms.
 
-    By the median, half of the rows may be grossly wrong. NaN without rows.
-
-    Args:
-        residual: (n, d).
-        share: of the rows, the smaller ones, that are believed.
+    By the median, half of the rows may be grossly wrong: the ``share`` of smaller ones is believed.
+    NaN without rows.
     """
     if not len(residual):
         return math.nan

@@ -186,9 +186,7 @@ class InTime(AddedVariable):
 def rows_of(problem: Problem, place: tuple[int, int, int] | None) -> tuple[str, str]:
     """File and row from which on, and until which, a change is; empty where it ends with the term.
 
-    Args:
-        problem: of the samples.
-        place: term, first sample and end, as of `stretches`; None all along.
+    The place is one of `stretches`; None all along.
     """
     if place is None:
         return "", ""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -21,24 +20,11 @@ STILL: Final = 1e-4
 ENOUGH_ROWS: Final = 8
 
 
-@dataclass(frozen=True)
-class Match:
-    """A pattern that samples have.
-
-    Attributes:
-        hypothesis: which.
-        sentence: where, and what to do.
-    """
-
-    hypothesis: Pattern
-    sentence: str
-
-
-def matches(answer: Solution, *roles: str) -> list[Match]:
-    """Every pattern of these roles (`Pattern.role`) that the samples of an answer have."""
+def matches(answer: Solution, *roles: str) -> list[str]:
+    """Where the samples of an answer have patterns of these roles (`Pattern.role`), what to do."""
     patterns = [h for h in known_hypotheses().values() if isinstance(h, Pattern)]
     return [
-        Match(hypothesis, sentence)
+        sentence
         for hypothesis in sorted(patterns, key=lambda h: h.precedence)
         if hypothesis.role in roles and hypothesis.applies(answer.problem)
         for sentence in hypothesis.matches(answer)

@@ -40,11 +40,9 @@ ENOUGH_GROUPS: Final = 10
 
 
 def repeat_groups(block: Block, touch: IntArray) -> tuple[IntArray, IntArray]:
-    """Which rows repeat each other: the number of each row's group (n,), and the groups' sizes.
+    """Number of the group (n,) of rows that repeat each other, and the groups' sizes.
 
-    Args:
-        block: whose rows these are.
-        touch: (samples,) number of the touch each sample repeats.
+    ``touch`` (samples,) is the number of the touch that each sample repeats, here and below.
     """
     # A residual of two samples may be seen from either end; distances do not care.
     members = np.sort(touch[block.samples], axis=1)
@@ -61,14 +59,7 @@ def one_of_each_rest(term: Term, block: Block) -> IntArray:
 def repeat_variance(
     block: Block, residual: FloatArray, touch: IntArray, sound: BoolArray
 ) -> float | None:
-    """Variance of a residual's norm among repeats of the same touches, or None without enough.
-
-    Args:
-        block: whose rows these are.
-        residual: (n, d).
-        touch: (samples,) number of the touch each sample repeats.
-        sound: (n,) rows that count.
-    """
+    """Variance of the norm of sound residuals (n, d) among repeats, or None without enough."""
     residual = residual[sound]
     group, _ = repeat_groups(block, touch)
     _, group, count = np.unique(group[sound], return_inverse=True, return_counts=True)
@@ -86,16 +77,11 @@ def about_mean(residual: FloatArray, group: IntArray, count: IntArray) -> FloatA
 
 
 def gross_rows(block: Block, residual: FloatArray, touch: IntArray) -> BoolArray:
-    """Rows (n,) that are grossly wrong, and all rows of touches that have many such.
+    """Which residuals (n, d) are grossly wrong, with all rows of touches that have many such.
 
     A row is grossly wrong if it is beyond the Huber threshold from its repeats; with fewer than
     three of them, if it is so from zero as well: what repeats agree on is the model's. Where most
     rows would be wrong, none is.
-
-    Args:
-        block: whose rows these are.
-        residual: (n, d).
-        touch: (samples,) number of the touch each sample repeats.
     """
     limit = block.noise.huber
     group, count = repeat_groups(block, touch)
@@ -269,13 +255,7 @@ def noise_of_rows(solution: Solution) -> list[RowNoise]:
 
 
 def _noise_by_neighbours(term: Term, block: Block, residual: FloatArray) -> float:
-    """Standard deviation of one component by differences of neighbours in posture, or NaN.
-
-    Args:
-        term: whose rows these are.
-        block: of the term; of one sample a row.
-        residual: (n, d).
-    """
+    """Standard deviation of one component by differences of neighbours in posture, or NaN."""
     if not isinstance(term.poses, ArmPoses) or block.samples.shape[1] != 1:
         return math.nan
     # Readings of one rest share its posture's noise: one of each.

@@ -178,13 +178,8 @@ def misfit(problem: Problem, x: FloatArray, cap: float, fitted: int = 0) -> floa
 
     Blocks count in units of their noise, those of the first block being the yardstick. Norms count
     as ``cap`` at most, so that a few gross rows do not decide which reading is right; a parameter
-    counts as so many noise levels as it is prior standard deviations off.
-
-    Args:
-        problem: terms and parameters.
-        x: (n,) where.
-        cap: as many times the first block's unit.
-        fitted: how many parameters followed these residuals.
+    counts as so many noise levels as it is prior standard deviations off. So many parameters that
+    were ``fitted`` followed these residuals.
     """
     return _misfit(problem, x, _scaled_residuals(problem, x), cap, fitted)
 

@@ -36,14 +36,7 @@ def with_columns(term: Term, **columns: Any) -> Term:
 def middle_joint_changed(
     term: Term, change: Callable[[FloatArray], FloatArray], effect: str, *size: float
 ) -> SpoiltData:
-    """The term whose middle joint was read differently.
-
-    Args:
-        term: over an arm.
-        change: of the joint's readings (n,).
-        effect: what describes the fault, with ``{}`` for the joint's name.
-        size: of the fault; none where it has none.
-    """
+    """The term whose middle joint was read differently; in ``effect`` ``{}`` is its name."""
     q, joint = term.poses.samples.q.copy(), len(arm_of(term).joints) // 2
     q[:, joint] = change(q[:, joint])
     name = arm_of(term).joints[joint]

@@ -164,12 +164,7 @@ def tip_displacements(term: Term, values: Mapping[str, float]) -> tuple[FloatArr
 
 
 def taken_as_cool(parameters: ParameterSet, values: Mapping[str, float]) -> str:
-    """That the tip is one at the reference temperature; empty where lengths do not grow.
-
-    Args:
-        parameters: of the arm, among them those of no geometry.
-        values: what was found, by name.
-    """
+    """That the tip is one at the reference temperature; empty where no value makes lengths grow."""
     # A warm afternoon, or motors that have run for an hour, K.
     warmer = 10.0
     grown = {n: v for n, v in values.items() if n in parameters and v}

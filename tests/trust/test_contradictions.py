@@ -85,64 +85,32 @@ def test_honest_data_are_not_accused(scenes: tuple[Scene, Scene], priors: bool) 
     assert "standard deviations from" not in said
 
 
-def names_rolled(samples: Samples) -> Samples:
-    """Every joint's column under the name of the next."""
-    return replace(samples, q=np.roll(samples.q, 1, axis=1))
-
-
-def ever_later(samples: Samples) -> Samples:
-    """Observed in time at first, one row late from a third of the rows on, then two."""
-    kept = np.arange(len(samples) - 2)
-    observed = samples.take(kept)
-    return replace(observed, q=samples.q[kept + 3 * kept // len(samples)])
-
-
 def later_from(share: float, samples: Samples) -> Samples:
     """Three rows of the readings missing from there on."""
     kept = np.arange(len(samples) - 3)
     return replace(samples.take(kept), q=samples.q[kept + 3 * (kept >= share * len(kept))])
 
 
-def copied(samples: Samples) -> Samples:
-    return replace(samples, q=samples.q[:, [0, 1, 2, 3, 3, 5]])
-
-
-BOTH, PLAIN = (True, False), (False,)
-FEW = replace(ONCE, max_iterations=10)
-LIES: dict[str, tuple[Change, str, tuple[bool, ...]]] = {
-    "sign": (joint(1, np.negative), "joint_2 counts the other way", BOTH),
-    "quarter turn": (joint(2, lambda q: q + np.pi / 2), "joint_3 reads 90° too much", BOTH),
-    "late": (late, "one row", BOTH),
-    "moved": (seen(moved), "was moved", BOTH),
-    "columns": (names_rolled, "each stand under the name of the next", PLAIN),
-    "mirrored": (seen(lambda p: p * [1.0, 1.0, -1.0]), "left-handed: z has the wrong sign", PLAIN),
-    "clock": (ever_later, "runs slow: 2 rows late at the end", PLAIN),
-    "missing": (
-        partial(later_from, 0.5),
-        "3 rows are missing among the joints' readings, between row 13",
-        PLAIN,
-    ),
-    "missing early": (
-        partial(later_from, 0.33),
-        "3 rows are missing among the joints' readings, between row 7",
-        PLAIN,
-    ),
-    "dead": (
-        joint(3, lambda q: np.full_like(q, q.mean())),
-        "joint_4 reads the same in every row",
-        (True,),
-    ),
-    "copied": (copied, "joint_4 and joint_5 read the same as one another", (True,)),
-    "sorted": (joint(2, np.sort), "readings of joint_3 stand in order, those of no other", (True,)),
+# One of each sort: `test_contract` has every hypothesis. Where rows are missing must be told too.
+LIES: dict[str, tuple[Change, str]] = {
+    "sign": (joint(1, np.negative), "joint_2 counts the other way"),
+    "late": (late, "one row"),
+    "moved": (seen(moved), "was moved"),
+    "missing": (partial(later_from, 0.5), "among the joints' readings, between row 13"),
+    "missing early": (partial(later_from, 0.33), "among the joints' readings, between row 7"),
+    "dead": (joint(3, lambda q: np.full_like(q, q.mean())), "joint_4 reads the same in every row"),
 }
+BOTH = ("sign", "late", "moved")
 
 
-@pytest.mark.parametrize(("lie", "priors"), [(n, p) for n, lie in LIES.items() for p in lie[2]])
+@pytest.mark.parametrize(
+    ("lie", "priors"), [(lie, False) for lie in LIES] + [(lie, True) for lie in BOTH]
+)
 def test_a_lie_is_refused_and_its_cause_named(
     scenes: tuple[Scene, Scene], lie: str, priors: bool
 ) -> None:
-    change, cause, _ = LIES[lie]
-    options = FEW if lie in ("dead", "copied", "sorted") else ONCE
+    change, cause = LIES[lie]
+    options = replace(ONCE, max_iterations=10) if lie == "dead" else ONCE
     found = judged(scenes, change, priors=priors, options=options)
     assert not found.usable
     assert cause in " ".join(found.notes)

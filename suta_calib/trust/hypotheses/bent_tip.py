@@ -81,14 +81,9 @@ def displacement(evidence: Evidence) -> tuple[float, float]:
 
 
 def bending(rotation: FloatArray, tip: FloatArray) -> tuple[FloatArray, FloatArray, float]:
-    """How the tip is displaced in the tool (n, 3, k), per rad of tilt, evenly and to sides.
+    """How the tip is displaced in the tool, per rad of tilt, and the largest tilt, rad.
 
-    Args:
-        rotation: (n, 3, 3) of the poses.
-        tip: (3,) in the tool: the shaft's direction.
-
-    Returns:
-        (n, 3, 1), (n, 3, 4), and the largest tilt, rad.
+    Evenly (n, 3, 1), and to sides (n, 3, 4), by rotations (n, 3, 3) of a shaft along the tip (3,).
     """
     shaft = tip / np.linalg.norm(tip)
     middle = (rotation @ shaft).mean(axis=0)

@@ -67,9 +67,7 @@ class LateRows(AddedVariable):
 def per_row(q: FloatArray, files: Any) -> FloatArray | None:
     """(n, joints) motion of readings from row to row; None where the arm did not move smoothly.
 
-    Args:
-        q: (n, joints) in the order of the rows.
-        files: (n,) numbers of the files that rows are of: each is a motion by itself.
+    Each of the files (n,) that rows are of is a motion by itself.
     """
     ends = [0, *(1 + np.flatnonzero(np.diff(files))).tolist(), len(q)]
     motion, correlated, total = np.zeros_like(q), 0.0, 0.0

@@ -96,11 +96,7 @@ class MissedCount(Reinterpretation):
 
 @dataclass(frozen=True, eq=False)
 class _Touches:
-    """Terms whose every row is of one sample.
-
-    Attributes:
-        terms: these.
-    """
+    """Terms whose every row is of one sample."""
 
     terms: tuple[Term, ...]
 
@@ -179,11 +175,7 @@ class _Touches:
 def _steps(touches: _Touches, fewer: _Touches, joint: int, size: float) -> Iterator[_Step]:
     """What a joint's step leaves at best, with either part of the rows taken for the wrong one.
 
-    Args:
-        touches: all of them.
-        fewer: those that say how large the step is.
-        joint: its index.
-        size: of the step, coarsely, rad.
+    It is coarsely of this size, rad; ``fewer`` touches say how large it is.
     """
     for sign in (1.0, -1.0):
         with suppress(SutaCalibError):

@@ -68,11 +68,7 @@ class OutlierBlock(Hypothesis):
 
 
 def _block(outlier: BoolArray) -> tuple[int, float] | None:
-    """Row at the border of the block, and the share of all outliers that are inside.
-
-    Args:
-        outlier: (n,) in the order of the rows.
-    """
+    """Row at the border of the block, and the share of all outliers (n,) that are inside."""
     count = len(outlier)
     for backwards in (False, True):
         # The block in which outliers most outnumber the others.

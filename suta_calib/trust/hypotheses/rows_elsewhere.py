@@ -75,9 +75,7 @@ class RowsElsewhere(AddedVariable):
 def _displacements(answer: Examination, columns: FloatArray) -> FloatArray:
     """(samples, 3) by which each tip seems to be displaced, m; NaN where its rows do not tell.
 
-    Args:
-        answer: of rows that look at one sample each.
-        columns: (m, 3) whitened, by displacement.
+    By whitened columns (m, 3) of displacements.
     """
     count = len(answer.position)
     sample = samples_of(answer.rows)

@@ -58,12 +58,8 @@ class PointSets:
     def level(self, size: float, change: FloatArray, left: float) -> Level:
         """What a deformation that is no chance is worth: ``good`` where it is not worth a word.
 
-        ``bad`` where it explains most of the residuals and is more than temperature makes.
-
-        Args:
-            size: of it, as a ratio.
-            change: (n, 3) by which it displaces the points, m.
-            left: RMS of the residuals with it, m.
+        ``bad`` where it explains most of the residuals and is more than temperature makes. Its size
+        is a ratio; it displaces the points by ``change`` (n, 3) and leaves an RMS, m.
         """
         dominates = left < rms_length(self.residual) / 2
         # What a deformation displaces the points by, in units of their scatter, to be worth a word
