@@ -83,7 +83,6 @@ class Hypothesis(ABC):
 
     def weigh(self, answer: Examination) -> list[Evidence]:
         """What the data say of it by themselves, strongest first."""
-        del answer
         return []
 
     def supported(self, evidence: Evidence, rule: Rule = Rule()) -> bool:
@@ -99,7 +98,6 @@ class Hypothesis(ABC):
 
     def level(self, evidence: Evidence) -> Level:
         """What the answer is worth with it; ``good`` where it is not worth a word."""
-        del evidence
         return "care"
 
     @abstractmethod

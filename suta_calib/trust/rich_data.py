@@ -79,7 +79,6 @@ class _Exact:
     reached: BoolArray | None = None
 
     def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
-        del sigma
         targets = Targets(target, np.tile(np.eye(3), (len(target), 1, 1)), "position")
         solved = self.kinematics.solve(targets, poses.samples.q, self.random, starts=2)
         # From a target that a touch may be, m.
@@ -89,7 +88,6 @@ class _Exact:
     def observed(
         self, poses: PoseSource, ideal: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
-        del relative
         if ideal.pixels is not None:
             return poses.with_samples(replace(poses.samples, pixels=ideal.pixels))
         again = replace(
@@ -101,7 +99,6 @@ class _Exact:
         return poses.with_samples(again)
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:
-        del sigma
         return rotation
 
 

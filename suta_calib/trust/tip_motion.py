@@ -39,7 +39,7 @@ class TipMotion:
     @property
     def size(self) -> float:
         """Root mean square of the whole motion, m per unit, angles at `LEVER`."""
-        return float(np.hypot(_rms(self.linear), LEVER * _rms(self.angular)))
+        return _size(self.linear, self.angular)
 
     @property
     def main(self) -> tuple[str, ...]:
@@ -94,8 +94,7 @@ class TipMotion:
         return _rms(left) / max(_rms(self.linear), 1e-300)
 
     def _misfit(self, linear: FloatArray, angular: FloatArray) -> float:
-        left = float(np.hypot(_rms(linear), LEVER * _rms(angular)))
-        return left / max(self.size, 1e-300)
+        return _size(linear, angular) / max(self.size, 1e-300)
 
 
 def tip_motion(problem: Problem, x: FloatArray, direction: Mapping[str, float]) -> TipMotion:
@@ -114,9 +113,7 @@ def tip_motion(problem: Problem, x: FloatArray, direction: Mapping[str, float]) 
         if name in direction
     }
     total = sum(columns.values(), np.zeros((len(table.position), 6)))
-    parts = {
-        name: float(np.hypot(_rms(c[:, :3]), LEVER * _rms(c[:, 3:]))) for name, c in columns.items()
-    }
+    parts = {name: _size(c[:, :3], c[:, 3:]) for name, c in columns.items()}
     rotation = np.swapaxes(table.rotation.reshape(-1, 3, 3), 1, 2).copy()
     return TipMotion(table.position.copy(), rotation, total[:, :3], total[:, 3:], parts)
 
@@ -130,6 +127,10 @@ def placement_groups(problem: Problem) -> FloatArray:
         keys += [(k, *(str(c[row]) for c in columns)) for row in range(len(term.poses))]
     number = {key: i for i, key in enumerate(dict.fromkeys(keys))}
     return np.array([number[key] for key in keys], dtype=float)
+
+
+def _size(linear: FloatArray, angular: FloatArray) -> float:
+    return float(np.hypot(_rms(linear), LEVER * _rms(angular)))
 
 
 def _rms(vectors: FloatArray) -> float:
