@@ -44,4 +44,4 @@ def rounded(value: Any) -> Any:
         return {key: rounded(item) for key, item in value.items()}
     if isinstance(value, list):
         return [rounded(item) for item in value]
-    return round(value, 9) + 0.0 if isinstance(value, float) else value
+    return round(float(value), 9) + 0.0 if isinstance(value, float) else value

@@ -34,7 +34,7 @@ from suta_calib.vision.markers import CharucoFinder, MarkersFinder
 from suta_calib.vision.pictures import PictureFile, UnusablePictureError, read_picture
 from suta_calib.words import listed
 
-Finder = ChessboardFinder | CharucoFinder | MarkersFinder
+BoardFinder = ChessboardFinder | CharucoFinder | MarkersFinder
 Progress = Callable[[int, int], None]
 _MOST_TOLD: Final = 3
 
@@ -116,7 +116,7 @@ class Detection(Displayable):
         return float(np.sqrt(np.nanmean(squared))) if np.isfinite(squared).any() else None
 
 
-def finder_of(board: Board) -> Finder:
+def finder_of(board: Board) -> BoardFinder:
     """What finds a board."""
     if isinstance(board, Chessboard):
         return ChessboardFinder(board)
@@ -192,7 +192,7 @@ def detect(
 
 
 def _searched(
-    pictures: Sequence[PictureFile], finder: Finder, workers: int, progress: Progress | None
+    pictures: Sequence[PictureFile], finder: BoardFinder, workers: int, progress: Progress | None
 ) -> list[SearchedPicture]:
     """Every picture searched; of pictures that are the same to the bit only the first counts."""
     first: dict[bytes, str] = {}
