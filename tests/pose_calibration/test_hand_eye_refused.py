@@ -128,19 +128,26 @@ def misread(which: str, hand: Poses, seen: Poses) -> tuple[Poses, Poses, str]:
     return of_hand(hand), of_eye(seen), says
 
 
+def agreeing_if(says: str, hand: Poses, seen: Poses) -> tuple[float, float]:
+    """To how many mm and degrees pairs are said to agree if they are read in another way."""
+    with pytest.raises(SamplesError, match="do not agree with any X") as problem:
+        calibrate_hand_eye(hand, seen)
+    said = str(problem.value)
+    assert said.endswith(says)
+    assert "turn the hand" not in said
+    slid, turned = re.search(r"they agree with one to ([\d.]+) mm and ([\d.]+)°", said).groups()
+    return float(slid), float(turned)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.3])
 @pytest.mark.parametrize("seed", range(2))
 @pytest.mark.parametrize("which", MISREAD)
 def test_poses_read_in_the_wrong_way_are_told_so(which: str, seed: int, share: float) -> None:
     data = noisy(20, seed=seed, gross=OutlierModel(share))
     hand, seen, says = misread(which, data.poses, data.seen)
-    with pytest.raises(SamplesError, match="do not agree with any X") as problem:
-        calibrate_hand_eye(hand, seen)
-    assert str(problem.value).endswith(says)
-    assert "turn the hand" not in str(problem.value)
-    told = re.search(r"they agree with one to ([\d.]+) mm and ([\d.]+)°", str(problem.value))
-    assert float(told[1]) < 4.0
-    assert float(told[2]) < 0.5
+    slid, turned = agreeing_if(says, hand, seen)
+    assert slid < 4.0
+    assert turned < 0.5
 
 
 @pytest.mark.parametrize("which", MISREAD)
@@ -209,11 +216,8 @@ WRITTEN: dict[str, tuple[Change, Change]] = {
 def test_poses_written_in_another_way_are_told_so(says: str, count: int) -> None:
     data = noisy(count, seed=3)
     of_hand, of_eye = WRITTEN[says]
-    with pytest.raises(SamplesError, match="do not agree with any X") as problem:
-        calibrate_hand_eye(of_hand(data.poses), of_eye(data.seen))
-    assert str(problem.value).endswith(says)
-    told = re.search(r"they agree with one to ([\d.]+) mm", str(problem.value))
-    assert float(told[1]) < 20.0 * mm(NOISE.position)
+    slid, _ = agreeing_if(says, of_hand(data.poses), of_eye(data.seen))
+    assert slid < 20.0 * mm(NOISE.position)
 
 
 def test_positions_that_no_unit_mends_are_not_blamed_on_how_the_hand_turned() -> None:
