@@ -14,6 +14,7 @@ import numpy as np
 from foreign import poses, transforms
 from ros_recordings import JOINTS as RECORDED
 from ros_recordings import motion, write_recording
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 from suta_calib.arrays import FloatArray
@@ -212,6 +213,67 @@ def opencv_storage(folder: Path) -> Sample:
     return Sample(path, {"body": "T1"}, "T2")
 
 
+def pose_list(folder: Path) -> Sample:
+    """As moveit_calibration writes its samples."""
+    names = "effector_wrt_world", "object_wrt_sensor"
+    samples = [
+        "".join(
+            f"{'- ' if T is TOOL else '  '}{name}: {T[k].ravel().tolist()}\n"
+            for name, T in zip(names, (TOOL, REFERENCE), strict=True)
+        )
+        for k in range(8)
+    ]
+    path = folder / "samples.yaml"
+    path.write_text("".join(samples))
+    return Sample(path, {"body": names[0]}, names[1])
+
+
+def colmap(folder: Path) -> Sample:
+    lines = [
+        "# Image list with two lines of data per image:",
+        "#   IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME",
+        "#   POINTS2D[] as (X, Y, POINT3D_ID)",
+    ]
+    for k in range(8):
+        numbers = [*np.roll(quaternion(TOOL)[k], 1), *TOOL[k, :3, 3]]
+        lines.append(" ".join([str(k + 1), *map(repr, map(float, numbers)), "1", f"im_{k}.png"]))
+        lines.append("20.5 30.5 7 40.25 50.75 -1")
+    path = folder / "images.txt"
+    path.write_text("\n".join(lines) + "\n")
+    return Sample(path, {})
+
+
+def bop(folder: Path) -> Sample:
+    def pose(T: FloatArray, number: int) -> dict[str, Any]:
+        rotation, position = T[:3, :3].ravel().tolist(), (1e3 * T[:3, 3]).tolist()
+        return {"cam_R_m2c": rotation, "cam_t_m2c": position, "obj_id": number}
+
+    scene = {str(k): [pose(TOOL[k], 1), pose(REFERENCE[k], 2)] for k in range(8)}
+    path = folder / "scene_gt.json"
+    path.write_text(json.dumps(scene))
+    return Sample(path, {"body": "object_1"}, "object_2")
+
+
+def visp(folder: Path) -> Sample:
+    path = folder / "visp"
+    path.mkdir(exist_ok=True)
+    for name, poses_of in (("fPe", TOOL), ("cPo", REFERENCE)):
+        for k in range(8):
+            turn = Rotation.from_matrix(poses_of[k, :3, :3]).as_rotvec()
+            numbers = "".join(f"  - [{float(v)!r}]\n" for v in (*poses_of[k, :3, 3], *turn))
+            text = f"rows: 6\ncols: 1\ndata:\n{numbers}"
+            (path / f"pose_{name}_{k + 1}.yaml").write_text(text)
+    return Sample(path, {"body": "fPe"}, "cPo")
+
+
+def matlab(folder: Path) -> Sample:
+    path = folder / "poses.mat"
+    cells = np.empty(8, object)
+    cells[:] = list(REFERENCE)
+    savemat(path, {"A": np.moveaxis(TOOL, 0, -1), "B": cells, "note": "simulated"})
+    return Sample(path, {"body": "A"}, "B")
+
+
 def lerobot_dataset(folder: Path) -> Sample:
     """Two episodes of the motion that the recordings of ROS have."""
     import pyarrow as arrow
@@ -308,6 +370,8 @@ def mjcf(folder: Path) -> Sample:
     return Sample(path, {})
 
 
+# Poses by name, of which two are pairs.
+POSES = {"pose-list": pose_list, "colmap": colmap, "bop": bop, "visp": visp, "matlab": matlab}
 SAMPLES: dict[str, Callable[[Path], Sample]] = {
     "table": table,
     **BODIES,
@@ -319,7 +383,8 @@ SAMPLES: dict[str, Callable[[Path], Sample]] = {
     **PROGRAMS,
     "mjcf": mjcf,
     "opencv-yaml": opencv_storage,
+    **POSES,
 }
 # Those whose samples are folders.
-FOLDERS = ("rosbag", "lerobot-dataset")
+FOLDERS = ("rosbag", "lerobot-dataset", "visp")
 FILES = [name for name in SAMPLES if name not in FOLDERS]

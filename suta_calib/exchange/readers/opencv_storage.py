@@ -11,17 +11,16 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY, BODY_OPTIONS, PAIR, REFERENCE, Body, Recording
+from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import read_foreign_text
 from suta_calib.exchange.cut_off import COMPLETE, check_count, check_end_of_yaml
-from suta_calib.exchange.imported import ImportedRows, checked_places
+from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
+from suta_calib.exchange.pose_series import PoseSeries, imported_series
 from suta_calib.exchange.reader import Reader
-from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
 from suta_calib.measurements.yaml_file import KeyPath
 from suta_calib.measurements.yaml_nodes import plain_data
-from suta_calib.units import from_mm
 from suta_calib.words import listed
 
 # A series and the number of one of its matrices: T1_0, pose12.
@@ -49,48 +48,36 @@ class OpencvStorageReader(Reader):
             )
         check_end_of_yaml(path, text, given)
         data, lines = plain_data(path, text, ForeignFileError)
-        series = _series(path, data, lines)
-        if not series:
+        matrices_by_name = _matrices(path, data, lines)
+        if not matrices_by_name:
             problem = f"no 4x4 matrices with a number in their names among {listed(list(data))}"
             expected = "poses as T1_0, T1_1, …"
             hint = "a camera in such a file is read where --camera asks for one"
             raise ForeignFileError(problem, expected, file=path, hint=hint)
         # Of one series or of all: nothing says which.
         counts = [data[key] for key in _COUNTS if isinstance(data.get(key), int)]
-        check_count(path, sum(map(len, series.values())), max(counts, default=0), "matrices", given)
-        unit = given.text(UNIT, "m")
-        if unit not in ("m", "mm"):
-            raise given.refuse(UNIT, repr(unit), "m or mm")
-        bodies = {name: _body(path, matrices, lines, unit) for name, matrices in series.items()}
-        unit_text = f"in {unit}" + ("" if UNIT in given else f", unless {UNIT.switch} says else")
-        numbers = {tuple(sorted(matrices)) for matrices in series.values()}
-        pair = len(bodies) == len(PAIR) and BODY not in given
-        if len(numbers) > 1 and (pair or REFERENCE in given):
-            lengths = " and ".join(f"{len(matrices)} {name}" for name, matrices in series.items())
-            problem = f"matrices of other numbers: {lengths}"
-            expected = "the same numbers in each, so that the matrices are pairs"
-            hint = f"say {BODY.switch} {next(iter(series))} for one of them"
-            raise ForeignFileError(problem, expected, file=path, hint=hint)
+        total = sum(map(len, matrices_by_name.values()))
+        check_count(path, total, max(counts, default=0), "matrices", given)
         notes = [
             f"{key} is {stated}, and there are {len(matrices)} matrices {name}."
             for key, stated in data.items()
-            for name, matrices in series.items()
+            for name, matrices in matrices_by_name.items()
             if key in _COUNTS and stated != len(matrices)
         ]
-        recording = Recording(path, bodies, None, unit_text)
-        if not pair:
-            rows = recording.imported(self.name, given)
-        else:
-            rows = recording.pairs(self.name)
-            hand, target = bodies
-            notes.append(
-                f"{hand} is taken for the hand in the base (a_), {target} for the target in the "
-                f"eye (b_): if they are others, take each with {BODY.switch}."
+        series = {
+            name: PoseSeries(
+                np.array([numbers for _, (_, numbers) in ordered]).reshape(-1, 3, 4),
+                [number for number, _ in ordered],
+                [lines[(key,)] for _, (key, _) in ordered],
             )
+            for name, matrices in matrices_by_name.items()
+            for ordered in [sorted(matrices.items())]
+        }
+        rows = imported_series(path, self.name, series, given)
         return replace(rows, notes=(*notes, *rows.notes))
 
 
-def _series(
+def _matrices(
     path: Path, data: Mapping[str, Any], lines: Mapping[KeyPath, int]
 ) -> dict[str, dict[int, tuple[str, list[float]]]]:
     """Matrices by series and number: the key of each, and twelve numbers by rows."""
@@ -128,17 +115,3 @@ def _shape(value: Mapping[str, Any]) -> tuple[Any, Any]:
 
 def _is_finite(number: object) -> bool:
     return isinstance(number, int | float) and bool(np.isfinite(number))
-
-
-def _body(
-    path: Path,
-    matrices: Mapping[int, tuple[str, list[float]]],
-    lines: Mapping[KeyPath, int],
-    unit: str,
-) -> Body:
-    ordered = [matrices[number] for number in sorted(matrices)]
-    at = [lines[(key,)] for key, _ in ordered]
-    numbers = np.array([values for _, values in ordered]).reshape(-1, 3, 4)
-    position = numbers[:, :, 3] if unit == "m" else from_mm(numbers[:, :, 3])
-    rotation = rotations_from("rows", numbers[:, :, :3].reshape(-1, 9), path, at)
-    return Body(checked_places(path, at, position), rotation)

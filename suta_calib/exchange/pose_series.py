@@ -1,0 +1,141 @@
+"""Series of poses by name: the poses of one body, or the pairs of a hand-eye calibration."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from suta_calib.arrays import FloatArray
+from suta_calib.errors import ForeignFileError
+from suta_calib.exchange.bodies import BODY, REFERENCE, Body, Recording
+from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
+from suta_calib.exchange.option import Given
+from suta_calib.exchange.rotations import rotations_from
+from suta_calib.exchange.table_roles import UNIT
+from suta_calib.units import from_mm
+
+PREFIXES: Final = ("a_", "b_")
+# What people call the robot's pose, and what the eye sees.
+_OF_HAND: Final = re.compile(
+    r"robot|hand|effector|gripper|flange|tool|tcp|(^|_)(ee|a|fPe|base)(_|$)", re.I
+)
+_OF_TARGET: Final = re.compile(
+    r"track|tag|target|object|marker|board|pattern|chess|(^|_)(b|cPo)(_|$)|obj|sensor|cam|eye",
+    re.I,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseSeries:
+    """Poses of one name.
+
+    Attributes:
+        numbers: (n, 3, 4) rotation and position, in the file's unit.
+        frames: (n,) what the file calls each of them: numbers, or names of pictures.
+        lines: (n,) in the file.
+    """
+
+    numbers: FloatArray
+    frames: Sequence[int | str]
+    lines: Sequence[int]
+
+    def body(self, path: Path, unit: str) -> Body:
+        """In m, with rotations that are some.
+
+        Raises:
+            ForeignFileError: a matrix that is no rotation, or a place that is too far.
+        """
+        position = self.numbers[:, :, 3] if unit == "m" else from_mm(self.numbers[:, :, 3])
+        rotation = rotations_from("rows", self.numbers[:, :, :3].reshape(-1, 9), path, self.lines)
+        return Body(checked_places(path, self.lines, position), rotation)
+
+
+def imported_series(
+    path: Path, form: str, series: Mapping[str, PoseSeries], given: Given, unit: str = "m"
+) -> ImportedRows:
+    """Pairs ``a_…``, ``b_…`` of two series of as many poses, or the series of ``--body``.
+
+    Args:
+        path: the file.
+        form: name of its format.
+        series: at least one, by name, in the file's order.
+        given: options of `BODY_OPTIONS` and `UNIT`.
+        unit: of lengths where `UNIT` is not given.
+
+    Raises:
+        ForeignFileError: series of other frames that should be pairs.
+        InputError: another unit than m and mm, or a body that there is none of.
+    """
+    chosen = given.text(UNIT, unit)
+    if chosen not in ("m", "mm"):
+        raise given.refuse(UNIT, repr(chosen), "m or mm")
+    unit_text = f"in {chosen}" + ("" if UNIT in given else f", unless {UNIT.switch} says else")
+    pair = len(series) == len(PREFIXES) and BODY not in given
+    if pair or REFERENCE in given:
+        _check_frames(path, series)
+    bodies = {name: of.body(path, chosen) for name, of in series.items()}
+    if pair:
+        return _pairs(path, form, series, bodies, unit_text)
+    frames = [np.array(of.frames) for of in series.values()]
+    same = all(np.array_equal(frames[0], others) for others in frames[1:])
+    beside = {"frame": frames[0]} if same else {}
+    return Recording(path, bodies, None, unit_text, beside).imported(form, given)
+
+
+def _check_frames(path: Path, series: Mapping[str, PoseSeries]) -> None:
+    first, *others = series.values()
+    if any([*of.frames] != [*first.frames] for of in others):
+        lengths = " and ".join(f"{len(of.frames)} {name}" for name, of in series.items())
+        raise ForeignFileError(
+            f"poses of other numbers: {lengths}",
+            "the same numbers in each, so that the poses are pairs",
+            file=path,
+            hint=f"say {BODY.switch} {next(iter(series))} for one of them",
+        )
+
+
+def _pairs(
+    path: Path,
+    form: str,
+    series: Mapping[str, PoseSeries],
+    bodies: Mapping[str, Body],
+    unit_text: str,
+) -> ImportedRows:
+    """Rows of a hand-eye problem; by their names, or else in the file's order."""
+    hand, target = _roles(list(bodies))
+    certain = (hand, target) == _roles([target, hand])
+    columns: dict[str, NDArray[Any]] = {}
+    for prefix, name in zip(PREFIXES, (hand, target), strict=True):
+        columns |= pose_columns(bodies[name].position, bodies[name].rotation, prefix)
+    columns["frame"] = np.array(series[hand].frames)
+    taken = (
+        f"{hand} is taken for the hand in the base (a_), {target} for the target in the eye (b_)"
+    )
+    asked = (distance_note(body.position, f"lengths {unit_text}") for body in bodies.values())
+    notes = tuple(filter(None, asked))
+    rows = ImportedRows(
+        source=path,
+        form=form,
+        columns=columns,
+        notes=notes,
+        remarks=(f"Lengths are {unit_text}.", *([f"{taken}."] if certain else [])),
+    )
+    if certain:
+        return rows
+    other = f"{taken}: if they are others, take each with {BODY.switch}."
+    return replace(rows, notes=(other, *notes))
+
+
+def _roles(names: Sequence[str]) -> tuple[str, str]:
+    """The hand's and the target's series: as given, unless their names say the opposite."""
+    first, second = names
+    of_hand = [bool(_OF_HAND.search(name)) for name in names]
+    of_target = [bool(_OF_TARGET.search(name)) for name in names]
+    turned = of_hand == [False, True] or (of_hand[0] == of_hand[1] and of_target == [True, False])
+    return (second, first) if turned else (first, second)

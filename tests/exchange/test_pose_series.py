@@ -1,0 +1,119 @@
+"""Poses that programs for hand-eye calibration keep in files of their own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from foreign import check, imported
+from foreign_samples import POSES, REFERENCE, TOOL, P, R, quaternion
+
+from suta_calib.errors import InputError
+
+
+@pytest.mark.parametrize("form", ["pose-list", "bop", "visp", "matlab"])
+def test_two_series_of_poses_are_pairs_and_one_is_a_body(form: str, tmp_path: Path) -> None:
+    sample = POSES[form](tmp_path)
+    pairs = imported(sample.path)
+    assert pairs.form == form
+    check(pairs, tmp_path / "o.csv", R, P, "a_")
+    check(pairs, tmp_path / "o.csv", REFERENCE[:, :3, :3], REFERENCE[:, :3, 3], "b_")
+    assert len(pairs.columns["frame"]) == 8
+    check(imported(sample.path, **sample.options), tmp_path / "o.csv", R, P)
+    relative = imported(sample.path, **sample.options, reference=sample.reference)
+    in_reference = np.linalg.inv(REFERENCE) @ TOOL
+    check(relative, tmp_path / "o.csv", in_reference[:, :3, :3], in_reference[:, :3, 3])
+
+
+def test_frames_of_colmap_are_named_as_there(tmp_path: Path) -> None:
+    found = imported(POSES["colmap"](tmp_path).path)
+    check(found, tmp_path / "o.csv", R, P)
+    assert found.columns["frame"].tolist() == [f"im_{k}.png" for k in range(8)]
+
+
+def transform(T: np.ndarray, k: int) -> dict[str, Any]:
+    place = dict(zip("xyz", T[k, :3, 3].tolist(), strict=True))
+    return {
+        "translation": place,
+        "rotation": dict(zip("xyzw", quaternion(T)[k].tolist(), strict=True)),
+    }
+
+
+LAYOUTS: dict[str, Any] = {
+    "easy_handeye2": {
+        "samples": [
+            {"robot": transform(TOOL, k), "tracking": transform(REFERENCE, k)} for k in range(8)
+        ]
+    },
+    "easy_handeye": {
+        "camera_marker_samples": {"transforms": [transform(REFERENCE, k) for k in range(8)]},
+        "hand_world_samples": {"transforms": [transform(TOOL, k) for k in range(8)]},
+    },
+    "lists of 4x4, the target first": {
+        "T_cam_target": REFERENCE.tolist(),
+        "T_base_gripper": TOOL.tolist(),
+    },
+    "rotation and translation": [
+        {
+            side: {"R": T[k, :3, :3].tolist(), "t": T[k, :3, 3:].tolist()}
+            for side, T in (("target2cam", REFERENCE), ("gripper2base", TOOL))
+        }
+        for k in range(8)
+    ],
+    "numbered keys": {
+        f"{side}_{k}": T[k, :3].ravel().tolist()
+        for k in range(8)
+        for side, T in (("robot", TOOL), ("marker", REFERENCE))
+    },
+}
+
+
+@pytest.mark.parametrize("layout", LAYOUTS)
+def test_roles_are_told_by_names(layout: str, tmp_path: Path) -> None:
+    path = tmp_path / "samples.json"
+    path.write_text(json.dumps(LAYOUTS[layout], indent=1))
+    found = imported(path)
+    check(found, tmp_path / "o.csv", R, P, "a_")
+    check(found, tmp_path / "o.csv", REFERENCE[:, :3, :3], REFERENCE[:, :3, 3], "b_")
+    assert found.assessment.level == "good"
+    assert found.columns["frame"].tolist() == list(range(8))
+
+
+def test_names_that_tell_no_roles_are_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / "samples.json"
+    path.write_text(json.dumps({"first": TOOL.tolist(), "second": REFERENCE.tolist()}))
+    assert "first is taken for the hand in the base (a_)" in imported(path).notes[0]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda T: T[:4].tolist(), "poses of other numbers: 8 robot and 4 marker"),
+        (lambda T: (2 * T).tolist(), "last row is not 0 0 0 1"),
+        (lambda T: (T * [1.0, 1.0, -1.0, 1.0]).tolist(), "no rotation matrix"),
+    ],
+)
+def test_what_is_no_pose(spoil: Any, says: str, tmp_path: Path) -> None:
+    path = tmp_path / "samples.json"
+    path.write_text(json.dumps({"robot": TOOL.tolist(), "marker": spoil(REFERENCE)}))
+    with pytest.raises(InputError, match=says):
+        imported(path)
+
+
+def test_lengths_in_mm(tmp_path: Path) -> None:
+    path = tmp_path / "list.yaml"
+    rows = [f"- {T.ravel().tolist()}\n" for T in TOOL * [1.0, 1.0, 1.0, 1e3]]
+    path.write_text("# recorded by hand\n---\n" + "".join(rows).replace("1000.0]", "1.0]"))
+    assert "are they millimetres" in imported(path).notes[0]
+    check(imported(path, unit="mm"), tmp_path / "o.csv", R, P)
+
+
+def test_matlab_7_3_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "new.mat"
+    header = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(116) + bytes(8) + b"\x00\x02IM"
+    path.write_bytes(header + bytes(512))
+    with pytest.raises(InputError, match=r"MATLAB 7\.3.*save -v7"):
+        imported(path)
