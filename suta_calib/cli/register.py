@@ -8,6 +8,7 @@ import click
 
 from suta_calib.cli._options import PATH, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.exchange.direct import pose_table
 from suta_calib.measurements.pose_files import read_corresponding_points, read_points
 from suta_calib.pose_calibration import registration_from_points
 from suta_calib.report.document import Document
@@ -35,8 +36,8 @@ def register(
     writes result.json, residuals.csv, register.svg and report.html. Exits with 1 where T_b_a must
     not be used.
     """
-    points = read_corresponding_points(a, b)
-    targets = None if target is None else read_points(target)
+    points = read_corresponding_points(pose_table(a), pose_table(b))
+    targets = None if target is None else read_points(pose_table(target))
     with LateProgress("registering"):
         registration = registration_from_points(
             *points, targets, robust=not plain, seed=seed, scale_ppm=scale_ppm

@@ -93,6 +93,7 @@ class ImportedRows(Imported):
         dropped: rows of the source in which something was not measured.
         pictures: files of those that the column ``image`` names.
         camera: that took them, where the source tells of it.
+        lines: (n,) where each row stands in the source; None where that is not known.
 
     Raises:
         ForeignFileError: no rows are left.
@@ -102,6 +103,7 @@ class ImportedRows(Imported):
     dropped: int = 0
     pictures: Mapping[str, bytes] = field(default_factory=dict)
     camera: Camera | None = None
+    lines: tuple[int, ...] | None = None
 
     suffix: ClassVar[str] = ".csv"
 

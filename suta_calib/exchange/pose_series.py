@@ -75,7 +75,10 @@ def imported_series(
     chosen = given.text(UNIT, unit)
     if chosen not in ("m", "mm"):
         raise given.refuse(UNIT, repr(chosen), "m or mm")
-    unit_text = f"in {chosen}" + ("" if UNIT in given else f", unless {UNIT.switch} says else")
+    other = "mm" if chosen == "m" else "m"
+    unit_text = f"in {chosen}"
+    if UNIT not in given:
+        unit_text += f" (if they are {other}: suta-calib import {path.name} --unit {other})"
     pair = len(series) == len(PREFIXES) and BODY not in given
     if pair or REFERENCE in given:
         _check_frames(path, series)
@@ -123,6 +126,7 @@ def _pairs(
         source=path,
         form=form,
         columns=columns,
+        lines=tuple(series[hand].lines),
         notes=notes,
         remarks=(f"Lengths are {unit_text}.", *([f"{taken}."] if certain else [])),
     )

@@ -168,7 +168,11 @@ def read_csv_table(path: str | Path) -> CsvTable:
         SutaCalibWarning: a last number that may be half-written.
     """
     path = Path(path)
-    text = read_text(path, SamplesError)
+    return csv_table(path, read_text(path, SamplesError))
+
+
+def csv_table(path: Path, text: str) -> CsvTable:
+    """The table of a text; raises and warns as `read_csv_table`."""
     if (plain := PlainColumns.of(text)) is not None:
         return CsvTable(path, plain, 1, tuple(range(2, 2 + plain.rows)))
     rows = _csv_rows(path, text)

@@ -97,7 +97,11 @@ class PointSet(_PoseRows):
     sigma: FloatArray | None = None
 
 
-def read_tool_poses(path: str | Path) -> ToolPoses:
+def _table(source: str | Path | CsvTable) -> CsvTable:
+    return source if isinstance(source, CsvTable) else read_csv_table(Path(source))
+
+
+def read_tool_poses(source: str | Path | CsvTable) -> ToolPoses:
     """Columns ``x,y,z,qx,qy,qz,qw``, and ``point`` where several posts were touched.
 
     Raises:
@@ -108,25 +112,25 @@ def read_tool_poses(path: str | Path) -> ToolPoses:
         SutaCalibWarning: quaternions not of length 1, lengths that look like another unit, or
             rows that repeat another exactly.
     """
-    table = read_csv_table(Path(path))
+    table = _table(source)
     (rotation, position), notes = _poses(table)
     point = table.labels("point") if "point" in table.columns else None
     _check_different(table, position, rotation)
     return ToolPoses(**_read(table, notes), rotation=rotation, position=position, point=point)
 
 
-def read_pose_pairs(path: str | Path) -> PosePairs:
+def read_pose_pairs(source: str | Path | CsvTable) -> PosePairs:
     """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` and the same with ``b_``.
 
     Raises, warns: as `read_tool_poses`.
     """
-    table = read_csv_table(Path(path))
+    table = _table(source)
     (hand, of_hand), (target, of_target) = _poses(table, "a_"), _poses(table, "b_")
     _check_different(table, *hand, *target)
     return PosePairs(**_read(table, of_hand + of_target), hand=hand, target=target)
 
 
-def read_hand_poses(path: str | Path) -> HandPoses:
+def read_hand_poses(source: str | Path | CsvTable) -> HandPoses:
     """Columns ``a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw`` and ``image``.
 
     Raises:
@@ -135,7 +139,7 @@ def read_hand_poses(path: str | Path) -> HandPoses:
     Warns:
         SutaCalibWarning: as `read_tool_poses`.
     """
-    table = read_csv_table(Path(path))
+    table = _table(source)
     pose, notes = _poses(table, "a_")
     image = table.labels("image", "a column with the name of the picture taken at each pose")
     first: dict[str, int] = {}
@@ -148,7 +152,7 @@ def read_hand_poses(path: str | Path) -> HandPoses:
     return HandPoses(**_read(table, notes), pose=pose, image=image)
 
 
-def read_points(path: str | Path) -> PointSet:
+def read_points(source: str | Path | CsvTable) -> PointSet:
     """Columns ``x,y,z`` in m, or ``x_mm,y_mm,z_mm``, and what is stated of their uncertainty.
 
     That is in columns ``sigma_x,sigma_y,sigma_z``, or one ``sigma`` of all three; m, or mm with
@@ -161,11 +165,13 @@ def read_points(path: str | Path) -> PointSet:
     Warns:
         SutaCalibWarning: lengths that look like another unit.
     """
-    table = read_csv_table(Path(path))
+    table = _table(source)
     return _points(table, positions(table))
 
 
-def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[PointSet, PointSet]:
+def read_corresponding_points(
+    source_a: str | Path | CsvTable, source_b: str | Path | CsvTable
+) -> tuple[PointSet, PointSet]:
     """Two files of points whose rows correspond.
 
     Raises:
@@ -175,7 +181,7 @@ def read_corresponding_points(path_a: str | Path, path_b: str | Path) -> tuple[P
     Warns:
         SutaCalibWarning: lengths that look like another unit.
     """
-    tables = [read_csv_table(Path(path)) for path in (path_a, path_b)]
+    tables = [_table(source_a), _table(source_b)]
     both = [positions(table) for table in tables]
     a, b = tables
     if len(a) != len(b):

@@ -8,10 +8,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign import check, imported
+from foreign import check, imported, transforms
 from foreign_samples import POSES, REFERENCE, TOOL, P, R, quaternion
 
-from suta_calib.errors import InputError
+from suta_calib.errors import InputError, SutaCalibWarning
+from suta_calib.exchange.direct import pose_table
+from suta_calib.measurements.pose_files import read_pose_pairs
+
+DATA = Path(__file__).resolve().parents[2] / "data"
 
 
 @pytest.mark.parametrize("form", ["pose-list", "bop", "visp", "matlab"])
@@ -117,3 +121,33 @@ def test_matlab_7_3_is_refused_in_words(tmp_path: Path) -> None:
     path.write_bytes(header + bytes(512))
     with pytest.raises(InputError, match=r"MATLAB 7\.3.*save -v7"):
         imported(path)
+
+
+def test_a_hand_eye_calibration_reads_samples_directly(tmp_path: Path) -> None:
+    """The same answer as over `import`, and a row is named by its line in the source."""
+    pairs = read_pose_pairs(DATA / "poses/hand_eye.csv")
+    names = "effector_wrt_world", "object_wrt_sensor"
+    both = [transforms(*pairs.hand), transforms(*pairs.target)]
+    samples = [
+        {name: T[k].ravel().tolist() for name, T in zip(names, both, strict=True)}
+        for k in range(len(both[0]))
+    ]
+    path = tmp_path / "samples.yaml"
+    path.write_text("".join(f"- {json.dumps(sample)}\n" for sample in samples))
+    with pytest.warns(SutaCalibWarning, match="effector_wrt_world is taken for the hand"):
+        table = pose_table(path)
+    direct = read_pose_pairs(table)
+    assert table.lines == tuple(range(1, len(samples) + 1))
+    for one, other in ((direct.hand, pairs.hand), (direct.target, pairs.target)):
+        np.testing.assert_allclose(transforms(*one), transforms(*other), atol=1e-12)
+
+
+def test_our_own_csv_stays_as_it_is() -> None:
+    assert pose_table(DATA / "poses/pivot.csv").lines[0] == 2
+
+
+def test_a_file_that_is_an_arm_is_no_poses(tmp_path: Path) -> None:
+    path = tmp_path / "nothing.yaml"
+    path.write_text("a: 1\n")
+    with pytest.raises(InputError, match=r"unknown format"):
+        pose_table(path)
