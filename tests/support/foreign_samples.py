@@ -274,6 +274,28 @@ def matlab(folder: Path) -> Sample:
     return Sample(path, {"body": "A"}, "B")
 
 
+# The maker's numbers of a UR5 as its description has them.
+UR5 = {
+    "shoulder": (0, 0, 0.089159, 0, 0, 0),
+    "upper_arm": (0, 0, 0, np.pi / 2, 0, 0),
+    "forearm": (-0.425, 0, 0, 0, 0, 0),
+    "wrist_1": (-0.39225, 0, 0.10915, 0, 0, 0),
+    "wrist_2": (0, -0.09465, 0, np.pi / 2, 0, 0),
+    "wrist_3": (0, 0.0823, 0, np.pi / 2, np.pi, np.pi),
+}
+
+
+def ur_kinematics(folder: Path) -> Sample:
+    keys = "x", "y", "z", "roll", "pitch", "yaw"
+    text = "kinematics:\n"
+    for link, numbers in UR5.items():
+        lines = (f"    {key}: {float(n)!r}\n" for key, n in zip(keys, numbers, strict=True))
+        text += f"  {link}:\n{''.join(lines)}"
+    path = folder / "my_robot_calibration.yaml"
+    path.write_text(text + "  hash: calib_1\n")
+    return Sample(path, {})
+
+
 def lerobot_dataset(folder: Path) -> Sample:
     """Two episodes of the motion that the recordings of ROS have."""
     import pyarrow as arrow
@@ -384,6 +406,7 @@ SAMPLES: dict[str, Callable[[Path], Sample]] = {
     "mjcf": mjcf,
     "opencv-yaml": opencv_storage,
     **POSES,
+    "ur-kinematics": ur_kinematics,
 }
 # Those whose samples are folders.
 FOLDERS = ("rosbag", "lerobot-dataset", "visp")
