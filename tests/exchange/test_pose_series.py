@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign import check, imported, transforms
-from foreign_samples import POSES, REFERENCE, TOOL, P, R, quaternion
+from foreign import check, imported, read_back, transforms
+from foreign_samples import KEPT, POSES, REFERENCE, TOOL, P, R, c3d, quaternion
 
 from suta_calib.errors import InputError, SutaCalibWarning
 from suta_calib.exchange.direct import pose_table
@@ -36,6 +36,15 @@ def test_frames_of_colmap_are_named_as_there(tmp_path: Path) -> None:
     found = imported(POSES["colmap"](tmp_path).path)
     check(found, tmp_path / "o.csv", R, P)
     assert found.columns["frame"].tolist() == [f"im_{k}.png" for k in range(8)]
+
+
+def test_markers_of_c3d_without_the_frames_that_did_not_see_them(tmp_path: Path) -> None:
+    found = imported(c3d(tmp_path).path, body="probe")
+    assert found.dropped == 1
+    _, position = read_back(found, tmp_path / "o.csv")
+    # The file holds single precision, mm.
+    np.testing.assert_allclose(position, P[KEPT], atol=1e-7)
+    np.testing.assert_allclose(np.diff(found.columns["time"][:3]), 0.01)
 
 
 def transform(T: np.ndarray, k: int) -> dict[str, Any]:

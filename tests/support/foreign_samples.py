@@ -6,10 +6,12 @@ Written after the formats' public descriptions; no instrument made them. Frame 3
 from __future__ import annotations
 
 import json
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import c3d as c3d_files
 import numpy as np
 from foreign import poses, transforms
 from ros_recordings import JOINTS as RECORDED
@@ -285,6 +287,22 @@ UR5 = {
 }
 
 
+def c3d(folder: Path) -> Sample:
+    writer = c3d_files.Writer(point_rate=100)
+    for k in range(8):
+        points = np.zeros((2, 5), np.float32)
+        points[:, :3] = 1e3 * np.array([TOOL[k, :3, 3], REFERENCE[k, :3, 3]])
+        if k == LOST:
+            points[0, 3] = -1
+        writer.add_frames([(points, np.zeros((0, 0)))])
+    writer.set_point_labels(["probe", "base"])
+    path = folder / "trial.c3d"
+    with warnings.catch_warnings(), path.open("wb") as file:
+        warnings.simplefilter("ignore")
+        writer.write(file)
+    return Sample(path, {"body": "probe"})
+
+
 def ur_kinematics(folder: Path) -> Sample:
     keys = "x", "y", "z", "roll", "pitch", "yaw"
     text = "kinematics:\n"
@@ -407,6 +425,7 @@ SAMPLES: dict[str, Callable[[Path], Sample]] = {
     "opencv-yaml": opencv_storage,
     **POSES,
     "ur-kinematics": ur_kinematics,
+    "c3d": c3d,
 }
 # Those whose samples are folders.
 FOLDERS = ("rosbag", "lerobot-dataset", "visp")
