@@ -272,6 +272,7 @@ class _Columns:
         sheet, complete = self._sheet, np.ones(len(self._sheet), dtype=bool)
         taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
         columns: dict[str, NDArray[Any]] = {}
+        labels = {*_labels(), "frame"} - {"time"}
         readings = Readings.of(self._given, self._angle or "rad")
         joints = self._readings = self._joints((*self._given.texts(JOINTS), *readings.names))
         for k, name in enumerate(self._names):
@@ -295,8 +296,11 @@ class _Columns:
             values = sheet.values[k]
             if values is not None and (per_second := seconds_in(name)):
                 name, values = "time", values / per_second
-            numeric = values is not None and bool(np.isfinite(values).all())
-            columns[name] = np.array(sheet.cells(k)) if values is None or not numeric else values
+            # A label stays as it is written: 1, not 1.0.
+            if values is None or name in labels or not np.isfinite(values).all():
+                columns[name] = np.array(sheet.cells(k))
+            else:
+                columns[name] = values
         return columns, complete
 
     def _joints(self, patterns_given: Sequence[str]) -> set[int]:
