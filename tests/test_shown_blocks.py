@@ -55,7 +55,8 @@ COMMAND_LINES = list(dict.fromkeys(line for block in SHELL for line in block.com
 @pytest.fixture
 def folder(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of what the commands read; the working directory."""
-    for name in ("data", "urdf", "examples/pivot_tool"):
+    examples = (f"examples/{name}" for name in ("pivot_tool", "ros_hand_eye", "stylus_polaris"))
+    for name in ("data", "urdf", *examples):
         ignored = shutil.ignore_patterns("results")
         shutil.copytree(repository / name, tmp_path / name, ignore=ignored)
     arm = (tmp_path / "urdf/suta.urdf").read_text(encoding="utf-8").replace('"tip"', '"tool0"')

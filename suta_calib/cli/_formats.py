@@ -8,7 +8,9 @@ from typing import Any, TypeVar
 
 import click
 
+from suta_calib.exchange.direct import pose_table
 from suta_calib.exchange.option import Described, options_from_file, options_of
+from suta_calib.measurements.csv_table import CsvTable
 
 Command = TypeVar("Command", bound=Callable[..., Any])
 
@@ -35,3 +37,11 @@ def with_file(options: dict[str, Any], file: Path | None) -> dict[str, Any]:
     """Options of the command line, and beneath them those of a file."""
     given = {name: value for name, value in options.items() if value not in (None, False, ())}
     return given if file is None else options_from_file(file) | given
+
+
+def read_poses(path: Path) -> CsvTable:
+    """A poses CSV, or another program's file, of which stderr says what was taken for granted."""
+    table, notes = pose_table(path)
+    for note in notes:
+        click.echo(f"{path}: {note}", err=True)
+    return table

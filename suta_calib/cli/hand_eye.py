@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import click
 
+from suta_calib.cli._formats import read_poses
 from suta_calib.cli._options import PATH, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
-from suta_calib.exchange.direct import pose_table
 from suta_calib.measurements import read_board, read_camera, read_corners
 from suta_calib.measurements.pose_files import read_hand_poses, read_pose_pairs
 from suta_calib.pose_calibration import hand_eye_from_pairs
@@ -78,7 +78,7 @@ def hand_eye(
     """
     _check(corners, board, camera, intrinsics)
     if corners:
-        hand, views = read_hand_poses(pose_table(poses)), _views(corners, board, camera)
+        hand, views = read_hand_poses(read_poses(poses)), _views(corners, board, camera)
         with LateProgress("calibrating"):
             pictured = hand_eye_from_pictures(
                 hand,
@@ -93,7 +93,7 @@ def hand_eye(
             robust=not plain, seed=seed, intrinsics=intrinsics
         )
 
-    data = read_pose_pairs(pose_table(poses))
+    data = read_pose_pairs(read_poses(poses))
     with LateProgress("calibrating"):
         calibration = hand_eye_from_pairs(
             data, setup=setup, model=model, robust=not plain, seed=seed

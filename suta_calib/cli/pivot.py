@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
+from suta_calib.cli._formats import read_poses
 from suta_calib.cli._options import PATH, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
-from suta_calib.exchange.direct import pose_table
 from suta_calib.measurements.pose_files import read_tool_poses
 from suta_calib.pose_calibration import pivot_from_poses
 from suta_calib.report.document import Document
@@ -28,7 +28,7 @@ def pivot(poses: Path, scale_ppm: float, plain: bool, seed: int) -> Document:
     pivot.svg, report.html and tip.json. Exits with 1 where the tip must not be used; then tip.json
     is not written.
     """
-    data = read_tool_poses(pose_table(poses))
+    data = read_tool_poses(read_poses(poses))
     with LateProgress("calibrating"):
         calibration = pivot_from_poses(data, robust=not plain, seed=seed, scale_ppm=scale_ppm)
     return pivot_document(calibration, data).with_data(

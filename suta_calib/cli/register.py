@@ -6,9 +6,9 @@ from pathlib import Path
 
 import click
 
+from suta_calib.cli._formats import read_poses
 from suta_calib.cli._options import PATH, option, pose_options, scale_option
 from suta_calib.cli._output import LateProgress, answer_command
-from suta_calib.exchange.direct import pose_table
 from suta_calib.measurements.pose_files import read_corresponding_points, read_points
 from suta_calib.pose_calibration import registration_from_points
 from suta_calib.report.document import Document
@@ -36,8 +36,8 @@ def register(
     writes result.json, residuals.csv, register.svg and report.html. Exits with 1 where T_b_a must
     not be used.
     """
-    points = read_corresponding_points(pose_table(a), pose_table(b))
-    targets = None if target is None else read_points(pose_table(target))
+    points = read_corresponding_points(read_poses(a), read_poses(b))
+    targets = None if target is None else read_points(read_poses(target))
     with LateProgress("registering"):
         registration = registration_from_points(
             *points, targets, robust=not plain, seed=seed, scale_ppm=scale_ppm

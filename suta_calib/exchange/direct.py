@@ -2,37 +2,37 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import replace
 from pathlib import Path
 
-from suta_calib.errors import ForeignFileError, SutaCalibWarning
+from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.reader import TABLE, read_foreign, recognised
 from suta_calib.measurements.csv_table import CsvTable, csv_table, read_csv_table
 
 
-def pose_table(path: str | Path) -> CsvTable:
+def pose_table(path: str | Path) -> tuple[CsvTable, tuple[str, ...]]:
     """The table of a poses CSV of this package, or of another program's file that is recognised.
 
     Args:
         path: a CSV file, or whatever `read_foreign` reads without options.
 
+    Returns:
+        The table, and what must be known of the file or was taken for granted, a sentence each.
+
     Raises:
         SamplesError: as `read_csv_table`.
         ForeignFileError: a file that needs options, or is of no format that is known.
 
-    Warns:
-        SutaCalibWarning: what must be known of the file, and what was taken for granted.
     """
     path = Path(path)
     if path.suffix.lower() == ".csv" and recognised(path).name == TABLE:
-        return read_csv_table(path)
+        return read_csv_table(path), ()
     rows = read_foreign(path)
     if not isinstance(rows, ImportedRows):
         hint = "suta-calib import SOURCE --out FILE writes it"
         raise ForeignFileError(rows.sentence, "poses", file=path, hint=hint)
-    if said := " ".join((*rows.notes, *rows.remarks)):
-        warnings.warn(f"{path}: {said}", SutaCalibWarning, stacklevel=2)
     table = csv_table(path, rows.text())
-    return table if rows.lines is None else replace(table, lines=rows.lines)
+    if rows.lines is not None:
+        table = replace(table, lines=rows.lines)
+    return table, (*rows.notes, *rows.remarks)

@@ -6,21 +6,19 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY, REFERENCE, Body, Recording
-from suta_calib.exchange.imported import ImportedRows, checked_places, distance_note, pose_columns
+from suta_calib.exchange.bodies import BODY, PAIR, REFERENCE, Body, Recording
+from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
 from suta_calib.units import from_mm
 
-PREFIXES: Final = ("a_", "b_")
 # What people call the robot's pose, and what the eye sees.
 _OF_HAND: Final = re.compile(
     r"robot|hand|effector|gripper|flange|tool|tcp|(^|_)(ee|a|fPe|base)(_|$)", re.I
@@ -79,7 +77,7 @@ def imported_series(
     unit_text = f"in {chosen}"
     if UNIT not in given:
         unit_text += f" (if they are {other}: suta-calib import {path.name} --unit {other})"
-    pair = len(series) == len(PREFIXES) and BODY not in given
+    pair = len(series) == len(PAIR) and BODY not in given
     if pair or REFERENCE in given:
         _check_frames(path, series)
     bodies = {name: of.body(path, chosen) for name, of in series.items()}
@@ -113,27 +111,21 @@ def _pairs(
     """Rows of a hand-eye problem; by their names, or else in the file's order."""
     hand, target = _roles(list(bodies))
     certain = (hand, target) == _roles([target, hand])
-    columns: dict[str, NDArray[Any]] = {}
-    for prefix, name in zip(PREFIXES, (hand, target), strict=True):
-        columns |= pose_columns(bodies[name].position, bodies[name].rotation, prefix)
-    columns["frame"] = np.array(series[hand].frames)
+    recording = Recording(path, {hand: bodies[hand], target: bodies[target]}, None, unit_text)
+    rows = recording.pairs(form)
     taken = (
         f"{hand} is taken for the hand in the base (a_), {target} for the target in the eye (b_)"
     )
-    asked = (distance_note(body.position, f"lengths {unit_text}") for body in bodies.values())
-    notes = tuple(filter(None, asked))
-    rows = ImportedRows(
-        source=path,
-        form=form,
-        columns=columns,
+    rows = replace(
+        rows,
+        columns={**rows.columns, "frame": np.array(series[hand].frames)},
         lines=tuple(series[hand].lines),
-        notes=notes,
-        remarks=(f"Lengths are {unit_text}.", *([f"{taken}."] if certain else [])),
+        remarks=(*rows.remarks, *([f"{taken}."] if certain else [])),
     )
     if certain:
         return rows
     other = f"{taken}: if they are others, take each with {BODY.switch}."
-    return replace(rows, notes=(other, *notes))
+    return replace(rows, notes=(other, *rows.notes))
 
 
 def _roles(names: Sequence[str]) -> tuple[str, str]:

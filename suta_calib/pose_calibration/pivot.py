@@ -117,8 +117,12 @@ class PivotCalibration(Displayable, RobustAnswer):
                 f"{away:.4g} m from the tracker's: are the positions in mm? Then name the columns "
                 "x_mm, y_mm, z_mm."
             )
+        facts = [self.relied_on]
         if self.inverted != "good":
-            (bad if self.inverted == "bad" else caution).append(
+            # Before a reference body a divot is near, and a stylus is longer than that: so long.
+            usual_stylus = 0.4
+            doubtful = caution if long > usual_stylus else facts
+            (bad if self.inverted == "bad" else doubtful).append(
                 f"The tip lies {mm(long):.0f} mm from the tool's origin, farther than the post "
                 f"from the tracker's ({mm(away):.0f} mm): are the poses T_tool_tracker? "
                 f"Inverted, they give the tip {_place(self.post)} and the post {_place(self.tip)}."
@@ -130,7 +134,7 @@ class PivotCalibration(Displayable, RobustAnswer):
             "" if bad else f"{statement}; {self.agreed('poses')}",
             bad=bad,
             care=[*caution, *self.set_aside("poses", self.inliers), *self.notes_on_rows("poses")],
-            facts=[self.relied_on],
+            facts=facts,
         )
 
     @property

@@ -181,8 +181,12 @@ def test_inverted_poses_are_said_to_be_and_what_they_give_the_right_way_round() 
 
 
 def test_a_post_nearer_than_the_tip_is_worth_a_word_and_no_more() -> None:
+    """A divot beside a reference body: the longer of two lengths may well be the stylus."""
     data = simulate(30, spread=NOISE, posts=np.array([[0.01, 0.02, 0.03]]))
-    assert calibrate(data).inverted == "care"
+    found = calibrate(data)
+    assert found.inverted == "care"
+    assert found.assessment.level == "good"
+    assert any("T_tool_tracker" in note for note in found.assessment.notes)
 
 
 # ── What is refused ──────────────────────────────────────────────────────────────────────────
