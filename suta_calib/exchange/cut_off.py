@@ -139,8 +139,8 @@ def check_end_of_program(
         raise _open_end(path, len(lines), last, "a complete statement")
 
 
-def check_end_of_yaml(path: Path, text: str, given: Given) -> None:
-    """Refuse YAML whose last line has no end, unless it closes a list or a mapping."""
+def check_last_line(path: Path, text: str, given: Given) -> None:
+    """Refuse a text whose last line has no end, unless it closes a list or a mapping."""
     last = lines_of(text)[-1].rstrip(" ")
     if COMPLETE not in given and not last.endswith(("\n", "\r", *_CLOSING)):
         raise _open_end(path, len(lines_of(text)), last, "a line break after it")

@@ -70,22 +70,24 @@ def imported_series(
         ForeignFileError: series of other frames that should be pairs.
         InputError: another unit than m and mm, or a body that there is none of.
     """
-    chosen = given.text(UNIT, unit)
-    if chosen not in ("m", "mm"):
-        raise given.refuse(UNIT, repr(chosen), "m or mm")
-    other = "mm" if chosen == "m" else "m"
-    unit_text = f"in {chosen}"
+    unit = given.text(UNIT, unit)
+    if unit not in ("m", "mm"):
+        raise given.refuse(UNIT, repr(unit), "m or mm")
+    other = "mm" if unit == "m" else "m"
+    unit_text = f"in {unit}"
     if UNIT not in given:
         unit_text += f" (if they are {other}: suta-calib import {path.name} --unit {other})"
     pair = len(series) == len(PAIR) and BODY not in given
     if pair or REFERENCE in given:
         _check_frames(path, series)
-    bodies = {name: of.body(path, chosen) for name, of in series.items()}
+    bodies = {name: of.body(path, unit) for name, of in series.items()}
     if pair:
         return _pairs(path, form, series, bodies, unit_text)
-    frames = [np.array(of.frames) for of in series.values()]
-    same = all(np.array_equal(frames[0], others) for others in frames[1:])
-    beside = {"frame": frames[0]} if same else {}
+    # Of one body its own frames; of several, those that they have in common.
+    chosen = [series[name] for name in series if name == given.text(BODY)] or [*series.values()]
+    frames = chosen[0].frames
+    same = all([*of.frames] == [*frames] for of in chosen)
+    beside = {"frame": np.array(frames)} if same else {}
     return Recording(path, bodies, None, unit_text, beside).imported(form, given)
 
 

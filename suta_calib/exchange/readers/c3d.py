@@ -11,6 +11,7 @@ import numpy as np
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import LENGTH_UNITS, read_bounded
+from suta_calib.exchange.cut_off import COMPLETE, check_count
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
@@ -23,7 +24,7 @@ class C3dReader(Reader):
     name = "c3d"
     summary = "C3D of motion capture systems: markers by name"
     example = "trial.c3d --body probe --out points.csv"
-    options = BODY_OPTIONS
+    options = (*BODY_OPTIONS, COMPLETE)
     suffixes = (".c3d",)
     extra = "formats"
 
@@ -45,9 +46,11 @@ class C3dReader(Reader):
                 rate = float(reader.point_rate)
                 frames = [(k, points[:, :4]) for k, points, _ in reader.read_frames()]
                 points = np.array([p for _, p in frames], float).reshape(len(frames), -1, 4)
+                stated = int(reader.last_frame) - int(reader.first_frame) + 1
         except Exception as error:  # noqa: BLE001 - whatever a broken file makes it raise
             reason = f"a file that cannot be read ({type(error).__name__})"
             raise ForeignFileError(reason, "a C3D file", file=path) from None
+        check_count(path, len(frames), stated, "frames", given)
         if not points.size or len(names) < points.shape[1]:
             raise ForeignFileError("no named markers", "some", file=path)
         if unit not in LENGTH_UNITS:

@@ -10,6 +10,7 @@ import numpy as np
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import numbers_of, read_foreign_text, rows_of_text
+from suta_calib.exchange.cut_off import COMPLETE, check_last_line
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
@@ -30,13 +31,15 @@ class ColmapReader(Reader):
     name = "colmap"
     summary = "COLMAP images.txt: the world seen from each picture's camera"
     example = "images.txt --format colmap --out poses.csv"
-    options = (*BODY_OPTIONS, UNIT)
+    options = (*BODY_OPTIONS, UNIT, COMPLETE)
     suffixes = (".txt",)
     signature = re.compile(r"IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID")
 
     def read(self, path: Path, given: Given) -> ImportedRows:
         """Every second line that is no comment, the others are the picture's points."""
-        rows = [row for row in rows_of_text(path, read_foreign_text(path), " ") if row.cells]
+        text = read_foreign_text(path)
+        check_last_line(path, text, given)
+        rows = rows_of_text(path, text, " ")
         pictures = [row for row in rows if len(row.cells) == _CELLS and not row.cells[9].isdigit()]
         if not pictures:
             raise ForeignFileError("no pictures", "lines of ten cells, a name last", file=path)

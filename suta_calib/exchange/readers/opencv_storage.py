@@ -13,7 +13,7 @@ import numpy as np
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import COMPLETE, check_count, check_end_of_yaml
+from suta_calib.exchange.cut_off import COMPLETE, check_count, check_last_line
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
@@ -46,7 +46,7 @@ class OpencvStorageReader(Reader):
             raise ForeignFileError(
                 "OpenCV's XML", "its YAML", file=path, hint="write the storage as .yml"
             )
-        check_end_of_yaml(path, text, given)
+        check_last_line(path, text, given)
         data, lines = plain_data(path, text, ForeignFileError)
         matrices_by_name = _matrices(path, data, lines)
         if not matrices_by_name:

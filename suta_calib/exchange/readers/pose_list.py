@@ -18,7 +18,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import COMPLETE, check_end_of_yaml
+from suta_calib.exchange.cut_off import COMPLETE, check_last_line
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
@@ -74,7 +74,7 @@ class PoseListReader(Reader):
         """Every pose in the file, in series by the names around them."""
         text = read_foreign_text(path)
         if path.suffix.lower() != ".json":
-            check_end_of_yaml(path, text, given)
+            check_last_line(path, text, given)
         data, lines = _document(path, text)
         poses = list(_poses(path, data, (), lines))
         if not poses:

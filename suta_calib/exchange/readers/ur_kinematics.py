@@ -13,6 +13,7 @@ import numpy as np
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
+from suta_calib.exchange.cut_off import COMPLETE, check_last_line
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
@@ -57,13 +58,14 @@ class UrKinematicsReader(Reader):
     name = "ur-kinematics"
     summary = "Universal Robots: kinematics YAML, or calibration.conf (--robot ur5e): a URDF"
     example = "my_robot_calibration.yaml --format ur-kinematics --out arm.urdf"
-    options = (ROBOT,)
+    options = (ROBOT, COMPLETE)
     suffixes = (".yaml", ".yml", ".conf")
     signature = re.compile(r"^kinematics:\s*(#.*)?$\s+shoulder:|^\s*delta_theta\s*=", re.M)
 
     def read(self, path: Path, given: Given) -> ImportedFile:
         """A URDF of the six joints, to ``tool0`` (of the deltas: to ``tip``)."""
         text = read_foreign_text(path)
+        check_last_line(path, text, given)
         if re.search(r"^\s*delta_theta\s*=", text, re.M):
             content = _of_deltas(path, text, given)
         else:
