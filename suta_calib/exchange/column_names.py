@@ -61,24 +61,23 @@ def usual_names(names: Sequence[str]) -> list[str]:
 
 def refuse_numbered(sheet: Sheet, names: Sequence[str]) -> None:
     """Refuse positions with a number behind their names: whose they are only the user knows."""
-    numbered = dict.fromkeys(name[1:] for name in names if name[:1] == "x" and name[1:].isdigit())
-    for number in numbered:
-        if {f"{axis}{number}" for axis in "xyz"} <= {*names}:
-            angle_columns = [
-                n for n in names if n.endswith(number) and not is_joint(n) and n[1:] != number
-            ]
-            columns = [*(f"{axis}{number}" for axis in "xyz"), *angle_columns]
-            renamed = [f"{axis}{number}={axis}" for axis in "xyz"]
-            angles = ""
-            if len(angle_columns) == len(_ANGLES):
-                renamed += [f"{a}={b}" for a, b in zip(angle_columns, _ANGLES, strict=True)]
-                angles = f" {UNIT.switch} rad --rotation xyz"
-            problem = f"columns {', '.join(columns)}, which are no names of a pose"
-            expected = "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw"
-            hint = f"say {COLUMNS.switch} {','.join(renamed)}{angles}, or what else they are"
-            raise ForeignFileError(
-                problem, expected, file=sheet.path, line=max(1, sheet.lines[0] - 1), hint=hint
-            )
+    for number in dict.fromkeys(n[1:] for n in names if n[:1] == "x" and n[1:].isdigit()):
+        position = [f"{axis}{number}" for axis in "xyz"]
+        if not {*position} <= {*names}:
+            continue
+        turn = [n for n in names if n.endswith(number) and not is_joint(n) and n[1:] != number]
+        renamed = [f"{column}={axis}" for column, axis in zip(position, "xyz", strict=True)]
+        angles = ""
+        if len(turn) == len(_ANGLES):
+            renamed += [f"{a}={b}" for a, b in zip(turn, _ANGLES, strict=True)]
+            angles = f" {UNIT.switch} rad --rotation xyz"
+        raise ForeignFileError(
+            f"columns {', '.join([*position, *turn])}, which are no names of a pose",
+            "x, y, z, and roll, pitch, yaw or a quaternion qx, qy, qz, qw",
+            file=sheet.path,
+            line=max(1, sheet.lines[0] - 1),
+            hint=f"say {COLUMNS.switch} {','.join(renamed)}{angles}, or what else they are",
+        )
 
 
 def renamed(sheet: Sheet, given: Given) -> list[str]:

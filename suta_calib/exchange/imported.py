@@ -119,10 +119,8 @@ class ImportedRows(Imported):
     def sentence(self) -> str:
         """How many rows, of what."""
         rows = "1 row" if len(self) == 1 else f"{len(self)} rows"
-        summary = f"{rows}: {listed(list(self.columns), 24)}"
-        return summary + (
-            f"; {self.dropped} with something missing left out" if self.dropped else ""
-        )
+        dropped = f"; {self.dropped} with something missing left out" if self.dropped else ""
+        return f"{rows}: {listed(list(self.columns), 24)}{dropped}"
 
     def write(self, path: str | Path) -> None:
         """Write it, its pictures into the folder ``…_images`` and the camera ``…_camera.yaml``.
@@ -191,9 +189,7 @@ def pose_columns(
     position: FloatArray, rotation: FloatArray | None, prefix: str = ""
 ) -> dict[str, NDArray[Any]]:
     """Columns of a poses CSV: ``x, y, z`` (m) and, with rotations (n, 3, 3), ``qx, qy, qz, qw``."""
-    columns: dict[str, NDArray[Any]] = dict(
-        zip((prefix + axis for axis in "xyz"), position.T, strict=True)
-    )
+    columns = {prefix + axis: values for axis, values in zip("xyz", position.T, strict=True)}
     if rotation is not None:
         columns |= zip(rotation_columns(prefix), quaternion_from_rotation(rotation).T, strict=True)
     return columns

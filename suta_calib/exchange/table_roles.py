@@ -252,13 +252,13 @@ def guessed_length(sheet: Sheet, position: FloatArray, given: Given) -> str:
     finite = _whole_rows(position)
     if not len(finite):
         return "m"
-    distance = float(np.median(np.linalg.norm(finite, axis=1)))
-    units = plausible_lengths(finite, LENGTHS)
-    if not units:
-        raise _no_guess(sheet, f"positions some {distance:.4g} away, in m or mm", "m|mm")
-    if units[0] != "m":
-        given.note_guess(UNIT, units[0], f"positions some {distance:.4g} away")
-    return units[0]
+    described = f"positions some {float(np.median(np.linalg.norm(finite, axis=1))):.4g} away"
+    unit = next(iter(plausible_lengths(finite, LENGTHS)), "")
+    if not unit:
+        raise _no_guess(sheet, f"{described}, in m or mm", "m|mm")
+    if unit != "m":
+        given.note_guess(UNIT, unit, described)
+    return unit
 
 
 def guessed_angle(sheet: Sheet, form: str, numbers: FloatArray, given: Given) -> str:
@@ -266,17 +266,17 @@ def guessed_angle(sheet: Sheet, form: str, numbers: FloatArray, given: Given) ->
     finite = _whole_rows(numbers)
     if not len(finite):
         return "rad"
-    most = float(np.abs(finite).max())
-    plausible = plausible_rotations(finite, [form], ANGLES)
-    if not plausible:
-        raise _no_guess(sheet, f"angles up to {most:.4g}, in rad or degrees", "rad|deg")
-    given.note_guess(UNIT, plausible[0][1], f"angles up to {most:.4g}")
-    return plausible[0][1]
+    described = f"angles up to {float(np.abs(finite).max()):.4g}"
+    unit = next((unit for _, unit in plausible_rotations(finite, [form], ANGLES)), "")
+    if not unit:
+        raise _no_guess(sheet, f"{described}, in rad or degrees", "rad|deg")
+    given.note_guess(UNIT, unit, described)
+    return unit
 
 
 def _no_guess(sheet: Sheet, problem: str, choices: str) -> ForeignFileError:
-    """Error that nothing is plausible, to be raised by the caller."""
-    return sheet.refuse(problem, "numbers that allow a guess", hint=f"say {UNIT.switch} {choices}")
+    hint = f"say {UNIT.switch} {choices}"
+    return sheet.refuse(problem, "numbers that allow a guess", hint=hint)
 
 
 def open_units(given: Given, units: Sequence[str], stated: str = "") -> Sequence[str]:

@@ -217,20 +217,22 @@ class _Tree:
                 pose = _pose({"pos": (x, y, z), "quat": quat})
                 yield joint_text(joint_name, "floating", parent, name, pose)
                 return
-            axis = np.array(joint["axis"])
+            axis, limits = np.array(joint["axis"]), joint["range"]
             if joint["kind"] == _HINGE:
+                motion = "continuous" if limits is None else "revolute"
                 turned = rotation_from_vector(-joint["ref"] * axis)
                 pose = pose @ homogeneous(turned, joint["pos"])
                 back = homogeneous(np.eye(3), -np.array(joint["pos"]))
             else:
+                motion, limits = "prismatic", limits or (-_FAR, _FAR)
                 pose = pose @ homogeneous(np.eye(3), -joint["ref"] * axis)
                 back = np.eye(4)
             last = place == len(joints) - 1 and np.array_equal(back, np.eye(4))
             child = name if last else _unique(f"{joint_name}_link", self._links)
             yield joint_text(
-                *(joint_name, _motion(joint), parent, child, pose),
+                *(joint_name, motion, parent, child, pose),
                 axis=" ".join(map(number_text, axis)),
-                limits=_limits(joint),
+                limits=limits,
             )
             parent, pose = child, back
         if parent != name:
@@ -279,15 +281,3 @@ def _unique(name: str, taken: set[str], otherwise: str = "") -> str:
 def _pose(element: Mapping[str, Any]) -> FloatArray:
     w, x, y, z = element["quat"]
     return homogeneous(rotation_from_quaternion([x, y, z, w]), element["pos"])
-
-
-def _motion(joint: Mapping[str, Any]) -> str:
-    if joint["kind"] == _SLIDE:
-        return "prismatic"
-    return "continuous" if joint["range"] is None else "revolute"
-
-
-def _limits(joint: Mapping[str, Any]) -> tuple[float, float] | None:
-    if joint["range"] is not None:
-        return joint["range"][0], joint["range"][1]
-    return (-_FAR, _FAR) if joint["kind"] == _SLIDE else None

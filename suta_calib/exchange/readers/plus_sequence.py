@@ -61,9 +61,8 @@ class PlusSequenceReader(Reader):
             for name, by_frame in numbers.items()
         }
         time = np.array([number_in(stamps.get(frame, "")) for frame in frames])
-        unit_source = "in mm, as PLUS writes them"
         times = time if np.isfinite(time).all() else None
-        recording = Recording(path, bodies, times, unit_source)
+        recording = Recording(path, bodies, times, "in mm, as PLUS writes them")
         return recording.imported(self.name, given)
 
 
@@ -79,8 +78,8 @@ def _body(
             continue
         numbers = [number_in(word) for word in text.split()]
         if len(numbers) != 16 or not np.isfinite(numbers).all():
-            problem = f"{text[:40]!r}"
-            raise ForeignFileError(problem, "16 finite numbers by rows", file=path, line=line)
+            expected = "16 finite numbers by rows"
+            raise ForeignFileError(repr(text[:40]), expected, file=path, line=line)
         matrices[k] = numbers
     transforms = matrices.reshape(-1, 4, 4)
     rotation = rotations_from("rows", transforms[:, :3, :3].reshape(-1, 9), path, lines)
