@@ -31,8 +31,7 @@ from suta_calib.trust.spoiling import displaced, with_columns
 
 
 def judged(term: Term, unknown: ParameterSet = UNKNOWN) -> Assessment:
-    solution = solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False))
-    return assessed(solution)
+    return assessed(solve(Problem([term], unknown), SolverOptions(starts=1, confirm=False)))
 
 
 def dragged(term: Term, ratio: float = 0.01) -> Term:
@@ -90,8 +89,7 @@ def test_of_sound_data_nothing_is_said(sound: object) -> None:
 
 
 def test_extend_frees_the_coupling_and_no_other() -> None:
-    term = dragged(TRACKED.make(3))
-    chosen = choose_model([term], UNKNOWN, families=False)
+    chosen = choose_model([dragged(TRACKED.make(3))], UNKNOWN, families=False)
     assert chosen.added == ("wrist_2_joint.coupling[wrist_1_joint]",)
     found = chosen.solution.estimates[chosen.added[0]]
     assert found.std is not None

@@ -60,8 +60,7 @@ def test_a_scale_that_joints_would_absorb_is_named(kind: str, factor: float) -> 
     else:
         scene = artefact_scene(kind, arm, truth, artefact(6), placements(4))
         term = certified_longer(scene, factor)
-    solution = solve(Problem([term], parameters), ONCE)
-    found = assessed(solution)
+    found = assessed(solve(Problem([term], parameters), ONCE))
     said = " ".join(found.notes)
     if factor == 1.0:
         assert "all lengths" not in said
@@ -80,8 +79,7 @@ def test_one_length_that_is_off_alone_is_no_scale(name: str) -> None:
     truth = {p.name: p.nominal for p in parameters.values()} | truth_of(arm)
     truth[name] += 0.015
     term = tracked_scene(arm, truth, 60).samples(NOISE)[0]
-    solution = solve(Problem([tracked_scene(arm, truth, 60).term(term)], parameters), ONCE)
-    said = notes_on(solution)
+    said = notes_on(solve(Problem([tracked_scene(arm, truth, 60).term(term)], parameters), ONCE))
     assert "all lengths" not in said
 
 
@@ -181,8 +179,7 @@ def test_a_scale_is_seen_beside_what_the_model_lacks(factor: float) -> None:
         name: value + arm.offered[name].nominal for name, value in truth.items() if name in lengths
     }
     scene = artefact_scene("pairwise_distance", arm, truth, artefact(6), placements(5))
-    term = certified_longer(scene, factor)
-    solution = solve(Problem([term], unknown), ONCE)
+    solution = solve(Problem([certified_longer(scene, factor)], unknown), ONCE)
     assert solution.noise[0] > 3e-4
     said = notes_on(solution)
     assert ("All lengths of the arm came out" in said) == (factor != 1.0)
@@ -196,9 +193,7 @@ def test_lengths_that_no_drawing_of_the_grade_allows_are_named(grade: str, facto
     unknown = arm.select(Selection(("joint_*.offset",), bound_rad=0.26), lengths)
     scene = artefact_scene("pairwise_distance", arm, truth_of(arm), artefact(6), placements(5))
     term = certified_longer(scene, factor)
-    solution = solve(Problem([term], unknown), ONCE)
-    found = assessed(solution)
-    said = " ".join(found.notes)
+    said = notes_on(solve(Problem([term], unknown), ONCE))
     assert ("All lengths of the arm came out" in said) == (factor != 1.0)
     assert "The artefact carries the scale" in said
 
@@ -214,8 +209,7 @@ def test_an_arm_that_priors_hold_too_short_is_no_wrong_instrument(
     truth = {p.name: p.nominal for p in parameters.values()} | truth_of(arm)
     truth |= {n: v * longer for n, v in truth.items() if n.rpartition(".")[2] in "xyz"}
     term = tracked_scene(arm, truth, 60).term(tracked_scene(arm, truth, 60).samples(NOISE)[0])
-    solution = solve(Problem([term], parameters), ONCE)
-    found = assessed(solution)
+    found = assessed(solve(Problem([term], parameters), ONCE))
     said = " ".join(found.notes)
     # There are no validation data.
     assert found.level == level

@@ -43,8 +43,7 @@ def judged(
     arm = scenes[0].arm
     terms = [scenes[0].term(change(fitted), noise)]
     validated = [scenes[1].term((held_out or change)(validation), noise)]
-    solution = solve(Problem(terms, unknowns(arm, priors=priors)), options)
-    return assessed(solution, validated)
+    return assessed(solve(Problem(terms, unknowns(arm, priors=priors)), options), validated)
 
 
 def joint(k: int, change: Callable[[Any], Any]) -> Change:
@@ -281,8 +280,7 @@ def test_one_row_that_outweighs_all_others_is_said(
     position[30, 0] += far
     for huber in (np.inf, 1e-3):
         term = scene.term(replace(samples, position=position), Noise(huber=huber))
-        found = solve(Problem([term], unknowns(scene.arm, priors=False)), ONCE)
-        notes = assessed(found).notes
+        notes = assessed(solve(Problem([term], unknowns(scene.arm, priors=False)), ONCE)).notes
         named = any(note.startswith("1 of 150 position residuals are more") for note in notes)
         # Where it is believed less, it decides nothing.
         assert named == (said and np.isinf(huber))

@@ -15,8 +15,7 @@ from suta_calib.trust.contradicted_priors import chance_of, freedom_of, wishart_
 @pytest.mark.parametrize("size", [1, 3])
 def test_a_mean_has_one_degree_of_freedom_less_than_there_are_witnesses(size: int) -> None:
     gain = np.tile(np.diag(np.arange(1.0, size + 1)), (8, 1, 1))
-    found = wishart_freedom(gain, np.zeros((size, size)), np.arange(size))
-    assert found == pytest.approx(7.0)
+    assert wishart_freedom(gain, np.zeros((size, size)), np.arange(size)) == pytest.approx(7.0)
 
 
 def test_witnesses_that_tell_nothing_are_none_and_unequal_ones_count_for_less() -> None:

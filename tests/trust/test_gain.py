@@ -62,8 +62,7 @@ def moved() -> dict[str, float]:
 def test_an_arm_that_is_right_is_not_called_worse_for_honest_noise(
     make: Callable[..., Scene], rows: int
 ) -> None:
-    scene = make(arm_named("suta"), drawn(), rows)
-    found = [judged(scene, 40, seed) for seed in range(4)]
+    found = [judged(make(arm_named("suta"), drawn(), rows), 40, seed) for seed in range(4)]
     assert sum(gain.after > gain.before for gain, _ in found) >= 2
     for gain, assessment in found:
         assert not gain.worse
@@ -125,8 +124,7 @@ def test_priors_are_no_equations(rows: int, enough: bool) -> None:
     scene = tracked_scene(arm, perturbed(unknown, seed=3, length=1e-3, angle=float(turn)), 80)
     samples = scene.samples(NOISE)[0]
     fitted, held_out = (scene.term(samples.take(r)) for r in (slice(rows), slice(50, None)))
-    solution = solve(Problem([fitted], unknown))
-    examined = CalibrationExamination.of(solution, [held_out])
+    examined = CalibrationExamination.of(solve(Problem([fitted], unknown)), [held_out])
     accuracy = examined.accuracy
     far = accuracy.validation[0].after.rms > 10 * accuracy.calibration[0].after.rms
     assert far != enough

@@ -88,7 +88,6 @@ def test_held_priors_that_are_too_narrow_are_named(times: float, level: str) -> 
     held = arm.select(*(Selection(**{**vars(row), "fixed": True}) for row in rows))
     rng = np.random.default_rng(6)
     truth = {p.name: p.nominal + sizes[p.unit] * rng.standard_normal() for p in held.values()}
-    solution = solved(2e-4, truth=truth, unknowns=held, apart=0.3)
-    notes = judge_priors(solution)
+    notes = judge_priors(solved(2e-4, truth=truth, unknowns=held, apart=0.3))
     assert ("fixed: true" in " ".join(notes.bad)) == (level == "bad")
     assert not notes.care

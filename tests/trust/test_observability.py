@@ -152,8 +152,7 @@ def test_only_conventions_stay_open_with_rich_data(name: str) -> None:
 
 def test_a_scale_that_nothing_tells_is_no_convention(arm: ArmModel) -> None:
     """Touching fixed points leaves the size of the arm open, and its tip wrong by that."""
-    scene = fixed_point_scene(arm, {}, 25)
-    found = seen(arm, [scene.exact()], *whole_geometry(arm))
+    found = seen(arm, [fixed_point_scene(arm, {}, 25).exact()], *whole_geometry(arm))
     (scale,) = [e for e in found.explanations if e.reason != "redundant"]
     assert "tracked_point" in scale.remedy
     assert found.assessment.level == "care"
@@ -265,8 +264,7 @@ def test_predicted_deviation_of_a_simple_case(arm: ArmModel) -> None:
 
     What is held, and the instrument's scale, add a little of their own.
     """
-    term = tracked(arm, 20, sigma=1e-3)
-    found = seen(arm, [term], "joint_4.z", "joint_2.offset")
+    found = seen(arm, [tracked(arm, 20, sigma=1e-3)], "joint_4.z", "joint_2.offset")
     again = seen(arm, [tracked(arm, 20, sigma=2e-3)], "joint_4.z", "joint_2.offset")
     problem = found.problem
 

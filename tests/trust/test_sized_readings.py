@@ -124,8 +124,7 @@ def test_the_factor_of_all_depths_is_found(name: str, factor: float, said: str) 
 
 
 def test_right_depths_are_left_alone() -> None:
-    solution = fitted(scene("hand_eye"), 1.0)
-    assert not [*OtherCamera().readings(solution.problem)]
+    assert not [*OtherCamera().readings(fitted(scene("hand_eye"), 1.0).problem)]
     assert not [*OtherCamera().readings(fitted(scene("tracked_point"), 1.0).problem)]
 
 

@@ -78,8 +78,7 @@ def test_memory_of_a_calibration_grows_with_the_rows_and_no_faster(
     for rows in (3_000, 6_000):
         samples = scene(rows).samples(NOISE)[0]
         tracemalloc.start()
-        solution = solved(samples)
-        assert assessed(solution).usable
+        assert assessed(solved(samples)).usable
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     assert peaks[1] < 2.3 * peaks[0]
