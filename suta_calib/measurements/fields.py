@@ -182,14 +182,14 @@ def choice(options: Collection[str], takes: str = "text") -> Value:
     return Value(takes, lambda section, name: section.choice(name, options))
 
 
-def mapping(of: Any, takes: str = "mapping") -> Value:
+def mapping(of: Any) -> Value:
     """A mapping: an object of a dataclass whose fields state its keys, or values by attribute."""
 
     def read(section: YamlSection, name: str) -> Any:
         below = section.section(name)
         return of.read(below) if isinstance(of, Fields) else read_as(of, below)
 
-    return Value(takes, read, of if isinstance(of, Fields) else fields_of(of))
+    return Value("mapping", read, of if isinstance(of, Fields) else fields_of(of))
 
 
 def cone(sign: Sign) -> Value:

@@ -263,7 +263,7 @@ def _better_if_held(camera: CameraEstimate) -> str:
     if camera.if_held is None:
         return ""
     shift, turn = camera.displaced_turned
-    held_shift, held_turn = np.linalg.norm(camera.if_held.std.reshape(2, 3), axis=1)
+    held_shift, held_turn = np.linalg.norm(camera.if_held.std.reshape(2, 3), axis=1).tolist()
     # Worth a word where X is so many times better known.
     if shift < 1.2 * held_shift and turn < 1.2 * held_turn:
         return ""

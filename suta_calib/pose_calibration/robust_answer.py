@@ -62,10 +62,9 @@ class RobustAnswer:
     weighed: tuple[Finding, ...] = ()
     rule: Rule = Rule()
 
-    def evidence(self, hypothesis: str, effect: str = "") -> Evidence | None:
-        """On a hypothesis by its name, and on one of its effects; None where it was not tested."""
-        weighed = (f for f in self.weighed if f.hypothesis.name == hypothesis)
-        return next((f.evidence for f in weighed if effect in ("", f.evidence.effect.name)), None)
+    def evidence(self, hypothesis: str) -> Evidence | None:
+        """On a hypothesis by its name; None where it was not tested."""
+        return next((f.evidence for f in self.weighed if f.hypothesis.name == hypothesis), None)
 
     def finding(self, hypothesis: str) -> Finding | None:
         """A hypothesis by its name, where the data support it."""

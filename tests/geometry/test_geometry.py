@@ -48,12 +48,6 @@ def test_the_exponential_is_the_matrix_exponential(vector: np.ndarray) -> None:
     np.testing.assert_allclose(rotation_from_vector(vector), expm(skew(vector)), atol=1e-13)
 
 
-@given(VECTOR.filter(lambda v: np.linalg.norm(v) < math.pi - 1e-6))
-def test_logarithm_and_exponential_are_inverse(vector: np.ndarray) -> None:
-    found = vector_from_rotation(rotation_from_vector(vector))
-    np.testing.assert_allclose(found, vector, atol=1e-9)
-
-
 @given(ANGLE, PITCH, ANGLE)
 def test_roll_pitch_yaw_give_back_the_rotation(roll: float, pitch: float, yaw: float) -> None:
     R = rotation_from_rpy([roll, pitch, yaw])
@@ -69,20 +63,6 @@ def test_roll_pitch_yaw_are_unique_away_from_the_poles(
     found = rpy_from_rotation(rotation_from_rpy([roll, pitch, yaw]))
     difference = np.remainder(found - [roll, pitch, yaw] + math.pi, 2 * math.pi) - math.pi
     np.testing.assert_allclose(difference, 0.0, atol=1e-13)
-
-
-@given(VECTOR, st.floats(0.01, 100))
-def test_quaternions_need_no_normalising(vector: np.ndarray, scale: float) -> None:
-    quaternion = scale * Rotation.from_rotvec(vector).as_quat()
-    R = rotation_from_quaternion(quaternion)
-    np.testing.assert_allclose(R, rotation_from_vector(vector), atol=1e-13)
-    np.testing.assert_allclose(rotation_from_quaternion(-quaternion), R, atol=1e-15)
-
-
-def test_quaternions_are_x_y_z_w() -> None:
-    half = math.sqrt(0.5)
-    R = rotation_from_quaternion([0.0, 0.0, half, half])
-    np.testing.assert_allclose(R @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
 
 
 @given(VECTOR, POSITION)
