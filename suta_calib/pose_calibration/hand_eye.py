@@ -326,7 +326,7 @@ def with_scale(answer: HandEyeCalibration, scale_ppm: float) -> HandEyeCalibrati
         return answer
     solution, scale = answer.solution, LengthScale(scale_ppm * PPM)
     problem = Problem([replace(term, scale=scale) for term in solution.problem.terms])
-    part = observed_parts(problem, solution.x, solution.sigmas, solution.free).of_scale
+    part = observed_parts(replace(solution.spread.fit, problem=problem)).of_scale
     jacobian = tangent_of_poses(solution.x[:12], answer.length)
     return replace(answer, covariance=answer.covariance + jacobian @ part @ jacobian.T)
 

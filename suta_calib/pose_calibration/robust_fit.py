@@ -19,7 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.stated_noise import Agreement
-from suta_calib.solver.covariance import observed_covariance, predicted_covariance
+from suta_calib.solver.covariance import observed_parts, predicted_covariance
 from suta_calib.solver.information import (
     Information,
     Rows,
@@ -334,7 +334,7 @@ def _covariance(
         witnesses = blocks(white) if groups == count else postures
         if np.array_equal(witnesses, by_itself):
             return solution.covariance
-        return observed_covariance(problem, solution.x, solution.sigmas, free, [witnesses])
+        return observed_parts(solution.spread.fit, [witnesses]).total
     rows = whitened_rows(problem, solution.x, solution.sigmas)
     parts = [r.jacobian.T @ r.jacobian for r in rows]
     weights = levels / np.array(solution.sigmas)
@@ -344,7 +344,7 @@ def _covariance(
         independent = (
             solution.covariance.copy()
             if groups == count
-            else observed_covariance(problem, solution.x, solution.sigmas, free, [by_itself])
+            else observed_parts(solution.spread.fit, [by_itself]).total
         )
     else:
         truly = sum((w**2 * part for w, part in zip(weights, parts, strict=True)), nothing)

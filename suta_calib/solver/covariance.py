@@ -4,7 +4,7 @@
 
 with A the curvature of the robust cost and priors, M the variance of its gradient by touch, P the
 priors' precision (`Problem.stated_precision`), G Σ Gᵀ what the artefact's uncertainty adds, and S
-the shift by one standard deviation of each scale (`artefact_covariance`). Rows that share samples
+the shift by one standard deviation of each scale (`shared_errors`). Rows that share samples
 are not independent: the (JᵀJ)⁻¹ of pairwise distances understates standard deviations by two to
 four times.
 """
@@ -19,25 +19,18 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.solver.artefact_covariance import (
-    artefact_covariance,
-    artefact_rows,
-    joined_rows,
-    residuals_without_artefact,
-    scale_rows,
-    shifts,
-)
 from suta_calib.solver.evaluation import AT_ONCE
-from suta_calib.solver.held_geometry import HeldGeometry, held_geometry
-from suta_calib.solver.information import (
-    Information,
-    Rows,
-    robust_curvature,
-    scaled_inverse,
-    whitened_rows,
-)
+from suta_calib.solver.fitted import Fitted
+from suta_calib.solver.held_geometry import HeldGeometry, held_geometry, seating_covariance
+from suta_calib.solver.information import Information, Rows, scaled_inverse
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.seating_covariance import seating_covariance
+from suta_calib.solver.shared_errors import (
+    artefact_errors,
+    joined_errors,
+    scale_errors,
+    shifts,
+    without_shared_errors,
+)
 from suta_calib.terms.block import grouped_rows, summed
 
 # Touches from which on none has leverage worth freeing residuals of.
@@ -49,19 +42,16 @@ class Spread:
     """How sure an estimate is, computed when it is first asked for.
 
     Attributes:
-        problem, x, sigmas, free: of `observed_parts`.
+        fit: the estimate.
         learned: (n, n) what unsure weights add.
     """
 
-    problem: Problem
-    x: FloatArray
-    sigmas: Sequence[float]
-    free: IntArray
+    fit: Fitted
     learned: FloatArray
 
     @cached_property
     def _parts(self) -> CovarianceParts:
-        return observed_parts(self.problem, self.x, self.sigmas, self.free)
+        return observed_parts(self.fit)
 
     @property
     def total(self) -> FloatArray:
@@ -75,13 +65,13 @@ class Spread:
         What holds for other data of the same instrument, artefact or board.
         """
         parts = self._parts
-        seating = seating_covariance(self.problem, self.x, self.sigmas, self.free)
+        seating = seating_covariance(self.fit)
         return np.asarray(parts.scatter + parts.artefact + self.learned + seating)
 
     @cached_property
     def held(self) -> HeldGeometry | None:
         """What held geometry does where no residual shows it; None where it does nothing."""
-        return held_geometry(self.problem, self.x, self.sigmas, self.free, self.within_scale)
+        return held_geometry(self.fit, self.within_scale)
 
     @property
     def of_scale(self) -> FloatArray:
@@ -136,60 +126,34 @@ class CovarianceParts:
         return np.asarray(self.scatter + self.artefact + self.of_scale)
 
 
-def observed_covariance(
-    problem: Problem,
-    x: FloatArray,
-    sigmas: Sequence[float],
-    free: IntArray,
-    touches: Sequence[IntArray] | None = None,
-) -> FloatArray:
-    """Covariance (n, n) of the estimate at x: the sum of `observed_parts`."""
-    return observed_parts(problem, x, sigmas, free, touches).total
-
-
-def observed_parts(
-    problem: Problem,
-    x: FloatArray,
-    sigmas: Sequence[float],
-    free: IntArray,
-    touches: Sequence[IntArray] | None = None,
-) -> CovarianceParts:
-    """Covariance of the estimate at x by origin, zero for entries that were not free.
+def observed_parts(fit: Fitted, touches: Sequence[IntArray] | None = None) -> CovarianceParts:
+    """Covariance of an estimate by origin, zero for entries that were not free.
 
     The sandwich A⁻¹ (M + P) A⁻¹ with the priors' stated precision P in A as well: scatter as the
     residuals show it, outliers as Huber weighs them, rows of one touch together. What an artefact's
     stated uncertainty explains of the residuals is taken from them and stands in its own part.
 
     Args:
-        problem: terms and parameters.
-        x: (n,) the estimate.
-        sigmas: noise level of each block.
-        free: indices that were estimated.
+        fit: the estimate.
         touches: for each term (samples,), which are one witness; `Term.witnesses` by default.
-
-    Returns:
-        Parts that add up.
     """
-    rows = whitened_rows(problem, x, sigmas)
-    prior = np.diag(problem.stated_precision())
-    curvature = prior + sum(map(robust_curvature, rows))
-    bread, artefact = np.zeros_like(prior), np.zeros_like(prior)
-    bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
+    problem, rows = fit.problem, fit.rows()
+    bread, prior = fit.bread(rows), np.diag(problem.stated_precision())
     touches = [term.witnesses for term in problem.terms] if touches is None else touches
-    part, scales = artefact_rows(rows), scale_rows(problem, x, sigmas, rows)
-    if part is not None and len(free):
-        artefact = artefact_covariance(rows, part, bread)
-    by_scale = np.zeros((len(x), 0)) if scales is None else shifts(rows, scales, bread)
-    both = joined_rows(part, scales)
-    if both is not None and len(free):
-        rows = residuals_without_artefact(problem, x, rows, both, free, touches)
+    part, scales = artefact_errors(rows), scale_errors(fit, rows)
+    nothing = np.zeros((len(fit.x), 0))
+    by_artefact = nothing if part is None else shifts(rows, part, bread) * part.sigma
+    by_scale = nothing if scales is None else shifts(rows, scales, bread)
+    both = joined_errors(part, scales)
+    if both is not None and len(fit.free):
+        rows = without_shared_errors(fit, rows, both, touches)
     scatter = bread @ prior @ bread
     for term, touch in zip(problem.terms, touches, strict=True):
         mine = [r for r in rows if any(r.line.view.block is b for b in term.blocks)]
         scatter += _clustered_variance(mine, touch, bread)
     return CovarianceParts(
         scatter,
-        artefact,
+        by_artefact @ by_artefact.T,
         by_scale,
         np.zeros(0) if scales is None else scales.sigma,
         () if scales is None else scales.keys,
@@ -205,19 +169,13 @@ def predicted_covariance(problem: Problem, information: Information, free: IntAr
     return bread @ (information.variance + prior) @ bread
 
 
-def predicted_scale_covariance(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float], free: IntArray
-) -> FloatArray:
+def predicted_scale_covariance(fit: Fitted) -> FloatArray:
     """What scales add to `predicted_covariance` (n, n): further data do not reduce it."""
-    rows = whitened_rows(problem, x, sigmas)
-    scales = scale_rows(problem, x, sigmas, rows)
-    bread = np.diag(problem.stated_precision())
-    if scales is None or not len(free):
-        return np.zeros_like(bread)
-    curvature = bread + sum(map(robust_curvature, rows))
-    bread = np.zeros_like(curvature)
-    bread[np.ix_(free, free)] = scaled_inverse(curvature[np.ix_(free, free)])
-    return artefact_covariance(rows, scales, bread)
+    rows = fit.rows()
+    if (scales := scale_errors(fit, rows)) is None:
+        return np.zeros((len(fit.x),) * 2)
+    shift = shifts(rows, scales, fit.bread(rows)) * scales.sigma
+    return np.asarray(shift @ shift.T)
 
 
 def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray) -> FloatArray:

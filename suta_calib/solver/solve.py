@@ -14,6 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.solver.covariance import Spread
+from suta_calib.solver.fitted import Fitted
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
 from suta_calib.solver.mount_start import FreeMount
@@ -190,7 +191,7 @@ def _solution(
         before=before,
         identification=identification,
         free=free,
-        spread=Spread(problem, x, tuple(sigmas), free, unsure),
+        spread=Spread(Fitted(problem, x, tuple(sigmas), free), unsure),
         sigmas=tuple(sigmas),
         noise=tuple(noise),
         weights=weights,

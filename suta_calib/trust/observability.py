@@ -17,6 +17,7 @@ from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.showing import Displayable
 from suta_calib.solver.covariance import predicted_covariance, predicted_scale_covariance
+from suta_calib.solver.fitted import Fitted
 from suta_calib.solver.held_geometry import held_geometry
 from suta_calib.solver.identifiability import WEAK, Identification, schur_complement
 from suta_calib.solver.information import Information, predicted_information
@@ -216,9 +217,10 @@ def observe(problem: Problem, x: FloatArray | None = None) -> Observability:
     estimated = np.flatnonzero(free & ~held)
     explanations = explain(problem, x, identification)
     covariance = predicted_covariance(problem, information, estimated)
-    covariance += predicted_scale_covariance(problem, x, sigmas, estimated)
+    fit = Fitted(problem, x, sigmas, estimated)
+    covariance += predicted_scale_covariance(fit)
     held_length = None
-    geometry = held_geometry(problem, x, sigmas, estimated, covariance, robust=False)
+    geometry = held_geometry(fit, covariance, robust=False)
     if geometry is not None:
         covariance += geometry.of_estimate @ geometry.of_estimate.T
         held_length = held_scale(problem, geometry)

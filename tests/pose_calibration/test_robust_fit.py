@@ -12,7 +12,7 @@ from registration_scenes import NOISE, simulate
 
 from suta_calib.pose_calibration import robust_fit as module
 from suta_calib.pose_calibration.registration import Registration, register
-from suta_calib.solver.covariance import observed_covariance
+from suta_calib.solver.covariance import observed_parts
 from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import HandEye, OutlierModel, PoseNoise
@@ -28,13 +28,13 @@ def test_white_rows_have_the_covariance_of_the_solver(monkeypatch: pytest.Monkey
     expected = registered(correlated=False)
     solution = expected.solution
     each = [np.arange(60, dtype=np.intp)]
-    again = observed_covariance(solution.problem, solution.x, solution.sigmas, solution.free, each)
+    again = observed_parts(solution.spread.fit, each).total
     np.testing.assert_array_equal(solution.covariance, again)
 
     def never(*_: Any) -> Any:
         raise AssertionError("computed twice")
 
-    monkeypatch.setattr(module, "observed_covariance", never)
+    monkeypatch.setattr(module, "observed_parts", never)
     np.testing.assert_array_equal(registered(correlated=False).covariance, expected.covariance)
     with pytest.raises(AssertionError, match="computed twice"):
         registered(correlated=True)

@@ -21,10 +21,10 @@ from simulated import (
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.simulation import read_simulation, simulate
-from suta_calib.solver.artefact_covariance import artefact_rows
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
+from suta_calib.solver.shared_errors import artefact_errors
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup
@@ -145,7 +145,7 @@ def test_the_estimate_follows_a_landmark_as_predicted(kind: str) -> None:
     problem = exact_problem(kind, 1e-4)
     solution = solve(problem, SolverOptions(starts=1))
     rows = whitened_rows(problem, solution.x, solution.sigmas)
-    part = artefact_rows(rows)
+    part = artefact_errors(rows)
     assert part is not None
     curvature = sum(r.jacobian.T @ r.jacobian for r in rows)[np.ix_(solution.free, solution.free)]
     cross = sum(r.jacobian.T @ d for r, d in zip(rows, part.jacobian, strict=True))

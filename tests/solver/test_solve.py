@@ -28,7 +28,8 @@ from suta_calib.measurements import Artefact, Samples
 from suta_calib.measurements import Landmark as Mark
 from suta_calib.model.parameters import Selection
 from suta_calib.solver import evaluation, information
-from suta_calib.solver.covariance import observed_covariance
+from suta_calib.solver.covariance import observed_parts
+from suta_calib.solver.fitted import Fitted
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import predicted_information
 from suta_calib.solver.nlp import RobustNlp
@@ -347,7 +348,7 @@ def test_sums_over_parts_of_the_rows_are_those_over_all(
         _, *derivatives = problem.evaluation.cost_gradient_hessian(x, sigmas)
         information = predicted_information(problem, x, sigmas, robust=True)
         parts = information.curvature, information.variance, information.noise_induced
-        return [*derivatives, *parts, observed_covariance(problem, x, sigmas, free)]
+        return [*derivatives, *parts, observed_parts(Fitted(problem, x, sigmas, free)).total]
 
     whole = sums()
     for module in (evaluation, information):

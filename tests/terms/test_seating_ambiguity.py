@@ -12,7 +12,7 @@ import pytest
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.simulation import read_simulation, simulate
 from suta_calib.simulation.output import write_simulation
-from suta_calib.solver.seating_covariance import _size
+from suta_calib.solver.held_geometry import held_size
 from suta_calib.solver.solution import Solution
 
 TRUTH = {"seating.x": 0.4e-3, "seating.y": -0.3e-3, "seating.rz": np.radians(0.4)}
@@ -71,9 +71,9 @@ def test_the_size_of_what_is_held_comes_back() -> None:
     found, by_chance = [], []
     for _ in range(200):
         noise = 2.0 * random.standard_normal(200)
-        by_chance.append(_size(project @ noise, left, 6))
+        by_chance.append(held_size(project @ noise, left, 6))
         wrong = held @ (3.0 * random.standard_normal(10))
-        found.append(_size(project @ (noise + wrong), left, 6))
+        found.append(held_size(project @ (noise + wrong), left, 6))
     assert np.mean(found) == pytest.approx(9.0, rel=0.15)
     assert np.mean(np.array(by_chance) > 0.0) < 0.04
 

@@ -1,4 +1,4 @@
-"""What an artefact's own uncertainty, and that of a scale, does to an estimate.
+"""What errors that many rows share do to an estimate: an artefact's, and that of a scale.
 
 An error in a certified coordinate is the same in every touch of that landmark. It does not average
 out over placements, and the scatter of the residuals shows only a part of it. With the landmarks'
@@ -10,7 +10,7 @@ with A and Ψ the curvature of the robust cost as in `solver.covariance`. A comm
 all lengths of an artefact, a board or an instrument (`terms.length_scale`) is one more such
 coordinate, the derivative by which is found by making them longer. The scatter must then be
 read from residuals without the artefact's part, or what they show of it would count twice:
-`residuals_without_artefact` fits the landmarks, with Σ as a prior, beside the parameters.
+`without_shared_errors` fits the landmarks, with Σ as a prior, beside the parameters.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.solver.fitted import Fitted
 from suta_calib.solver.information import Rows, robust_jacobian, scaled_inverse
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.length_scale import lengthened, scale_carrier, scale_carriers
@@ -32,7 +33,7 @@ LEAST_FREEDOM: Final = 0.1
 
 
 @dataclass(frozen=True, eq=False)
-class ArtefactRows:
+class SharedErrors:
     """Derivatives of whitened rows by certified coordinates, or by scales.
 
     Attributes:
@@ -47,7 +48,7 @@ class ArtefactRows:
     jacobian: tuple[FloatArray, ...]
 
 
-def artefact_rows(rows: Sequence[Rows]) -> ArtefactRows | None:
+def artefact_errors(rows: Sequence[Rows]) -> SharedErrors | None:
     """The artefact's part in the rows; None where nothing certified has an uncertainty."""
     # One artefact in two terms counts once.
     sigma = {
@@ -61,47 +62,43 @@ def artefact_rows(rows: Sequence[Rows]) -> ArtefactRows | None:
         return None
     index = {key: k for k, key in enumerate(sigma)}
     jacobian = tuple(_by_coordinates(r, index) for r in rows)
-    return ArtefactRows(tuple(sigma), np.repeat(list(sigma.values()), 3), jacobian)
+    return SharedErrors(tuple(sigma), np.repeat(list(sigma.values()), 3), jacobian)
 
 
-def scale_rows(
-    problem: Problem, x: FloatArray, sigmas: Sequence[float], rows: Sequence[Rows]
-) -> ArtefactRows | None:
-    """The part of the scales in the rows at x, also of exact ones; None where there are none."""
+def scale_errors(fit: Fitted, rows: Sequence[Rows]) -> SharedErrors | None:
+    """The part of the scales in the rows, also of exact ones; None where there are none."""
     # Step of the derivative by a scale, relative.
-    step = 1e-6
+    step, problem = 1e-6, fit.problem
     carriers = scale_carriers(problem.terms)
     if not carriers:
         return None
-    columns = []
+    columns, of_term = [], [scale_carrier(term) for term in problem.terms]
     for carrier in carriers:
         key = carrier.what, carrier.name
-        of_term = [scale_carrier(term) for term in problem.terms]
         longer = [
             lengthened(term, 1.0 + step) if mine and (mine.what, mine.name) == key else term
             for term, mine in zip(problem.terms, of_term, strict=True)
         ]
-        before = [r.line.residual for r in rows]
-        after = Problem(longer, problem.arm_parameters).linearise(x, sigmas)
+        after = Problem(longer, problem.arm_parameters).linearise(fit.x, fit.sigmas)
         columns.append(
             [
-                ((line.residual - old) / step / r.line.sigma[:, None]).reshape(-1)
-                for line, old, r in zip(after, before, rows, strict=True)
+                ((line.residual - r.line.residual) / step / r.line.sigma[:, None]).reshape(-1)
+                for line, r in zip(after, rows, strict=True)
             ]
         )
     jacobian = tuple(np.column_stack(block) for block in zip(*columns, strict=True))
     keys = tuple((carrier.what, carrier.name) for carrier in carriers)
-    return ArtefactRows(keys, np.array([c.std for c in carriers]), jacobian)
+    return SharedErrors(keys, np.array([c.std for c in carriers]), jacobian)
 
 
-def joined_rows(*parts: ArtefactRows | None) -> ArtefactRows | None:
+def joined_errors(*parts: SharedErrors | None) -> SharedErrors | None:
     """Several parts as one, without what counts as exact; None where that is all."""
     given = [part for part in parts if part is not None and part.sigma.any()]
     if not given:
         return None
     sigma = np.concatenate([part.sigma for part in given])
     blocks = zip(*(part.jacobian for part in given), strict=True)
-    return ArtefactRows(
+    return SharedErrors(
         tuple(key for part in given for key in part.keys),
         sigma[sigma > 0],
         tuple(np.hstack(block)[:, sigma > 0] for block in blocks),
@@ -124,14 +121,8 @@ def _by_coordinates(rows: Rows, index: dict[tuple[object, ...], int]) -> FloatAr
     return whitened.reshape(n * size, -1)
 
 
-def artefact_covariance(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> FloatArray:
-    """(dx/dl) Σ (dx/dl)ᵀ, (n, n), from whitened rows at the solution and A⁻¹ (n, n)."""
-    spread = shifts(rows, part, bread) * part.sigma
-    return np.asarray(spread @ spread.T)
-
-
-def shifts(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> FloatArray:
-    """(n, c) derivative dx/dl of an estimate by every coordinate; arguments as above."""
+def shifts(rows: Sequence[Rows], part: SharedErrors, bread: FloatArray) -> FloatArray:
+    """(n, c) derivative dx/dl of an estimate, from whitened rows there and A⁻¹ (n, n)."""
     cross = sum(
         robust_jacobian(r).T @ robust_jacobian(replace(r, jacobian=d))
         for r, d in zip(rows, part.jacobian, strict=True)
@@ -139,20 +130,14 @@ def shifts(rows: Sequence[Rows], part: ArtefactRows, bread: FloatArray) -> Float
     return np.asarray(-bread @ cross)
 
 
-def residuals_without_artefact(
-    problem: Problem,
-    x: FloatArray,
-    rows: Sequence[Rows],
-    part: ArtefactRows,
-    free: IntArray,
-    touches: Sequence[IntArray],
+def without_shared_errors(
+    fit: Fitted, rows: Sequence[Rows], part: SharedErrors, touches: Sequence[IntArray]
 ) -> list[Rows]:
     """Rows with the residuals that a better artefact would have left, free of what it takes.
 
     The landmarks are fitted to all rows beside the free parameters, each with its certified
     coordinates as a prior, and the residuals enlarged for the freedom they lose to that, which is
-    a freedom among touches: a repeat sees the same landmark. Arguments as in `observed_parts`, with
-    the whitened rows at x.
+    a freedom among touches: a repeat sees the same landmark.
     """
     whites = [_white(r) for r in rows]
     shares = [
@@ -163,8 +148,8 @@ def residuals_without_artefact(
     # half of it is what a standard deviation is wrong by.
     if max(shares) < 0.01:
         return list(rows)
-    counts = np.array([_equations(problem.terms, r, touches) for r in rows])
-    residuals, taken = _joint_fit(problem, x, rows, part, free, counts[:, 0])
+    counts = np.array([_equations(fit.problem.terms, r, touches) for r in rows])
+    residuals, taken = _joint_fit(fit, rows, part, counts[:, 0])
     left = np.maximum(1.0 - taken / counts[:, 1], LEAST_FREEDOM)
     improved = []
     for r, white, share in zip(rows, residuals, left, strict=True):
@@ -175,21 +160,14 @@ def residuals_without_artefact(
 
 
 def _joint_fit(
-    problem: Problem,
-    x: FloatArray,
-    rows: Sequence[Rows],
-    part: ArtefactRows,
-    free: IntArray,
-    equations: FloatArray,
+    fit: Fitted, rows: Sequence[Rows], part: SharedErrors, equations: FloatArray
 ) -> tuple[list[FloatArray], FloatArray]:
-    """Parameters and landmarks fitted together: a linear step, weighed by the noise it leaves.
+    """Residuals (n·d,) of each block beside fitted landmarks, and the freedom that these take.
 
-    Returns:
-        For each block the residuals (n·d,), whitened and believed as the fit does, and the freedom
-        that the landmarks take of it.
+    A linear step of parameters and landmarks, weighed by the noise that it leaves.
     """
-    precision = problem.prior_precision()
-    pull = precision * (x - problem.parameters.array("nominal"))
+    free, precision = fit.free, fit.problem.prior_precision()
+    pull = precision * (fit.x - fit.problem.parameters.array("nominal"))
     prior = np.concatenate([precision[free], part.sigma**-2.0])
     slope = np.concatenate([pull[free], np.zeros(len(part.sigma))])
     gains = [
