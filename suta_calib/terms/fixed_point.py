@@ -13,10 +13,11 @@ from numpy.typing import ArrayLike
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import SampleColumns, Samples
-from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.model.parameters import POSITION, Parameter
+from suta_calib.terms.block import Block, Pose
 from suta_calib.terms.external_frame import point_named, point_parameters
 from suta_calib.terms.observed import Observed
+from suta_calib.terms.places import PlaceTerm
 from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
     EXACT,
@@ -26,7 +27,7 @@ from suta_calib.terms.synthetic import (
     named,
     random_turns,
 )
-from suta_calib.terms.term import Gap, Term
+from suta_calib.terms.term import Gap
 
 if TYPE_CHECKING:
     from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
@@ -40,7 +41,7 @@ def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FixedPoint(Term):
+class FixedPoint(PlaceTerm):
     """``R_iᵀ (c - p_i) - t`` for every touch of the unknown point c.
 
     Over an arm, t = 0: the tip is the end of the chain, which has its own parameters. This finds
@@ -49,16 +50,15 @@ class FixedPoint(Term):
 
     Attributes:
         poses: samples with the label point.
-        noise: scatter and robustness, m per axis.
     """
 
     kind = "fixed_point"
     order = 3
     about = "one unknown point, touched from many directions: finds the tool's length"
     columns = SampleColumns(labels=("point",), about={"point": "Which point was touched."})
-    has_angles = False
     place = "point"
     place_unknown = "fixed_point"
+    place_keys = POSITION
     place_turns = False
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"point": ("point",), "row": ()}
     tested = "articulation"
@@ -66,25 +66,15 @@ class FixedPoint(Term):
         "tool": "touch one fixed point from several directions (fixed_point)"
     }
 
-    noise: Noise = LEARNT
-
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """The tip in a tracked body, and the points."""
-        names, _ = self.places
-        points = (p for n in names for p in point_parameters(f"fixed_point[{n}]"))
-        return (*self._tip, *points)
+        return (*self._tip, *super().own_parameters)
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The positions."""
-        n, tip = len(self.poses), len(self._tip)
-        point = tip + 3 * self.places[1][:, None] + np.arange(3)
-        own_columns = np.hstack([np.tile(np.arange(tip), (n, 1)), point])
-        none, labels = np.zeros((n, 0)), self.poses.samples.labels["point"]
-        return (
-            Block.per_sample("position", "m", 3, _position, own_columns, none, self.noise, labels),
-        )
+        return self._blocks("position", 3, _position, common=len(self._tip))
 
     @cached_property
     def _tip(self) -> tuple[Parameter, ...]:
@@ -92,8 +82,7 @@ class FixedPoint(Term):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """Every touch at its point; of a tracked body, where it then is."""
-        names, point = grouped(poses.samples.labels["point"])
-        target = np.array([point_named(values, f"fixed_point[{n}]") for n in names])[point]
+        target = self._there(values, poses)
         if self._tip:
             target = target - poses.at(values)[0] @ point_named(values, "tip")
         return Observed(target)

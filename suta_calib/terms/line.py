@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -15,18 +15,13 @@ from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_t
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns
 from suta_calib.measurements.fields import LENGTH, Field
-from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
+from suta_calib.terms.block import Block, Pose, norm
 from suta_calib.terms.checks import check_turned
-from suta_calib.terms.external_frame import ExternalFrame, OutsidePose, pose_parameters
+from suta_calib.terms.external_frame import ExternalFrame, OutsidePose
 from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
+from suta_calib.terms.places import PlaceTerm
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Term
-
-# Length of the line that simulated touches fill where the file does not say, m.
-_SIZE: Final = 0.2
-_KEYS: Final = ("x", "y", "rx", "ry")
 
 
 def _offset(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
@@ -55,7 +50,7 @@ class LineFrame(ExternalFrame):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TouchedLine(Term):
+class TouchedLine(PlaceTerm):
     """Two offsets of every touch from an unknown straight line.
 
     A line has four unknowns: ``rx``, ``ry``, the rotation vector (rx, ry, 0) that turns the base's
@@ -69,7 +64,6 @@ class TouchedLine(Term):
 
     Attributes:
         poses: samples with the label line.
-        noise: scatter and robustness of an offset, m per axis.
     """
 
     kind = "line"
@@ -79,13 +73,11 @@ class TouchedLine(Term):
         "several directions"
     )
     columns = SampleColumns(labels=("line",), about={"line": "Which line was touched."})
-    has_angles = False
     place = "line"
     place_unknown = "line"
+    place_keys = ("x", "y", "rx", "ry")
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"line": ("line",), "row": ()}
     simulation_keys = (Field("size_mm", LENGTH, "How much of the line is touched."),)
-
-    noise: Noise = LEARNT
 
     @classmethod
     def touches(
@@ -95,51 +87,39 @@ class TouchedLine(Term):
         where: FloatArray,
         settings: Mapping[str, Any],
     ) -> FloatArray:
-        """All along the place's x axis, about the position."""
-        aside = (where[:, 0] - 0.5) * settings.get("size", _SIZE)
+        """All along the place's x axis, 0.2 m or ``size_mm``, about the position."""
+        aside = (where[:, 0] - 0.5) * settings.get("size", 0.2)
         return np.asarray(position + aside[:, None] * rotation[:, 0])
-
-    @cached_property
-    def own_parameters(self) -> tuple[Parameter, ...]:
-        """Place and direction of every line."""
-        return tuple(
-            p for name in self.places[0] for p in pose_parameters(f"line[{name}]") if p.key in _KEYS
-        )
 
     @property
     def outside(self) -> tuple[ExternalFrame, ...]:
         """Every line: the point of it nearest to the base's origin, z along it."""
-        return tuple(LineFrame(f"line[{name}]", "line", "base", _KEYS) for name in self.places[0])
+        return tuple(
+            LineFrame(f"line[{name}]", "line", "base", self.place_keys) for name in self.places[0]
+        )
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The offsets."""
-        own_columns = 4 * self.places[1][:, None] + np.arange(4)
-        labels = self.poses.samples.labels["line"]
-        return (
-            Block.per_sample(
-                "position", "m", 2, _offset, own_columns, self._square, self.noise, labels
-            ),
-        )
+        return self._blocks("position", 2, _offset, self._square)
 
     @cached_property
     def _square(self) -> FloatArray:
         """(n, 3) the tool's axis, in the tool, that is most nearly square to the line touched."""
         rotation, position = self.poses.at({})
         along = np.empty((len(rotation), 3))
-        for rows, _, direction in self._by_line(position):
+        for _, rows, _, direction in self._by_line(position):
             along[rows] = direction
         nearest = np.argmin(np.abs(np.einsum("nij,ni->nj", rotation, along)), axis=1)
         return np.asarray(np.eye(3)[nearest])
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted square to the line onto it."""
-        names, line = grouped(poses.samples.labels["line"])
-        lines = np.array([[values[f"line[{n}].{k}"] for k in _KEYS] for n in names])
-        frame = rotation_from_vector(np.column_stack([lines[:, 2:], np.zeros(len(names))]))[line]
+        lines = self._there(values, poses)
+        frame = rotation_from_vector(np.column_stack([lines[:, 2:], np.zeros(len(lines))]))
         _, position = poses.at(values)
         in_line = np.einsum("nji,nj->ni", frame, position)
-        in_line[:, :2] = lines[line, :2]
+        in_line[:, :2] = lines[:, :2]
         return Observed(np.einsum("nij,nj->ni", frame, in_line))
 
     def _known_place(self, owner: str, pose: GivenPose) -> dict[str, PriorValue]:
@@ -154,19 +134,19 @@ class TouchedLine(Term):
         """The line of least squares through the touches, by singular value decomposition."""
         del rotation
         values = []
-        for _, middle, along in self._by_line(position):
+        for _, _, middle, along in self._by_line(position):
             turn = vector_turning_z_to(along)
             values.append([*(rotation_from_vector(turn).T @ middle)[:2], *turn[:2]])
         return np.concatenate(values)
 
-    def _by_line(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray, FloatArray]]:
-        """Rows of every line, the middle (3,) of their touches, and its direction (3,)."""
-        names, line = self.places
-        for k in range(len(names)):
-            rows = np.flatnonzero(line == k)
+    def _by_line(
+        self, position: FloatArray
+    ) -> Iterator[tuple[str, IntArray, FloatArray, FloatArray]]:
+        """Every line, its rows, the middle (3,) of their touches, and its direction (3,)."""
+        for name, rows in self._by_place():
             middle = position[rows].mean(axis=0)
             along = np.linalg.svd(position[rows] - middle, full_matrices=False)[2][0]
-            yield rows, middle, -along if along[2] < 0 else along
+            yield name, rows, middle, -along if along[2] < 0 else along
 
     def check_enough(self) -> None:
         """Three touches of every line at least, not all at one point at nominal."""
@@ -175,7 +155,7 @@ class TouchedLine(Term):
         _, position = self.poses.at({})
         # Touches closer together than that, rms about their middle, are one point and no line, m.
         shortest = 1e-3
-        for name, (rows, middle, _) in zip(self.places[0], self._by_line(position), strict=True):
+        for name, rows, middle, _ in self._by_line(position):
             if len(rows) < fewest:
                 raise self.refuse(
                     f"line {name} touched {len(rows)} times",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import casadi as ca
 import numpy as np
@@ -16,18 +16,13 @@ from suta_calib.geometry.numbers import right_singular, rotation_from_vector, ve
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns
 from suta_calib.measurements.fields import LENGTH, LENGTH_OR_0, Field
-from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped
+from suta_calib.terms.block import Block, Pose
 from suta_calib.terms.checks import check_turned
-from suta_calib.terms.external_frame import ExternalFrame, OutsidePose, pose_parameters
+from suta_calib.terms.external_frame import ExternalFrame, OutsidePose
 from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
+from suta_calib.terms.places import PlaceTerm
 from suta_calib.terms.poses import PoseSource
-from suta_calib.terms.term import Term
-
-# Edge of the square that simulated touches fill where the file does not say, m.
-_SIZE: Final = 0.2
-_KEYS: Final = ("z", "rx", "ry")
 
 
 def _signed_distance(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
@@ -52,7 +47,7 @@ class PlaneFrame(ExternalFrame):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TouchedPlane(Term):
+class TouchedPlane(PlaceTerm):
     """``nᵀ p_i - d ∓ r`` for every touch of an unknown plane, with a ball of radius r at the tip.
 
     A plane has three unknowns: ``z``, its distance d from the base's origin along its normal, and
@@ -66,7 +61,6 @@ class TouchedPlane(Term):
 
     Attributes:
         poses: samples with the label plane; the tip is the ball's centre.
-        noise: scatter and robustness of a distance to the plane, m.
         radius: of the ball, m; 0 for a point. The centre is that far off, on the arm's side: the
             side from which the tip's z axis points to the plane.
     """
@@ -78,7 +72,6 @@ class TouchedPlane(Term):
         "say probe_radius_mm: the centre of the ball is the tip"
     )
     columns = SampleColumns(labels=("plane",), about={"plane": "Which plane was touched."})
-    has_angles = False
     keys = (
         Field(
             "probe_radius_mm",
@@ -89,10 +82,10 @@ class TouchedPlane(Term):
     )
     place = "plane"
     place_unknown = "plane"
+    place_keys = ("z", "rx", "ry")
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"plane": ("plane",), "row": ()}
     simulation_keys = (Field("size_mm", LENGTH, "Edge of the square that is touched."),)
 
-    noise: Noise = LEARNT
     radius: float = 0.0
 
     def __post_init__(self) -> None:
@@ -109,40 +102,25 @@ class TouchedPlane(Term):
         where: FloatArray,
         settings: Mapping[str, Any],
     ) -> FloatArray:
-        """All over a square about the position, across the place's z axis."""
-        aside = (where - 0.5) * settings.get("size", _SIZE)
+        """All over a square of 0.2 m, or ``size_mm``, about the position, across the z axis."""
+        aside = (where - 0.5) * settings.get("size", 0.2)
         above = np.full(len(where), settings.get("radius", 0.0))
         return np.asarray(position + np.column_stack([aside, above]) @ rotation.T)
-
-    @cached_property
-    def own_parameters(self) -> tuple[Parameter, ...]:
-        """Distance and direction of every plane."""
-        return tuple(
-            p
-            for name in self.places[0]
-            for p in pose_parameters(f"plane[{name}]")
-            if p.key in _KEYS
-        )
 
     @property
     def outside(self) -> tuple[ExternalFrame, ...]:
         """Every plane: the point of it nearest to the base's origin, z along its normal."""
         given = ("probe_radius_mm",) if self._nothing_checks_the_ball else ()
         return tuple(
-            PlaneFrame(f"plane[{name}]", "plane", "base", _KEYS, given) for name in self.places[0]
+            PlaneFrame(f"plane[{name}]", "plane", "base", self.place_keys, given)
+            for name in self.places[0]
         )
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The signed distances."""
-        own_columns = 3 * self.places[1][:, None] + np.arange(3)
-        labels = self.poses.samples.labels["plane"]
         radius = np.full((len(self.poses), 1), self.radius)
-        return (
-            Block.per_sample(
-                "distance", "m", 1, _signed_distance, own_columns, radius, self.noise, labels
-            ),
-        )
+        return self._blocks("distance", 1, _signed_distance, radius)
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -158,7 +136,7 @@ class TouchedPlane(Term):
         if not self.radius or self.given:
             return False
         rotation, position = self.poses.at({})
-        for rows, centred in self._by_plane(position):
+        for _, rows, centred in self._centred(position):
             normal = right_singular(centred)[1][2]
             if np.ptp(np.sign(self._side(normal, rotation[rows]))):
                 return False
@@ -166,10 +144,9 @@ class TouchedPlane(Term):
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the normal to where the ball touches."""
-        names, plane = grouped(poses.samples.labels["plane"])
-        planes = np.array([[values[f"plane[{n}].{k}"] for k in _KEYS] for n in names])
-        turns = np.column_stack([planes[:, 1:], np.zeros(len(names))])
-        normal, distance = rotation_from_vector(turns)[plane, :, 2], planes[plane, 0]
+        planes = self._there(values, poses)
+        turns = np.column_stack([planes[:, 1:], np.zeros(len(planes))])
+        normal, distance = rotation_from_vector(turns)[:, :, 2], planes[:, 0]
         rotation, position = poses.at(values)
         height = np.sum(normal * position, axis=1) - distance - self._side(normal, rotation)
         return Observed(position - height[:, None] * normal)
@@ -190,19 +167,17 @@ class TouchedPlane(Term):
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The plane of least squares through the touches, by singular value decomposition."""
         values = []
-        for rows, centred in self._by_plane(position):
+        for _, rows, centred in self._centred(position):
             normal = right_singular(centred)[1][2]
             normal = -normal if normal[2] < 0 else normal
             heights = position[rows] @ normal - self._side(normal, rotation[rows])
             values.append([heights.mean(), *vector_turning_z_to(normal)[:2]])
         return np.concatenate(values)
 
-    def _by_plane(self, position: FloatArray) -> Iterator[tuple[IntArray, FloatArray]]:
-        """Rows of every plane, and their positions (k, 3) about their mean."""
-        names, plane = self.places
-        for k in range(len(names)):
-            rows = np.flatnonzero(plane == k)
-            yield rows, position[rows] - position[rows].mean(axis=0)
+    def _centred(self, position: FloatArray) -> Iterator[tuple[str, IntArray, FloatArray]]:
+        """Every plane, its rows, and their positions (k, 3) about their mean."""
+        for name, rows in self._by_place():
+            yield name, rows, position[rows] - position[rows].mean(axis=0)
 
     def check_enough(self) -> None:
         """Four touches of every plane at least, not on one line at nominal."""
@@ -211,7 +186,7 @@ class TouchedPlane(Term):
         _, position = self.poses.at({})
         # Second over first singular value of touches that lie on a line.
         line = 1e-3
-        for name, (rows, centred) in zip(self.places[0], self._by_plane(position), strict=True):
+        for name, rows, centred in self._centred(position):
             if len(rows) < fewest:
                 raise self.refuse(
                     f"plane {name} touched {len(rows)} times",

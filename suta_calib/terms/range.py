@@ -14,13 +14,13 @@ from suta_calib.geometry.numbers import extent
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.measurements import NumberColumn, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Value
-from suta_calib.model.parameters import Parameter
-from suta_calib.terms.block import LEARNT, Block, Noise, Pose, grouped, norm
+from suta_calib.model.parameters import POSITION, Parameter
+from suta_calib.terms.block import Block, Pose, norm
 from suta_calib.terms.checks import OTHER_UNIT
-from suta_calib.terms.external_frame import PLAUSIBLE_POSITION, point_named, point_parameters
+from suta_calib.terms.external_frame import PLAUSIBLE_POSITION
 from suta_calib.terms.observed import Observed
+from suta_calib.terms.places import PlaceTerm
 from suta_calib.terms.poses import ArmPoses, PoseSource
-from suta_calib.terms.term import Term
 from suta_calib.units import from_mm, mm
 
 # Second over first, and third over first, singular value of tips on a line or in a plane.
@@ -35,7 +35,7 @@ def _excess(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class MeasuredRange(Term):
+class MeasuredRange(PlaceTerm):
     """``‖p_i - a‖ - l_i`` for the distance of the tip from an anchor a that stands somewhere.
 
     With the column ``length`` every l_i was measured: by a draw-wire sensor, a telescoping ball
@@ -45,7 +45,6 @@ class MeasuredRange(Term):
 
     Attributes:
         poses: samples with the label anchor, and perhaps a length.
-        noise: scatter and robustness of a distance, m.
     """
 
     kind = "range"
@@ -63,9 +62,9 @@ class MeasuredRange(Term):
             "length": "The distance; without the column all from one anchor are one unknown.",
         },
     )
-    has_angles = False
     place = "anchor"
     place_unknown = "anchor"
+    place_keys = POSITION
     place_more = ("radius",)
     place_turns = False
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"anchor": ("anchor",), "row": ()}
@@ -76,8 +75,6 @@ class MeasuredRange(Term):
             "The lengths that are measured; or the one that nobody measured.",
         ),
     )
-
-    noise: Noise = LEARNT
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
@@ -141,37 +138,23 @@ class MeasuredRange(Term):
     def _lengths(self) -> FloatArray | None:
         return self.poses.samples.numbers.get("length")
 
-    @cached_property
-    def own_parameters(self) -> tuple[Parameter, ...]:
-        """Every anchor, followed by its radius where no length was measured."""
-        parameters = list[Parameter]()
-        for name in self.places[0]:
-            parameters += point_parameters(f"anchor[{name}]")
-            if self._lengths is None:
-                parameters.append(
-                    Parameter(f"radius[{name}]", "", "m", plausible=PLAUSIBLE_POSITION)
-                )
-        return tuple(parameters)
+    def _of_place(self, name: str) -> list[Parameter]:
+        """The anchor, followed by its radius where no length was measured."""
+        radius = Parameter(f"radius[{name}]", "", "m", plausible=PLAUSIBLE_POSITION)
+        return [*super()._of_place(name), *([radius] if self._lengths is None else [])]
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """The distances."""
-        size = len(self.own_parameters) // len(self.places[0])
-        own_columns = size * self.places[1][:, None] + np.arange(size)
-        labels = self.poses.samples.labels["anchor"]
-        none = np.zeros((len(self.poses), 0))
-        data = none if self._lengths is None else self._lengths[:, None]
-        return (
-            Block.per_sample("distance", "m", 1, _excess, own_columns, data, self.noise, labels),
-        )
+        data = None if self._lengths is None else self._lengths[:, None]
+        return self._blocks("distance", 1, _excess, data)
 
     def observed(self, values: Mapping[str, float], poses: PoseSource) -> Observed:
         """The tips as they are, shifted along the line to the anchor."""
-        names, which = grouped(poses.samples.labels["anchor"])
-        anchor = np.array([point_named(values, f"anchor[{n}]") for n in names])[which]
-        length = poses.samples.numbers.get("length")
+        anchor, length = self._there(values, poses), poses.samples.numbers.get("length")
         if length is None:
-            length = np.array([values[f"radius[{n}]"] for n in names])[which]
+            names = poses.samples.labels["anchor"].tolist()
+            length = np.array([values[f"radius[{name}]"] for name in names])
         away = poses.at(values)[1] - anchor
         distance = np.linalg.norm(away, axis=1)
         return Observed(anchor + away * (length / np.maximum(distance, 1e-12))[:, None])
@@ -179,8 +162,7 @@ class MeasuredRange(Term):
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """Every anchor by `anchor_of`."""
         del rotation
-        names, which = self.places
-        rows = [which == k for k in range(len(names))]
+        rows = [rows for _, rows in self._by_place()]
         if self._lengths is None:
             return np.concatenate([np.append(*anchor_of(position[row])) for row in rows])
         return np.concatenate([anchor_of(position[row], self._lengths[row])[0] for row in rows])
@@ -188,10 +170,9 @@ class MeasuredRange(Term):
     def check_enough(self) -> None:
         """One distance more than an anchor has unknowns, from tips off one line; in one unit."""
         _, position = self.poses.at({})
-        names, which = self.places
-        unknowns = len(self.own_parameters) // len(names)
-        for k, name in enumerate(names):
-            tips = position[which == k]
+        unknowns = len(self.own_parameters) // len(self.places[0])
+        for name, rows in self._by_place():
+            tips = position[rows]
             if len(tips) <= unknowns:
                 raise self.refuse(
                     f"anchor {name} ranged {len(tips)} times",
@@ -207,7 +188,7 @@ class MeasuredRange(Term):
                     hint="distances from a line do not say how the anchor turns about it",
                 )
             if self._lengths is not None and isinstance(self.poses, ArmPoses):
-                self._check_unit(name, self._lengths[which == k], extent(tips))
+                self._check_unit(name, self._lengths[rows], extent(tips))
 
     def _check_unit(self, name: str, lengths: FloatArray, moved: float) -> None:
         """Lengths vary by no more than the tip moved, which is within reach of each of them."""
