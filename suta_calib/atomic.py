@@ -1,19 +1,37 @@
-"""Files that are either complete or not there: no reader ever sees half of one."""
+"""Files that are either complete or not there: no reader ever sees half of one.
+
+Files that replace others together are written into a hidden folder beside their places first,
+`PREFIX`…`SUFFIX`. Where there are several, a journal there names them all; from the moment it
+stands, the exchange is as good as done: whoever looks into the folder next carries it out to its
+end (`recover`). Without a journal nothing was replaced, and what was written is thrown away.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
+import shutil
 import sys
 import tempfile
-from collections.abc import Collection, Iterable, Iterator, Mapping
+import time
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from contextvars import ContextVar
-from pathlib import Path
+from pathlib import Path, PurePath
+from typing import Final
 
 from suta_calib.errors import OutputError
-from suta_calib.staging import exchange
 
+PREFIX: Final = ".suta-calib-"
+SUFFIX: Final = ".tmp"
+JOURNAL: Final = "journal.json"
+# How long another process may take to exchange files of the same folder, s: a few files take
+# milliseconds, a slow network drive seconds.
+_PATIENCE_S: Final = 5.0
+_LOOK_S: Final = 0.02
+# Where a folder cannot be locked (Windows, some network drives), nobody still writes after so long.
+_SURELY_OVER_S: Final = 3600.0
 # What was read so far, as it was named, for whoever asks (`inputs_listed`).
 _listed: ContextVar[dict[Path, None] | None] = ContextVar("listed", default=None)
 # Real paths: of what the running command has read (None outside of one), and of what it edits.
@@ -99,7 +117,7 @@ def exchange_files(
 
     The last file is the record of the others: it goes first and comes last, so that whoever finds
     it finds the files it tells of, at whatever moment the computer stops. Where it stops in the
-    middle, whoever writes or reads there next finishes it (`staging.recover`).
+    middle, whoever writes or reads there next finishes it (`recover`).
 
     Args:
         folder: exists.
@@ -112,12 +130,10 @@ def exchange_files(
             the folder is why, what was there before is untouched, and neither a temporary file nor
             a new folder is left.
     """
-    # Who prints help writes no file.
-
     files = {folder / name: data for name, data in contents.items()}
     refuse_inputs({**dict.fromkeys(folder / name for name in stale), **files})
     try:
-        exchange(folder, contents, stale)
+        _exchange(folder, contents, stale)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         if not folder.is_dir():
@@ -125,6 +141,141 @@ def exchange_files(
         place = getattr(error, "filename2", None) or next(iter(files))
         message = f"{place}: not written: {reason}; nothing half-written was left"
         raise OutputError(message) from error
+
+
+def _exchange(folder: Path, contents: Mapping[str, bytes], stale: Collection[str]) -> None:
+    """Of an OSError the ``filename2`` is the file's path where it is known."""
+    stage = folder / f"{PREFIX}{os.urandom(6).hex()}{SUFFIX}"
+    with _alone_in(folder) as alone:
+        _recover(folder, alone=alone)
+        try:
+            stage.mkdir()
+            for number, (name, data) in enumerate(contents.items()):
+                try:
+                    _write(stage / str(number), data)
+                except OSError as error:
+                    error.filename2 = str(folder / name)
+                    raise
+            names = [*contents]
+            if len(names) > 1 or stale:
+                journal = json.dumps({"files": names, "stale": [*stale]})
+                _write(stage / f"{JOURNAL}.part", journal.encode())
+                (stage / f"{JOURNAL}.part").replace(stage / JOURNAL)
+            try:
+                _carry_out(folder, stage, names, stale)
+            except KeyboardInterrupt:
+                _carry_out(folder, stage, names, stale)
+                raise
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
+
+
+def recover(folder: Path) -> None:
+    """Finish what a process began to exchange in a folder and was killed over, or throw it away.
+
+    What cannot be done, for the folder is write-protected, is left as it is.
+    """
+    if _left_behind(folder):
+        with _alone_in(folder) as alone:
+            _recover(folder, alone=alone)
+
+
+def _write(path: Path, data: bytes) -> None:
+    # Not tempfile: it makes files only their owner may read, and the rename would keep that.
+    with path.open("xb") as file:
+        file.write(data)
+        file.flush()
+        # Without this a power cut after the rename can leave a name on an empty file.
+        os.fsync(file.fileno())
+
+
+def _carry_out(
+    folder: Path, stage: Path, names: Sequence[str], stale: Collection[str] = ()
+) -> None:
+    """Put staged files in their places, as far as that is not done; the last one is the record.
+
+    The record of the run before goes first, and that of this one comes last: whoever finds one
+    finds the files it tells of.
+    """
+    staged = {stage / str(number): folder / name for number, name in enumerate(names)}
+    record = stage / str(len(names) - 1)
+    if len(names) > 1 or stale:
+        gone = [folder / name for name in stale]
+        for path in (*([staged[record]] if record.exists() else []), *gone):
+            path.unlink(missing_ok=True)
+            if path.parent != folder:
+                with contextlib.suppress(OSError):
+                    path.parent.rmdir()
+    for source, path in staged.items():
+        if source.exists():
+            if path.parent != folder:
+                path.parent.mkdir(exist_ok=True)
+            os.replace(source, path)  # noqa: PTH105
+
+
+def _left_behind(folder: Path) -> list[Path]:
+    """Folders of exchanges that are going on, or were broken off."""
+    try:
+        with os.scandir(folder) as entries:
+            return [
+                Path(entry.path)
+                for entry in entries
+                if entry.name.startswith(PREFIX)
+                and entry.name.endswith(SUFFIX)
+                and entry.is_dir(follow_symlinks=False)
+            ]
+    except OSError:
+        return []
+
+
+def _recover(folder: Path, *, alone: bool) -> None:
+    for stage in _left_behind(folder):
+        with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+            if not alone and time.time() - stage.stat().st_mtime < _SURELY_OVER_S:
+                continue
+            if (journal := stage / JOURNAL).is_file():
+                record = json.loads(journal.read_bytes())
+                names, stale = list(record["files"]), list(record["stale"])
+                if all(_is_inside(folder, name) for name in (*names, *stale)):
+                    _carry_out(folder, stage, names, stale)
+            shutil.rmtree(stage, ignore_errors=True)
+
+
+def _is_inside(folder: Path, name: str) -> bool:
+    """Whether a name of a journal, which anybody may have written, is of a file in the folder."""
+    path = PurePath(name)
+    if path.is_absolute() or not path.parts or ".." in path.parts or path.drive:
+        return False
+    return (folder / path).parent.resolve().is_relative_to(folder.resolve())
+
+
+@contextlib.contextmanager
+def _alone_in(folder: Path) -> Iterator[bool]:
+    """Be the only process that exchanges files of a folder; gives whether that is sure."""
+    if sys.platform == "win32":
+        yield False
+        return
+    import fcntl
+
+    try:
+        descriptor = os.open(folder, os.O_RDONLY)
+    except OSError:
+        # Whoever writes into it says what is wrong.
+        yield False
+        return
+    try:
+        end, alone = time.monotonic() + _PATIENCE_S, False
+        while not alone and time.monotonic() < end:
+            try:
+                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                alone = True
+            except BlockingIOError:
+                time.sleep(_LOOK_S)
+            except OSError:
+                break
+        yield alone
+    finally:
+        os.close(descriptor)
 
 
 def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:
@@ -157,8 +308,6 @@ def only_writer(path: Path) -> Iterator[None]:
     Raises:
         OutputError: another process is writing it; says which.
     """
-    # What every command would wait for, and few need.
-
     real = os.path.realpath(path)
     name = hashlib.sha256(os.fsencode(real)).hexdigest()[:24]
     lock = Path(tempfile.gettempdir()) / f"suta-calib-{name}.lock"

@@ -2,18 +2,198 @@
 
 Calling a CasADi function converts every argument; its buffer interface does not. One `Batched`
 binds the arrays once and then costs only the arithmetic.
+
+Of many rows NumPy does what the function says, on columns: CasADi's virtual machine takes some
+nanoseconds for each instruction and row; an operation of NumPy on a column that stays in the cache
+takes less than one. What depends on shared inputs alone is computed once, not once for each row.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any, Final, NoReturn
 
+import casadi as ca
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.elementwise import Elementwise, formula
+
+# Rows that are computed at once: enough that Python's part is small, and few enough that all their
+# columns stay in a core's cache.
+HEIGHT: Final = 2048
+
+# Where a number is: what of, and its place there.
+Place = tuple[str, int, int]
+
+Operation = Callable[..., Any]
+
+
+def _if_else_zero(condition: FloatArray, value: FloatArray, out: FloatArray) -> None:
+    # Zero times a value would not be zero where the value is not finite.
+    out[...] = np.where(condition, value, 0.0)
+
+
+def _twice(value: FloatArray, out: FloatArray) -> None:
+    np.add(value, value, out)
+
+
+# By the name of CasADi's code.
+OPERATIONS: Final[dict[str, Operation]] = {
+    "ADD": np.add,
+    "SUB": np.subtract,
+    "MUL": np.multiply,
+    "DIV": np.divide,
+    "NEG": np.negative,
+    "SQ": np.square,
+    "TWICE": _twice,
+    "INV": np.reciprocal,
+    "SQRT": np.sqrt,
+    "POW": np.power,
+    "CONSTPOW": np.power,
+    "EXP": np.exp,
+    "LOG": np.log,
+    "SIN": np.sin,
+    "COS": np.cos,
+    "TAN": np.tan,
+    "ASIN": np.arcsin,
+    "ACOS": np.arccos,
+    "ATAN": np.arctan,
+    "ATAN2": np.arctan2,
+    "HYPOT": np.hypot,
+    "FABS": np.absolute,
+    "SIGN": np.sign,
+    "COPYSIGN": np.copysign,
+    "FLOOR": np.floor,
+    "CEIL": np.ceil,
+    "FMIN": np.fmin,
+    "FMAX": np.fmax,
+    "LT": np.less,
+    "LE": np.less_equal,
+    "EQ": np.equal,
+    "NE": np.not_equal,
+    "NOT": np.logical_not,
+    "AND": np.logical_and,
+    "OR": np.logical_or,
+    "IF_ELSE_ZERO": _if_else_zero,
+}
+_BY_CODE: Final = {getattr(ca, f"OP_{name}"): operation for name, operation in OPERATIONS.items()}
+
+
+@dataclass(frozen=True, eq=False)
+class Formula:
+    """What a function computes, step by step, and where each number stands meanwhile.
+
+    Attributes:
+        once: operations with the places of their operands and of what they compute, that are the
+            same for every row; `np.positive` copies what is also an answer.
+        each: those on columns, in order.
+        constants: by their place among the numbers that are the same for all rows.
+        alike: how many of these there are.
+        columns: how many columns it takes beside those of inputs and outputs.
+    """
+
+    once: tuple[tuple[Operation, tuple[Place, ...]], ...]
+    per_row: tuple[tuple[Operation, tuple[Place, ...]], ...]
+    constants: Mapping[int, float]
+    shared_places: int
+    columns: int
+
+
+@lru_cache(maxsize=128)
+def formula(function: Any, shared: tuple[int, ...]) -> Formula | None:
+    """Read a CasADi function of column vectors; None where NumPy lacks an operation.
+
+    Args:
+        function: only an ``SXFunction`` consists of scalars.
+        shared: indices of the inputs that are the same for every row.
+    """
+    if not function.is_a("SXFunction"):
+        return None
+    steps = range(function.n_instructions())
+    codes = [function.instruction_id(k) for k in steps]
+    if not {*codes} <= _BY_CODE.keys() | {ca.OP_CONST, ca.OP_INPUT, ca.OP_OUTPUT}:
+        return None
+    read = [function.instruction_input(k) for k in steps]
+    written = [function.instruction_output(k) for k in steps]
+    register = dict[int, Place]()
+    once, per_row = list[Any](), list[Any]()
+    constants, shared_places, columns = dict[int, float](), 0, 0
+    for k, code in enumerate(codes):
+        if code == ca.OP_INPUT:
+            register[written[k][0]] = ("shared" if read[k][0] in shared else "input", *read[k])
+            continue
+        operands = tuple(register[r] for r in read[k])
+        same = all(kind in ("alike", "shared") for kind, _, _ in operands)
+        to = once if same else per_row
+        if code == ca.OP_OUTPUT:
+            to.append((np.positive, (*operands, ("output", *written[k]))))
+            continue
+        # CasADi uses a register again when its number is not needed any more.
+        place: Place = ("column", 0, written[k][0])
+        if same:
+            place, shared_places = ("alike", 0, shared_places), shared_places + 1
+        else:
+            columns = max(columns, written[k][0] + 1)
+        register[written[k][0]] = place
+        if code == ca.OP_CONST:
+            constants[place[2]] = function.instruction_constant(k)
+        else:
+            to.append((_BY_CODE[code], (*operands, place)))
+    return Formula(tuple(once), tuple(per_row), constants, shared_places, columns)
+
+
+class Elementwise:
+    """A formula bound to arrays: a call fills the outputs from what the inputs hold then.
+
+    Args:
+        rule: what is computed.
+        inputs: one array per input, (n, size), or (size,) for a shared one.
+        outputs: one array per output, (n, size).
+    """
+
+    def __init__(
+        self, rule: Formula, inputs: Sequence[FloatArray], outputs: Sequence[FloatArray]
+    ) -> None:
+        count = len(outputs[0])
+        # Parts of equal height, so that the last one does not compute rows that are not there.
+        self._height = -(-count // -(-count // HEIGHT))
+        of_row = [np.zeros((a.shape[1] if a.ndim == 2 else 0, self._height)) for a in inputs]
+        answers = [np.zeros((a.shape[1], self._height)) for a in outputs]
+        shared = np.zeros((rule.shared_places, 1))
+        for place, value in rule.constants.items():
+            shared[place] = value
+        self._inputs = [(a, b) for a, b in zip(inputs, of_row, strict=True) if a.ndim == 2]
+        self._outputs = list(zip(outputs, answers, strict=True))
+        stands = {
+            "alike": [list(shared)],
+            "shared": [list(a[:, None]) if a.ndim == 1 else [] for a in inputs],
+            "input": [list(block) for block in of_row],
+            "output": [list(block) for block in answers],
+            "column": [list(np.zeros((rule.columns, self._height)))],
+        }
+        self._once, self._each = (
+            [(do, [stands[kind][which][at] for kind, which, at in places]) for do, places in steps]
+            for steps in (rule.once, rule.per_row)
+        )
+
+    def __call__(self) -> None:
+        """Compute all rows."""
+        with np.errstate(all="ignore"):
+            for operation, operands in self._once:
+                operation(*operands)
+            for first in range(0, len(self._outputs[0][0]), self._height):
+                rows = slice(first, first + self._height)
+                for array, block in self._inputs:
+                    chunk = array[rows].T
+                    block[:, : chunk.shape[1]] = chunk
+                for operation, operands in self._each:
+                    operation(*operands)
+                for array, block in self._outputs:
+                    chunk = array[rows]
+                    chunk[:] = block[:, : len(chunk)].T
+
 
 # Rows that one mapped function takes. A mapped function lists the place of every number of all its
 # rows, which for a million rows takes more memory than the numbers; many rows are so many at a

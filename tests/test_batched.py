@@ -8,10 +8,9 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from suta_calib import batched, elementwise
+from suta_calib import batched
 from suta_calib.arrays import FloatArray
-from suta_calib.batched import Batched
-from suta_calib.elementwise import OPERATIONS, formula
+from suta_calib.batched import OPERATIONS, Batched, formula
 
 BINARY = {"ADD", "SUB", "MUL", "DIV", "POW", "CONSTPOW", "ATAN2", "HYPOT", "COPYSIGN"} | {
     *("FMIN", "FMAX", "LT", "LE", "EQ", "NE", "AND", "OR", "IF_ELSE_ZERO")
@@ -45,7 +44,7 @@ def test_a_part_at_a_time_is_the_whole(
     rows: int, shared: tuple[int, ...], numpy: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(batched, "CHUNK", 4)
-    monkeypatch.setattr(elementwise, "HEIGHT", 4)
+    monkeypatch.setattr(batched, "HEIGHT", 4)
     monkeypatch.setattr(batched, "MANY", 0 if numpy else 1000)
     random = np.random.default_rng(0)
     many = Batched(function(), rows, shared)

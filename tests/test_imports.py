@@ -11,8 +11,8 @@ from pathlib import Path
 ROWS = (
     {"errors", "arguments", "arrays", "units", "assessment", "atomic", "confined", "extras"}
     | {"inputs", "registry"}
-    | {"processes", "showing", "staging", "threads", "words"},
-    {"geometry", "batched", "elementwise", "plotting"},
+    | {"processes", "showing", "threads", "words"},
+    {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},
     {"solver"},

@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from suta_calib import staging
+from suta_calib import atomic
 from suta_calib.atomic import exchange_files, write_bytes_atomically
 from suta_calib.errors import OutputError
 
@@ -76,7 +76,7 @@ def test_a_killed_run_is_finished_or_undone_by_whoever_looks_next(
                 there = {k: v for k, v in contents(folder).items() if not k.startswith(".")}
                 assert there == expected
         if looks == "reader":
-            staging.recover(folder)
+            atomic.recover(folder)
         else:
             write_bytes_atomically(folder / "other.txt", b"")
             (folder / "other.txt").unlink()
@@ -102,15 +102,15 @@ def test_an_interrupt_in_the_middle_leaves_all_files(
         plain(*arguments)
 
     with monkeypatch.context() as patch:
-        patch.setattr(staging.os, "replace", interrupted)
+        patch.setattr(atomic.os, "replace", interrupted)
         with pytest.raises(KeyboardInterrupt):
             exchange_files(tmp_path, AFTER, STALE)
     assert contents(tmp_path) == AFTER
 
 
 def left_behind(folder: Path, journal: object, **files: bytes) -> Path:
-    (stage := folder / f"{staging.PREFIX}1{staging.SUFFIX}").mkdir()
-    (stage / staging.JOURNAL).write_text(json.dumps(journal))
+    (stage := folder / f"{atomic.PREFIX}1{atomic.SUFFIX}").mkdir()
+    (stage / atomic.JOURNAL).write_text(json.dumps(journal))
     for number, data in files.items():
         (stage / number.removeprefix("n")).write_bytes(data)
     return stage
@@ -133,7 +133,7 @@ def test_a_journal_reaches_nothing_outside_its_folder(journal: Any, tmp_path: Pa
     (folder / "linked").symlink_to(tmp_path)
     text = json.dumps(journal).replace("{outside}", str(tmp_path))
     stage = left_behind(folder, json.loads(text), n0=b"theirs", n1=b"theirs")
-    staging.recover(folder)
+    atomic.recover(folder)
     assert mine.read_text() == "mine"
     assert not (folder / "a.txt").exists()
     del stage
@@ -143,15 +143,15 @@ def test_what_another_process_is_writing_is_left_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     fcntl = pytest.importorskip("fcntl")
-    monkeypatch.setattr(staging, "_PATIENCE_S", 0.05)
+    monkeypatch.setattr(atomic, "_PATIENCE_S", 0.05)
     stage = left_behind(tmp_path, {"files": ["a", "b"], "stale": []}, n0=b"1", n1=b"2")
     holder = os.open(tmp_path, os.O_RDONLY)
     fcntl.flock(holder, fcntl.LOCK_EX)
-    staging.recover(tmp_path)
+    atomic.recover(tmp_path)
     assert (stage / "0").exists()
     # Unless that was long ago.
     os.utime(stage, (time.time() - 7200,) * 2)
-    staging.recover(tmp_path)
+    atomic.recover(tmp_path)
     assert contents(tmp_path) == {"a": b"1", "b": b"2"}
     os.close(holder)
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cache, cached_property, partial
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 from suta_calib import plotting
 from suta_calib.arrays import FloatArray
@@ -26,10 +26,12 @@ from suta_calib.model.parameters import (
     GEOMETRIC,
     ParameterSet,
 )
+from suta_calib.plotting.scene import Scene
 from suta_calib.showing import Displayable, named
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solve import solve
+from suta_calib.solver.solution import Estimate, Solution
+from suta_calib.solver.solve import Progress, solve
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import (
     Accuracy,
@@ -40,18 +42,12 @@ from suta_calib.trust.accuracy import (
 )
 from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
+from suta_calib.trust.explanation import Explanation
+from suta_calib.trust.repeats import TouchRepeatability
 from suta_calib.units import shown, unit_name
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import view_calibration
-
-if TYPE_CHECKING:
-    from suta_calib.plotting.scene import Scene
-    from suta_calib.solver.solution import Estimate, Solution
-    from suta_calib.solver.solve import Progress
-    from suta_calib.trust.explanation import Explanation
-    from suta_calib.trust.repeats import TouchRepeatability
-    from suta_calib.view.calibrated import Calibrated
-    from suta_calib.view.server import Viewer
+from suta_calib.view.server import Viewer
 
 DataSet = Literal["calibration", "validation"]
 # Who writes an answer as a page, and is made of answers.

@@ -30,13 +30,9 @@ _TABLES: Final = (".csv", ".parquet")
 
 
 def packed(job: Path, files: Iterable[Path], most: int = MOST_BYTES) -> bytes:
-    """The copy of a job as a ZIP file.
+    """The copy of a job and of what was read for it as a ZIP file.
 
-    Args:
-        job: its ``calibration.yaml``.
-        files: what was read for it, as it was named; the job may be among them.
-        most: bytes of all files together; what does not fit is named in the copy and left out,
-            the largest first.
+    What does not fit into ``most`` bytes is named in the copy and left out, the largest first.
     """
     job = _absolute(job)
     paths = {_absolute(path) for path in files if path.is_file()}

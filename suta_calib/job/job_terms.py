@@ -76,15 +76,9 @@ def read_term(
 def held_together(
     spec: JobSpec, observations: Sequence[Term], validation: Sequence[Term]
 ) -> tuple[tuple[Term, ...], tuple[Term, ...]]:
-    """The terms of a job as they are beside each other.
+    """The terms of a job, to fit and held out, as they are beside each other.
 
-    Args:
-        spec: their rows.
-        observations: terms to fit.
-        validation: terms that are held out.
-
-    Raises:
-        InputError: rows that say two things of the same, or fitted samples that stand in two rows.
+    Rows that say two things of the same, and fitted samples that stand in two rows, are refused.
     """
     _check_once(spec, observations)
     _check_given_alike(spec, observations, validation)

@@ -68,7 +68,7 @@ def new_job(
     kinds: Sequence[str] = (),
     grade: str | None = None,
 ) -> tuple[Template, ...]:
-    """Files of a job for an arm; nothing is written yet.
+    """Files of a job for an arm, of kinds of observation, each once; nothing is written yet.
 
     Args:
         arm: at nominal, from a file.

@@ -20,15 +20,8 @@ def calibration_scene(
 ) -> Scene:
     """The arm at its first sample, the places of all samples, and errors before and after.
 
-    Args:
-        arm: at nominal.
-        terms: of the arm, at least one.
-        before: values of all parameters with the nominal arm.
-        after: the same with the calibrated arm.
-
-    Returns:
-        Places, and errors as arrows from where the tip should have been to where the arm says it
-        is, all magnified alike.
+    By the values of all parameters. Errors are arrows from where the tip should have been to where
+    the arm says it is, all magnified alike.
     """
     first = terms[0].poses.samples.q[0]
     scene = arm.scene(first)

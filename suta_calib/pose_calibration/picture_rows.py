@@ -175,7 +175,9 @@ def _by_size(problem: Problem, term: CameraView, every: FloatArray, x: FloatArra
     at = [problem.names.index(f"{owner}.{key}") for key in PLACEMENT]
     turn = rotation_from_vector(x[at[3:]])
     _, point = term.detected
-    return np.asarray(np.einsum("nda,na->nd", every[:, :, at[:3]], term.points[point] @ turn.T))
+    return np.asarray(
+        np.einsum("nda,na->nd", every[:, :, at[:3]], term.pictures.points[point] @ turn.T)
+    )
 
 
 @dataclass(frozen=True, eq=False)

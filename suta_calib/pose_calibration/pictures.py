@@ -236,8 +236,8 @@ def _settled(
     ]
     for _ in range(8):
         fitted = [
-            term.take(good).with_noise(
-                Noise(level, huber_threshold(2) * level) if robust else Noise(level)
+            term.take(good).at_its_distance(
+                Noise(level, huber_threshold(2) * level) if robust else Noise(level), term.pixel
             )
             for term, good, level in zip(terms, believed, scatter, strict=True)
         ]

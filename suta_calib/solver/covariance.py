@@ -100,12 +100,9 @@ class Spread:
 class CovarianceParts:
     """The covariance of an estimate by origin.
 
-    Attributes:
-        scatter: (n, n) of what differs from touch to touch, and of the priors.
-        artefact: (n, n) of certified coordinates, whose errors all touches share.
-        scale: (n, carriers) derivative by each scale.
-        scale_std: (carriers,) standard deviation of each.
-        carriers: what carries each of them, and its name.
+    ``scatter`` (n, n) is of what differs from touch to touch, and of the priors, ``artefact`` (n,
+    n) of certified coordinates, whose errors all touches share; ``scale`` (n, carriers) is the
+    derivative by each scale, of which ``scale_std`` is the standard deviation.
     """
 
     scatter: FloatArray
@@ -181,12 +178,9 @@ def predicted_scale_covariance(fit: Fitted) -> FloatArray:
 def _clustered_variance(rows: Sequence[Rows], touch: IntArray, bread: FloatArray) -> FloatArray:
     """A⁻¹ (Σ of products of row gradients that share a touch) A⁻¹ for one term's blocks.
 
-    Cluster-robust variance for dyads (Aronow, Samii, Assenova 2015, doi:10.1093/pan/mpv018), which
-    is White's for rows of one sample each. Residuals are freed of their leverage touch by touch
-    (CR2; Bell and McCaffrey 2002): a fit follows the few touches it has.
-
-    Repeats of a touch are one cluster, because they share what the model gets wrong about their
-    posture: ``touch`` (samples,) names it.
+    Cluster-robust variance for dyads (Aronow, Samii, Assenova 2015, doi:10.1093/pan/mpv018).
+    Residuals are freed of their leverage touch by touch (CR2; Bell and McCaffrey 2002). ``touch``
+    (samples,) names what is one cluster.
     """
     unit = np.sqrt(np.maximum(np.diag(bread), 0.0))
     outer = np.outer(unit, unit)

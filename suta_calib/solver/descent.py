@@ -78,16 +78,10 @@ def descend(
     basins: Sequence[Basin] = (),
     joins: float = 0.0,
 ) -> Descent:
-    """Gauss-Newton steps from a start within the bounds, each to a lower cost.
+    """Gauss-Newton steps from a start (n,) within the bounds (n,), each to a lower cost.
 
-    Args:
-        evaluate: cost, gradient (n,) and positive semidefinite matrix (n, n) at a point (n,).
-        start: (n,).
-        bounds: lower and upper ones, (n,) each; infinite where there are none.
-        settled: share of the cost that a minimum may promise to be above the true one.
-        steps: most steps.
-        basins: minima that need no second visit.
-        joins: how far above a known minimum, in cost, a step ends that has reached it.
+    The last may promise to lower the cost by a share of ``settled``. It ends at one of the known
+    minima (``basins``) when a step comes to within ``joins`` of its cost.
     """
     lower, upper = bounds
     z = np.clip(start, lower, upper)

@@ -94,11 +94,10 @@ class PoseTable:
 
     @contextmanager
     def shifted(self, shifts: Sequence[FloatArray]) -> Iterator[None]:
-        """Evaluate at other readings for a while.
+        """Evaluate at other readings for a while, shifted for each source in order.
 
-        Args:
-            shifts: for each source in order: of an arm's readings (n, joints); of measured poses
-                (n, 6), displacements, m, and turns about the base's axes, rad.
+        By readings of an arm (n, joints), or by displacements of measured poses, m, and turns about
+        the base's axes, rad (n, 6).
         """
         readings = [b.inputs[1].copy() if b else None for _, b in self._sources]
         poses, theta = (self.rotation.copy(), self.position.copy()), self._theta
@@ -289,8 +288,7 @@ class Evaluation:
         """Some rows of a block after the other, with their derivatives (k, d, parameters).
 
         By the arm's parameters, unless these are to be left out, then by own ones, unless the block
-        looks at none. What many rows take at once is slower to find room for than to compute. They
-        may be what the block keeps: not to be written to.
+        looks at none. They may be what the block keeps: not to be written to.
         """
         by_own, size = line.pattern.by_own(line.by_own), line.residual.shape[1]
         arm = arm and self.arm_count > 0

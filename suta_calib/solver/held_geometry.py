@@ -88,16 +88,10 @@ class HeldGeometry:
 
 
 def held_geometry(fit: Fitted, within: FloatArray, *, robust: bool = True) -> HeldGeometry | None:
-    """The held geometry of an arm, and what it does where no residual shows it.
+    """The held geometry of an arm, and what it does where no residual shows it; None if nothing.
 
-    Args:
-        fit: the estimate.
-        within: (n, n) covariance of the estimate if all that is held is right.
-        robust: believe rows as Huber weighs them at x; not before the fit, as in
-            `predicted_information`.
-
-    Returns:
-        None where nothing is held, or everything that is shows in the residuals.
+    ``within`` (n, n) is the covariance of the estimate if all that is held is right. Before the fit
+    no row is believed less than others (``robust``), as in `predicted_information`.
     """
     arm, free, given = fit.problem.arm, fit.free, fit.problem.arm_parameters
     if arm is None or not len(free):
@@ -257,10 +251,8 @@ def seating_covariance(fit: Fitted) -> FloatArray:
 def held_size(residual: FloatArray, left: FloatArray, fitted: int) -> float:
     """λσ², the variance of the held geometry's errors in units of typical ones; 0 for none.
 
-    Args:
-        residual: (m,) whitened.
-        left: (m, k) what the held geometry leaves in the residuals once the unknowns are fitted.
-        fitted: how many were.
+    The residual (m,) is whitened; ``left`` (m, k) is what the held geometry leaves in it once the
+    unknowns, so many, are ``fitted``.
     """
     # Candidates for λ, from what no data show to errors a thousand times as large as typical ones.
     ratios = np.geomspace(1e-8, 1e6, 141)

@@ -52,15 +52,10 @@ class Combination(Displayable):
 
 @dataclass(frozen=True, eq=False)
 class _LeftOpen:
-    """What the data leave open among some parameters.
+    """What the data leave open among (n,) parameters, in plausible units.
 
-    Attributes:
-        names: (n,) of the parameters.
-        unit: (n,) what is plausible of each.
-        chosen: which of them are fixed for it, from 0.
-        weak: (n, chosen) the directions, in plausible units.
-        curvature: (n, n) information with priors, in plausible units.
-        noise_induced: (n, n) what noise makes up of it.
+    ``chosen`` are fixed for the directions ``weak`` (n, chosen). The curvature is with priors;
+    ``noise_induced`` is what noise makes up of it.
     """
 
     names: NDArray[np.str_]
@@ -191,12 +186,9 @@ def schur_complement(
 ) -> list[FloatArray]:
     """Information on some parameters alone, once the others have followed wherever they move them.
 
-    Args:
-        matrices: (n, n) each: the curvature, which says how the others follow; and perhaps its
-            variance, and what noise makes up of it.
-        prior: (n,) precision. That of what is eliminated tells of what is kept.
-        arm: indices to keep.
-        own_columns: indices to eliminate.
+    The first of the matrices (n, n) is the curvature, which says how the others follow; then come
+    perhaps its variance, and what noise makes up of it. The prior's precision (n,) of what is
+    eliminated tells of what stays.
     """
     if not len(own_columns):
         return [m[np.ix_(arm, arm)] for m in matrices]

@@ -204,12 +204,9 @@ def _noise_induced_information(
 ) -> FloatArray:
     """F: how much the Jacobian changes when the readings change by their own noise.
 
-    The noise of the readings is not known; what is known is how far it moves the tip. Every joint,
-    and the turn of every measured pose, gets its share of it. Information that only the size of the
-    residuals makes counts as well.
-
-    Of very many samples a part tells it, and only its rows are looked at; of others ``rows`` are
-    those of all. ``lines`` and ``beliefs`` are of all.
+    What is known of that noise is how far it moves the tip: every joint, and the turn of every
+    measured pose, gets its share. Information that only the size of the residuals makes counts as
+    well. Of very many samples a part tells it; of others ``rows`` are those of all.
     """
     total = _nothing(x)
     for line in lines:
@@ -300,20 +297,14 @@ def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
             if "m" in level:
                 turn = level["m"] * float(moved / turned) * np.sqrt(2.0 / 3.0)
             else:  # Plain numbers: as much as explains them, shared by the three axes.
-                turn = _median(line.sigma) * np.sqrt(line.residual.size) / float(turned)
+                turn = float(np.median(line.sigma)) * np.sqrt(line.residual.size) / float(turned)
             turn = min(turn, WORST_TURN)
     return np.repeat([level.get("m", 0.0), turn], 3)
 
 
 def _levels(lines: Sequence[Linearised]) -> dict[Unit, float]:
     """Noise of one component of a term's residuals by unit."""
-    return {line.view.block.unit: _median(line.sigma) for line in lines}
-
-
-def _median(numbers: FloatArray) -> float:
-    """Of some numbers (n,): NumPy's own looks longer for NaN than this takes."""
-    ordered, half = np.sort(numbers), len(numbers) // 2
-    return float(0.5 * (ordered[half] + ordered[(len(numbers) - 1) // 2]))
+    return {line.view.block.unit: float(np.median(line.sigma)) for line in lines}
 
 
 def _each_for_itself(line: Linearised, rests: IntArray) -> bool:
@@ -383,24 +374,4 @@ def scaled_inverse(matrix: FloatArray, rounding: float = 1e-12) -> FloatArray:
     """
     scale = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     outer = np.outer(scale, scale)
-    unit = matrix / outer
-    inverse = _inverse(unit, rounding)
-    if inverse is None:
-        inverse = np.linalg.pinv(unit, rounding, True)
-    return np.asarray(inverse / outer)
-
-
-def _inverse(unit: FloatArray, rounding: float) -> FloatArray | None:
-    """Of a matrix of unit diagonal, unless an eigenvalue may count as zero: in a fifth of the time.
-
-    The largest is no larger than the size of the matrix, and the smallest no smaller than one over
-    that of the inverse.
-    """
-    try:
-        inverse = np.linalg.inv(unit)
-    except np.linalg.LinAlgError:
-        return None
-    # Times the bound below which an eigenvalue is rounding, at which it surely is none.
-    if not np.linalg.norm(inverse) * np.linalg.norm(unit) * rounding < 1e-2:
-        return None
-    return np.asarray(0.5 * (inverse + inverse.T))
+    return np.asarray(np.linalg.pinv(matrix / outer, rounding, True) / outer)

@@ -67,12 +67,9 @@ class RowPattern:
     def by_parameters(
         self, by_pose: FloatArray, velocity: FloatArray, rows: slice | None = None
     ) -> FloatArray:
-        """Derivatives (k·d, p) by what moves the poses.
+        """Derivatives (k·d, p) by what moves the poses, of some rows, or of all.
 
-        Args:
-            by_pose: (n, d, c) derivatives.
-            velocity: (6·samples, p) of the poses.
-            rows: the k rows that are asked for, as ``slice(first, end)``; all by default.
+        From derivatives (n, d, c) and velocities (6·samples, p).
         """
         chosen = by_pose if rows is None else by_pose[rows]
         if rows is None or len(chosen) == len(by_pose):
@@ -86,12 +83,7 @@ class RowPattern:
         return np.asarray(matrix @ velocity)
 
     def summed(self, by_pose: FloatArray, rows: FloatArray) -> FloatArray:
-        """For each velocity the sum (6·samples, p) of all rows, times what each changes with it.
-
-        Args:
-            by_pose: (n, d, c) derivatives.
-            rows: (n·d, p).
-        """
+        """For each velocity the sum (6·samples, p) of rows (n·d, p), times their change with it."""
         return np.asarray(self.by_velocity(by_pose).T @ rows)
 
     def by_own(self, by_own: FloatArray) -> Any:
@@ -173,16 +165,10 @@ class Kernel:
     def __call__(
         self, rotation: FloatArray, position: FloatArray, own_values: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Residuals and derivatives of all rows.
+        """Residuals (n, d), derivatives by pose velocities (n, d, c) and own parameters (n, d, m).
 
-        Args:
-            rotation: (samples, 9) column by column.
-            position: (samples, 3), m.
-            own_values: (own parameters,) all of them.
-
-        Returns:
-            Residuals (n, d), derivative by the pose velocities of `pattern` (n, d, c), and by the
-            own parameters (n, d, m). Views of arrays that the next call overwrites.
+        Of rotations (samples, 9), column by column, positions (samples, 3), m, and all own
+        parameters. They are views of arrays that the next call overwrites.
         """
         n, size, width = self._shape
         for slot, (part, rows) in zip(self._batch.inputs, self._taken, strict=False):
@@ -247,9 +233,7 @@ class _BlockResiduals:
 def term_residuals(term: Term, values: Mapping[str, float]) -> tuple[FloatArray, ...]:
     """Residuals (n, d) of every block of a term, m or rad, without derivatives.
 
-    Args:
-        term: what is looked at.
-        values: parameters by name, m or rad; the arm's are nominal where none is given.
+    Parameters are by name, m or rad; the arm's are nominal where none is given.
     """
     own_values = np.array([values[p.name] for p in term.own_parameters])
     rotation, position = term.poses.at(values)
@@ -305,17 +289,11 @@ def _compiled(
 ) -> tuple[Any, IntArray, tuple[int, ...], Any]:
     """CasADi function (R₁, p₁, …, own, data) → residual, pose derivative, own derivative.
 
-    What occurs in it several times is sought for ``many`` rows: that takes longer than all else
-    here, and as long as to evaluate a hundred rows some fifty times.
-
-    Where it is to be taken ``separate``, what is made of own parameters alone, such as a rotation
-    matrix, is an input before them, and the last output is the derivative by that; the last answer
-    is the function own → what is made of them, and its derivative. None where nothing is.
-
-    Rotations and positions that the residual does not look at are no inputs; the third answer says
-    which of R₁, p₁, R₂, … are.
-
-    Derivatives are transposed, so that CasADi's column order is row order per residual component.
+    Common parts are sought for ``many`` rows only: that takes long. Where it is taken ``separate``,
+    what is made of own parameters alone, such as a rotation matrix, is an input before them, the
+    last output is the derivative by that, and the last answer the function that makes it. The third
+    answer says which of R₁, p₁, R₂, … are looked at, and are inputs. Derivatives are transposed:
+    CasADi's column order is row order per component.
     """
     rotations = [ca.SX.sym(f"R{k}", 3, 3) for k in range(poses)]
     positions = [ca.SX.sym(f"p{k}", 3) for k in range(poses)]

@@ -47,12 +47,8 @@ def energies_of_rows(
 ) -> tuple[Energy, Energy, int]:
     """A block's cost: of rows within Huber's threshold, of those beyond; how many are within.
 
-    Args:
-        rows: whitened by the noise that they were linearised with.
-        free: (n,) columns of what is estimated.
-        step: (n,) of it, at which weights are taken.
-        trust: share of the rows that is independent.
-        sigma: noise to weigh them with, m or rad per component.
+    Of what is estimated (``free``), at a step of it, weighed with the noise ``sigma``, m or rad per
+    component; ``trust`` is the share of the rows that is independent.
     """
     line = rows.line
     n, size = line.residual.shape
@@ -104,13 +100,10 @@ class EvidencePoint:
 class MarginalLikelihood:
     """-log evidence as a function of η relative to where one is.
 
-    Attributes:
-        energies: of each block's believed rows, then of each group's priors.
-        held: of what does not depend on η.
-        counts: (k,) how many independent numbers or priors each stands for.
-        beyond: of each block how many rows are beyond Huber's threshold, their dimension, and the
-            threshold in units of the noise.
-        mean, belief: (k,), (k, k) of the hyperprior.
+    It has the energies of each block's believed rows, then of each group's priors, and those
+    ``held`` that do not depend on η; ``counts`` (k,) of independent numbers or priors; for each
+    block how many rows are ``beyond`` Huber's threshold, their dimension, and the threshold in
+    units of the noise; ``mean`` (k,) and ``belief`` (k, k) of the hyperprior.
     """
 
     energies: Sequence[Energy]
@@ -236,12 +229,8 @@ def covariance_of_levels(
     """What the scatter of the levels adds to the covariance of the unknowns, (p, p).
 
     The mean over levels that are likely (Kass and Steffey 1989,
-    doi:10.1080/01621459.1989.10478825), by points whose mean and covariance are theirs.
-
-    Args:
-        at: the estimate at some levels (k,).
-        best: (k,) levels.
-        uncertainty: (k, k) covariance of the levels.
+    doi:10.1080/01621459.1989.10478825), by points whose mean and covariance are those of the best
+    levels (k,) and their uncertainty (k, k).
     """
     here = at(best)
     values, vectors = np.linalg.eigh(uncertainty * len(best))

@@ -47,12 +47,7 @@ def huber_weight(squared: FloatArray, threshold: FloatArray) -> FloatArray:
 
 
 def radial(residual: FloatArray, derivative: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Which way residuals (n, d) point, (n, d), and how their lengths change, (n, p).
-
-    Args:
-        residual: none of them zero.
-        derivative: (n, d, p) of them.
-    """
+    """Which way residuals (n, d) above zero point, (n, d), and how they lengthen, (n, p)."""
     if residual.shape[1] == 1:
         unit = np.sign(residual)
         return unit, unit * derivative[:, 0]

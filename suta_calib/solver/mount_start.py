@@ -50,11 +50,9 @@ class FreeMount:
 
     @classmethod
     def of(cls, problem: Problem, held: Collection[int] = ()) -> Self | None:
-        """The mount of a problem's arm; None where a descent from nominal finds it anyway.
+        """The mount of a problem's arm, of which some parameters are held at nominal.
 
-        Args:
-            problem: terms and parameters.
-            held: indices of parameters that are held at nominal.
+        None where a descent from nominal finds it anyway.
         """
         if problem.arm is None:
             return None
@@ -84,11 +82,7 @@ class FreeMount:
         return cls(problem, tail, tuple(p.name for p in free), *bounds)
 
     def starts(self, values: Mapping[str, float]) -> list[dict[str, float]]:
-        """Arm values whose tip is where what each term sees is, as far as bounds allow.
-
-        Args:
-            values: of the arm's other parameters, m or rad; nominal where not given.
-        """
+        """Arm values whose tip is where what each term sees is, as far as bounds allow."""
         nominal = {p.name: p.nominal for p in self.problem.arm_parameters.values()}
         given = nominal | dict(values)
         starting_values = []

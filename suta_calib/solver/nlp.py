@@ -90,13 +90,10 @@ class RobustNlp:
         return self._least_squares(z)[1]
 
     def descend(self, z: FloatArray, *, settled: float, steps: int, join: bool = False) -> Descent:
-        """Gauss-Newton steps from z.
+        """Gauss-Newton steps from z, as of `descent.descend`.
 
-        Args:
-            z: where to begin.
-            settled: share of the cost that steps may promise to lose where the next is the last.
-            steps: most of them.
-            join: end early at a minimum that an earlier call found, over the same held values.
+        It may ``join`` a minimum that an earlier call found, over the same held values, and end
+        there early.
         """
         basins = [basin for held, basin in self._minima if np.array_equal(held, self.held)]
         # Of that, what a start may lack that leads to a minimum which another one has found.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -23,12 +23,10 @@ from suta_calib.solver.ipopt import STALLED
 from suta_calib.solver.nlp import SAME_COST
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solver import Minimum
+from suta_calib.solver.weights import Weights
 from suta_calib.terms.length_scale import scale_carriers
 from suta_calib.terms.term import Term
 from suta_calib.units import Unit
-
-if TYPE_CHECKING:
-    from suta_calib.solver.weights import Weights
 
 State = Literal["identified", "unidentified", "prior", "at_bound", "fixed"]
 # Who judges a solution, and is made of solutions.

@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
@@ -23,11 +23,8 @@ from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
 from suta_calib.solver.solver import Minimum
-from suta_calib.solver.weights import learn_weights
+from suta_calib.solver.weights import Weights, learn_weights
 from suta_calib.threads import single_threaded
-
-if TYPE_CHECKING:
-    from suta_calib.solver.weights import Weights
 
 # Of the cost: a difference between ends of starts that is rounding.
 SAME: Final = 1e-9
@@ -104,16 +101,9 @@ def solve_again(
 ) -> Solution:
     """Minimise nearly the same problem from where its solution was.
 
-    What was held there is held again, and `solve` decides anew where these data tell otherwise.
-    Noise levels are taken as given; the covariance is computed when it is asked for.
-
-    Args:
-        problem: over the same arm; where it has other unknowns, `solve` takes it.
-        like: the solution of nearly the same data, or for other noise levels.
-        options: of the solver.
-
-    Raises:
-        SamplesError: too few samples for a term, or for the unknowns.
+    What was held there is held again, and `solve` decides anew where these data tell otherwise, or
+    where there are other unknowns. Noise levels are taken as given; the covariance is computed when
+    it is asked for.
     """
     solution = _from_there(problem, like, options)
     return (solution and judged(solution)) or solve(problem, options)

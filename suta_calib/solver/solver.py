@@ -121,12 +121,9 @@ class Solver(ABC):
         starts: Sequence[FloatArray],
         done: Callable[[int], None] = lambda _: None,
     ) -> list[Minimum]:
-        """The end of each start (n,). Where two have ended nowhere at one cost, no more are tried.
+        """The end of each start (n,), clipped into the bounds; ``done`` is told how many ended.
 
-        Args:
-            nlp: what to minimise.
-            starts: clipped into the bounds.
-            done: called with how many have ended, after each.
+        Where two have ended nowhere at one cost, no more are tried.
         """
         ends: list[Minimum] = []
         for start in starts:

@@ -143,12 +143,7 @@ def learn_weights(
 ) -> Weights:
     """Noise levels and factors on priors for which the data are the least surprising.
 
-    Args:
-        problem: terms and parameters, priors as given.
-        x: (n,) minimum for the weights so far.
-        sigmas: noise of each block that it is the minimum for, m or rad per component.
-        free: indices that were estimated.
-        options: how far the weights may be from what was given.
+    The minimum x (n,) is for the weights so far: ``sigmas``, and priors as given.
     """
     blocks, rows = problem.blocks, whitened_rows(problem, x, sigmas)
     of_parameter = prior_groups(problem)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import casadi as ca
 import numpy as np
@@ -16,11 +16,9 @@ from scipy.sparse import csc_array
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
+from suta_calib.measurements import Artefact
 from suta_calib.showing import Displayable
 from suta_calib.units import Unit
-
-if TYPE_CHECKING:
-    from suta_calib.measurements import Artefact
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,13 +89,10 @@ class Certified:
     def of(
         cls, artefact: Artefact, touched: NDArray[Any], rows: IntArray, derivative: FloatArray
     ) -> Certified:
-        """The artefact's part in a block.
+        """The artefact's part in a block whose rows look at some samples (n, k).
 
-        Args:
-            artefact: certified landmarks.
-            touched: (samples,) names of the landmarks that were touched.
-            rows: (n, k) which samples each row looks at.
-            derivative: (n, d, k, 3) of the residual by the coordinates of their landmarks.
+        ``touched`` (samples,) names the landmarks; the derivative (n, d, k, 3) is of the residual
+        by their coordinates.
         """
         names, number = grouped(touched)
         landmarks = [artefact.landmark(name) for name in names]

@@ -85,17 +85,6 @@ class BoardPictures:
             vars(taken)["poses"] = rotation[chosen], position[chosen]
         return taken
 
-    def among(self, pixels: FloatArray | None) -> BoardPictures | None:
-        """These pictures in another order, or some of them, with what is known of each.
-
-        None where there are others among them.
-        """
-        if pixels is None or pixels is self.pixels:
-            return None if pixels is None else self
-        number = {picture.tobytes(): k for k, picture in enumerate(self.pixels)}
-        rows = [number.get(picture.tobytes(), -1) for picture in pixels]
-        return None if -1 in rows else self.take(rows, pixels)
-
     @property
     def pixel(self) -> float | None:
         """Length, m, that a pixel covers where the board typically is; None if nothing tells."""
@@ -168,13 +157,8 @@ class BoardPictures:
     def numbered_alike(self, hand: Poses, names: Sequence[str], source: Path | None) -> FloatArray:
         """The pixels, a board that looks the same after half a turn numbered from one end in all.
 
-        Args:
-            hand: ``T_base_hand``, rotations (n, 3, 3) and positions (n, 3), or their inverses.
-            names: (n,) of the pictures.
-            source: the file of the corners.
-
-        Warns:
-            SutaCalibWarning: in some pictures it was numbered from the other end.
+        The hand is ``T_base_hand``, (n, 3, 3) and (n, 3), or its inverses. It is warned of pictures
+        that were numbered from the other end.
         """
         if not self.board.symmetric:
             return self.pixels
@@ -190,14 +174,9 @@ class BoardPictures:
     ) -> FloatArray:
         """The pixels, a board that looks the same after half a turn numbered as in other pictures.
 
-        Args:
-            first: those pictures, of the same board at the same place.
-            hands: of these and of the first ones, as `from_other_end` has them.
-            names: (n,) of the pictures.
-            same: whether one camera took both.
-
-        Warns:
-            SutaCalibWarning: in some pictures it was numbered from the other end.
+        Those come ``first``, of the same board at the same place; ``hands`` are of both, as
+        `from_other_end` has them; ``same`` says whether one camera took both. It is warned of
+        pictures that were numbered from the other end.
         """
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
         mine, theirs = (

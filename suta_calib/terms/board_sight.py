@@ -17,13 +17,7 @@ from suta_calib.terms.reprojection import NEAREST
 
 @dataclass(frozen=True, eq=False)
 class BoardSight:
-    """A board in front of a camera, once for every picture.
-
-    Attributes:
-        board: that stands there.
-        camera: that sees it.
-        rotation, position: (n, 3, 3) and (n, 3) m: ``T_eye_board`` of every picture.
-    """
+    """A board in front of a camera, at ``T_eye_board`` (n, 3, 3), (n, 3), m, of every picture."""
 
     board: Board
     camera: Camera

@@ -21,13 +21,7 @@ from suta_calib.terms.intrinsics import UNCALIBRATED
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A camera, and where the board is in each picture.
-
-    Attributes:
-        intrinsics: (9,) px and 1.
-        rotation: (n, 3, 3).
-        position: (n, 3) m.
-    """
+    """A camera (9,), px and 1, and where the board is in each picture: (n, 3, 3) and (n, 3), m."""
 
     intrinsics: FloatArray
     rotation: FloatArray

@@ -30,15 +30,9 @@ def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, Flo
     """``T_eye_board`` of pictures, each by its own points; NaN where these do not determine it.
 
     Points in a plane give a homography, whose first columns are the plane's axes; others a
-    projection. From the nearest rotation to what is found the reprojection error is minimised.
-
-    Args:
-        points: (k, 3) in the board's frame, m.
-        pixels: (n, k, 2) where an ideal camera of focal length one sees them; NaN where it does
-            not.
-
-    Returns:
-        Rotations (n, 3, 3) and positions (n, 3), m.
+    projection. From the nearest rotation to what is found the reprojection error is minimised. The
+    board's points (k, 3) are in m; an ideal camera of focal length one sees them at pixels (n, k,
+    2), NaN where it does not.
     """
     rotation, position = np.full((len(pixels), 3, 3), np.nan), np.full((len(pixels), 3), np.nan)
     there = np.asarray(np.isfinite(pixels).all(axis=2))
@@ -89,14 +83,8 @@ def _refined(
 ) -> tuple[FloatArray, FloatArray]:
     """The poses of least reprojection error, by Gauss and Newton from one that is near.
 
-    A step that does not help ends it: what is near is then the answer.
-
-    Args:
-        points: (n, k, 3) about the middle of each picture's points.
-        pixels: (n, k, 2) of them.
-        there: (n, k) which are seen.
-        rotation: (n, 3, 3) to begin with.
-        position: (n, 3) of that middle.
+    A step that does not help ends it: what is near is then the answer. Positions are of the middle
+    about which the points (n, k, 3) are.
     """
     # Steps of a refinement, and the relative gain from where on it is settled.
     steps = 10
@@ -146,14 +134,9 @@ def _linear(points: FloatArray, pixels: FloatArray) -> FloatArray | None:
 
 
 def _linear_of_each(points: FloatArray, pixels: FloatArray, there: BoolArray) -> FloatArray:
-    """(n, 3, d + 1) that take points (n, k, d) to homogeneous coordinates of what is seen.
+    """(n, 3, d + 1) that take points (n, k, d) to homogeneous coordinates of pixels (n, k, 2).
 
-    Up to a factor; NaN where several do.
-
-    Args:
-        points: of each picture.
-        pixels: (n, k, 2) of them.
-        there: (n, k) which are seen.
+    Up to a factor, by the points that are ``there`` (n, k); NaN where several do.
     """
     n, k, dimension = points.shape
     width = dimension + 1
@@ -286,14 +269,8 @@ def closed_form_intrinsics(
     """fx, fy, cx, cy (4,), px, from pictures of a plane: Zhang (2000), doi:10.1109/34.888718.
 
     Without skew. Where the pictures do not tell the principal point, it is the middle of what was
-    seen, and pixels are square.
-
-    Args:
-        boards: (k, 3) points in the plane z = 0 of the board, m, of each picture.
-        pictures: (k, 2) where they were seen, px.
-
-    Returns:
-        None where not even the focal length is told: pictures that all look straight at the board.
+    seen, and pixels are square. Of each picture there are points (k, 3) in the plane z = 0, m, and
+    pixels (k, 2). None where not even the focal length is told: all look straight at the board.
     """
     every = np.concatenate(pictures)
     middle, size = (every.min(axis=0) + every.max(axis=0)) / 2.0, float(np.ptp(every, axis=0).max())

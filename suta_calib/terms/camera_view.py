@@ -116,14 +116,12 @@ class CameraView(FramedTerm):
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"image": ("image",)}
     frames = (
         TrueFrame(
-            "hand_eye",
-            "camera_pose",
+            *("hand_eye", "camera_pose"),
             "the camera's pose: on the tip, or in the base for eye-to-hand",
             required=True,
         ),
         TrueFrame(
-            "target",
-            "board_pose",
+            *("target", "board_pose"),
             "the board's pose: in the base, or on the tip for eye-to-hand",
             required=True,
         ),
@@ -165,9 +163,7 @@ class CameraView(FramedTerm):
             if corners is None
             else cls.of_corners(poses, read_corners(corners), **attributes)
         )
-        if "pixel" in given:
-            return term.where_pixels_cover(term.pixel, noise)
-        return term.at_its_distance(noise)
+        return term.at_its_distance(noise, given.get("pixel"))
 
     @classmethod
     def over_arrays(cls, poses: PoseSource, given: Mapping[str, Any]) -> Self:
@@ -186,9 +182,7 @@ class CameraView(FramedTerm):
         more = {"free": "camera" not in given} | {n: v for n, v in given.items() if n != "noise"}
         term = cls.of_corners(poses, corners, **more)
         term.check_given()
-        if "pixel" in given:
-            return term.where_pixels_cover(term.pixel, noise)
-        return term.at_its_distance(noise)
+        return term.at_its_distance(noise, given.get("pixel"))
 
     @classmethod
     def of_corners(
@@ -225,53 +219,39 @@ class CameraView(FramedTerm):
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
-        """Board, camera, where it is, and the noise in pixels; the corners' file as it is named.
-
-        Raises:
-            InputError: a file or a value that cannot be used.
-        """
+        """Board, camera, where it is, and the noise in pixels; the corners' file as it is named."""
         return read_camera_row(row)
 
     @property
     def settings(self) -> Mapping[str, Any]:
         """Board, camera and where it is."""
-        return {
-            "board": self.board,
-            "camera": self.camera,
-            "setup": self.setup,
-            "free": self.free,
-            "pixel": self.pixel,
-            "target": self.target,
-            "prior": self.prior,
-        }
+        names = ("board", "camera", "setup", "free", "pixel", "target", "prior")
+        return {name: getattr(self, name) for name in names}
 
     @property
     def board_seen(self) -> Board | None:
         """The board, once there are pictures of it."""
         return None if self.poses.samples.pixels is None else self.board
 
-    def with_noise(self, noise: Noise) -> Self:
-        """The same with another noise, in px."""
-        return self.where_pixels_cover(self.pixel, noise)
+    def at_its_distance(self, noise: Noise | None = None, pixel: float | None = None) -> Self:
+        """The same with the length that a pixel covers, and with a noise in px.
 
-    def at_its_distance(self, noise: Noise | None = None) -> Self:
-        """The same with the length that a pixel covers where the board typically is.
-
-        And with this noise, in px, if any.
+        Args:
+            noise: in px; that which it has by default.
+            pixel: length that a pixel covers, m; that at the typical distance of the board by
+                default.
         """
-        metres_per_pixel = None if self.poses.samples.pixels is None else self.pictures.pixel
-        return self.where_pixels_cover(metres_per_pixel or self.pixel, noise)
-
-    def where_pixels_cover(self, pixel: float, noise: Noise | None = None) -> Self:
-        """The same where a pixel covers this length, m, and with this noise, in px, if any."""
+        if pixel is None:
+            seen = self.poses.samples.pixels is not None
+            pixel = (self.pictures.pixel if seen else None) or self.pixel
         if noise is not None:
             sigma = None if noise.sigma is None else noise.sigma * pixel
             noise = Noise(sigma, noise.huber * pixel, noise.fixed)
         return replace(self, pixel=pixel, noise=noise or self.noise, known_pictures=self.pictures)
 
     def over_poses(self, poses: PoseSource) -> Self:
-        """The same kind of term over other poses; pictures that are among its own are known."""
-        return replace(self, poses=poses, known_pictures=self.pictures.among(poses.samples.pixels))
+        """The same kind of term over other poses."""
+        return replace(self, poses=poses, known_pictures=self.pictures)
 
     def take(self, rows: ArrayLike) -> Self:
         """The term over some of its samples, of which all that pictures tell is known."""
@@ -324,11 +304,8 @@ class CameraView(FramedTerm):
     def owners(self) -> tuple[str, str, str]:
         """Owners of the camera's pose, of the board's, and of the intrinsics."""
         eye, board = (frame.owner for frame in self.frames)
-        return (
-            labelled(eye, self.label),
-            labelled(board, self.target),
-            labelled("camera", self.label),
-        )
+        camera = labelled("camera", self.label)
+        return labelled(eye, self.label), labelled(board, self.target), camera
 
     @property
     def frame_names(self) -> list[str]:
@@ -338,12 +315,11 @@ class CameraView(FramedTerm):
     @property
     def outside(self) -> tuple[ExternalFrame, ...]:
         """Camera and board: one of them in the base, the other in the tip."""
-        carriers = ("tip", "base") if self.setup == EYE_IN_HAND else ("base", "tip")
-        return tuple(
-            ExternalFrame(owner, what, carrier, PLACEMENT)
-            for owner, what, carrier in zip(
-                self.frame_names, ("camera", "board"), carriers, strict=True
-            )
+        eye, board = self.frame_names
+        of_eye, of_board = ("tip", "base") if self.setup == EYE_IN_HAND else ("base", "tip")
+        return (
+            ExternalFrame(eye, "camera", of_eye, PLACEMENT),
+            ExternalFrame(board, "board", of_board, PLACEMENT),
         )
 
     @cached_property
@@ -391,11 +367,6 @@ class CameraView(FramedTerm):
         return pictures if pictures is not None and pictures.of(*same) else BoardPictures(*same)
 
     @property
-    def points(self) -> FloatArray:
-        """(points, 3) of the board, m."""
-        return self.pictures.points
-
-    @property
     def seen_poses(self) -> Poses:
         """``T_eye_board`` of every picture, by its own corners; NaN where they do not tell it."""
         return self.pictures.poses
@@ -410,31 +381,26 @@ class CameraView(FramedTerm):
     def blocks(self) -> tuple[Block, ...]:
         """Reprojection errors, one row for each corner in each picture."""
         sample, point = self.detected
-        if not len(sample):
+        if not (n := len(sample)):
             raise self.refuse("no corner in any picture", "corners of the board")
-        n = len(sample)
-        data = [self.pixels[sample, point], self.points[point], np.full((n, 1), self.pixel)]
+        data = [
+            self.pixels[sample, point],
+            self.pictures.points[point],
+            np.full((n, 1), self.pixel),
+        ]
         if not self.free:
             data.append(np.tile(self.camera.intrinsics, (n, 1)))
-        numbers, names = np.array(list(self.board.points)), np.array(self._names)
-        return (
-            Block(
-                "reprojection",
-                "m",
-                2,
-                reprojection(self.setup, self.free, self._stretch is not None),
-                sample[:, None],
-                np.tile(np.arange(len(self.own_parameters)), (n, 1)),
-                np.hstack(data),
-                self.noise,
-                np.zeros(n),
-                tuple(
-                    f"{name} corner {k}"
-                    for name, k in zip(names[sample].tolist(), numbers[point].tolist(), strict=True)
-                ),
-                pixel=self.pixel,
-            ),
+        residual = reprojection(self.setup, self.free, self._stretch is not None)
+        own_columns = np.tile(np.arange(len(self.own_parameters)), (n, 1))
+        numbers, names = [*self.board.points], self._names
+        labels = [
+            f"{names[i]} corner {numbers[k]}"
+            for i, k in zip(sample.tolist(), point.tolist(), strict=True)
+        ]
+        block = Block.per_sample(
+            "reprojection", "m", 2, residual, own_columns, np.hstack(data), self.noise, labels
         )
+        return (replace(block, samples=sample[:, None], pixel=self.pixel),)
 
     @property
     def _names(self) -> Sequence[str]:
@@ -495,7 +461,7 @@ class CameraView(FramedTerm):
     def single_touches(self) -> CameraView:
         """The board's middle in every picture, where the picture's own pose of the board has it."""
         samples = replace(self.poses.samples, pixels=self.pictures.middles[:, None])
-        middle = OnePoint(self.points.mean(axis=0))
+        middle = OnePoint(self.pictures.points.mean(axis=0))
         return replace(self, poses=self.poses.with_samples(samples), board=middle)
 
     def check_enough(self) -> None:

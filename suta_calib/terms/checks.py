@@ -7,7 +7,6 @@ from collections.abc import Callable
 from typing import Final
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
 from suta_calib.model.lengths import other_lengths
 from suta_calib.terms.poses import ArmPoses
 from suta_calib.terms.term import Term
@@ -29,18 +28,8 @@ def check_unit(
     """Refuse lengths in another unit than the arm's, which no solver would make fit.
 
     Where one length of the arm in another unit would explain it, and no other length would, that
-    one is named.
-
-    Args:
-        term: whose lengths they are, over an arm.
-        what: was seen or touched, in the plural.
-        size: root mean square distance of these from their middle, m.
-        extent: the same, m, of tips (n, 3), m, that the samples have.
-        expected: what there should be.
-        hint: which columns, or which key, say the unit.
-
-    Raises:
-        SamplesError: one is more than `OTHER_UNIT` times the other, or the tip does not move.
+    one is named. The size is the root mean square distance, m, of what was seen or touched from its
+    middle, ``extent`` that of tips (n, 3). The hint says which columns or key have the unit.
     """
     moved = extent(term.poses.at({})[1])
     # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
@@ -63,8 +52,6 @@ def _or_a_length(term: Term, size: float, extent: Callable[[FloatArray], float])
 
     One that is too short leaves the arm's extent to all others, and lets nothing seem so large.
     """
-    # What is right needs no other lengths.
-
     if not isinstance(term.poses, ArmPoses):
         return ""
     off = [
@@ -77,18 +64,3 @@ def _or_a_length(term: Term, size: float, extent: Callable[[FloatArray], float])
     if len({length.owner for _, length in fitting}) != 1:
         return ""
     return f" They would agree if {min(fitting, key=lambda length: length[0])[1].sentence}."
-
-
-def check_turned(term: Term) -> None:
-    """Refuse given poses without an orientation, for kinds that it is everything of.
-
-    Raises:
-        SamplesError: names the first.
-    """
-    for label, pose in term.given.items():
-        if pose.rotation is None:
-            raise SamplesError(
-                f"a pose of {term.place} {label} without an orientation".replace("  ", " "),
-                "rotation_rpy_deg beside position_mm",
-                where=f"{term.kind}: pose",
-            )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,15 +22,14 @@ from suta_calib.terms.poses import MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
+    OutlierModel,
+    PoseNoise,
     Simulated,
     contaminated,
     named,
     random_turns,
 )
 from suta_calib.terms.term import Gap
-
-if TYPE_CHECKING:
-    from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 
 def _position(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
@@ -112,8 +111,6 @@ class FixedPoint(PlaceTerm):
             axes: (k, 3) the only axes, in the tool, to turn about; any axis by default.
             gross: poses that are grossly wrong; the swapped ones swap places, not orientations.
         """
-        # Only who simulates needs it.
-
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         t, c = np.asarray(tip, dtype=float), np.atleast_2d(np.asarray(posts, dtype=float))
         R = random_turns(random, count * len(c), turn, axes)
@@ -161,13 +158,8 @@ def stacked_pivot(
     """Tip in the tool, (..., 3), of ``R_i t + p_i = c_k`` by linear least squares.
 
     Each point c_k is eliminated by subtracting the mean over its rows; what the rotations leave
-    undetermined of t is zero.
-
-    Args:
-        rotation: (n, 3, 3), poses of the tool.
-        position: (n, 3), m.
-        point: (n,) which point each row touched, from 0.
-        weight: (..., n) of the rows, for many solutions at once; one by default.
+    undetermined of t is zero. Rows (n,) of the points count by ``weight`` (..., n), for many
+    solutions at once; one by default.
     """
     weight = np.ones(len(position)) if weight is None else weight
     back = np.einsum("nij,ni->nj", rotation, position)

@@ -23,15 +23,12 @@ from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements import SampleColumns, Samples
 from suta_calib.measurements.samples import numbers_of, positive
-from suta_calib.measurements.scale import LengthScale
 from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.poses import ArmPoses
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel
 
-# Names that modules import for the type checker alone.
-_TYPES: Final = {"LengthScale": LengthScale, "GivenPose": GivenPose}
 # What types that are looked into have in common.
 _GENERIC: Final = re.compile(r"\[.*\]")
 T = TypeVar("T")
@@ -141,16 +138,9 @@ def _required(field: Field[Any]) -> bool:
 def taken_from_arrays(
     kind: Any, arm: ArmModel, q: ArrayLike, given: Mapping[str, Any]
 ) -> tuple[ArmPoses, dict[str, Any]]:
-    """Poses of an arm with what was observed, and the attributes that were given.
+    """Poses of an arm with what was observed, and the attributes that were given to a kind.
 
-    Args:
-        kind: a kind of observation: a class with ``kind`` and ``columns``.
-        arm: whose readings they are.
-        q: (n, joints) readings, rad or m.
-        given: the other arguments by name.
-
-    Raises:
-        InputError: says which argument cannot be used, and what it should be.
+    An InputError says which argument cannot be used, and what it should be.
     """
     # By what is asked of it: who calibrates no arm needs no Pinocchio.
     if not hasattr(arm, "joints"):
@@ -269,7 +259,7 @@ def _check_type(kind: Any, name: str, value: Any) -> None:
     declared = str(vars(base)["__annotations__"][name])
     try:
         plain = _GENERIC.sub("", declared)
-        expected = eval(plain, _TYPES | vars(sys.modules[base.__module__]))
+        expected = eval(plain, vars(sys.modules[base.__module__]))
         fits = isinstance(value, Real if expected is float else expected)
     except (NameError, TypeError):
         return  # Arrays and literals are looked at where they are used.

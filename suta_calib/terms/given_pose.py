@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import (
     rotation_from_vector,
     tangent_of_vector,
@@ -21,9 +18,9 @@ from suta_calib.measurements import YamlSection
 from suta_calib.measurements.fields import ANGLE, RPY_DEG, Value, fields_of, keyed, read_as
 from suta_calib.measurements.fields import POSITION as POSITION_MM
 from suta_calib.measurements.samples import finite, numbers_of, rotation_matrix
-from suta_calib.model.parameters import POSITION, ROTATION, Parameter
+from suta_calib.model.parameters import POSITION, ROTATION
 from suta_calib.showing import Displayable
-from suta_calib.units import from_mm, mm
+from suta_calib.units import from_mm
 
 _STD_MM: Final = Value(
     "mm", lambda section, name: np.full(3, from_mm(section.number(name, "positive")))
@@ -171,57 +168,3 @@ class GivenPose(Displayable):
 
 
 POSE_KEYS: Final = fields_of(GivenPose)
-
-
-def with_known(
-    parameters: Sequence[Parameter], by_name: Mapping[str, PriorValue]
-) -> tuple[Parameter, ...]:
-    """Unknowns, of which some are known beforehand: fixed there, or with a prior about it."""
-    return tuple(
-        replace(
-            p,
-            nominal=by_name[p.name].value,
-            prior=by_name[p.name].std,
-            free=by_name[p.name].std is not None,
-            prior_fixed=True,
-        )
-        if p.name in by_name
-        else p
-        for p in parameters
-    )
-
-
-def check_in_mm(
-    where: str,
-    label: str,
-    parameters: Sequence[Parameter],
-    by_name: Mapping[str, PriorValue],
-    start: Mapping[str, float],
-) -> None:
-    """Refuse a given position that the nominal arm finds a thousand times as far away.
-
-    Args:
-        where: whose pose it is.
-        label: of the place.
-        parameters: unknowns of all places.
-        by_name: what is given of this one.
-        start: the same by the nominal arm.
-
-    Raises:
-        SamplesError: says both distances.
-    """
-    names = [p.name for p in parameters if p.name in by_name and p.key in POSITION]
-    near, far = (
-        math.hypot(*coordinates)
-        for coordinates in ([by_name[n].value for n in names], [start[n] for n in names])
-    )
-    # Metres that stand where millimetres belong: how many times too near that is, nearly.
-    in_metres = (700.0, 1400.0)
-    if in_metres[0] * near < far < in_metres[1] * near:
-        raise SamplesError(
-            f"position_mm {label} of {mm(near):.4g} mm, which the nominal arm finds "
-            f"{mm(far):.4g} mm away".replace("  ", " "),
-            "a position in mm",
-            where=where,
-            hint="it looks like metres: convert it to mm",
-        )

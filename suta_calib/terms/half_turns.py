@@ -36,12 +36,9 @@ OTHER_BOARD: Final = np.radians(45.0)
 def half_turned(hand: FloatArray, target: FloatArray, otherwise: FloatArray) -> BoolArray:
     """(n,) which boards agree with most of the others once they are turned by half a turn.
 
-    None where hand and pictures do not move alike even so: something else is wrong.
-
-    Args:
-        hand: (n, 3, 3) rotations of the hand in the base, or of the base in the hand.
-        target: (n, 3, 3) of the board in the eye.
-        otherwise: (n, 3, 3) the same, of the board numbered from its other end.
+    None where hand and pictures do not move alike even so: something else is wrong. Rotations are
+    of the hand in the base, or of the base in it, of the board in the eye, and of the board
+    numbered from its other end (n, 3, 3).
     """
     n = len(hand)
     if n < 2:
@@ -68,15 +65,10 @@ def from_other_end(
 ) -> BoolArray:
     """(n,) which boards are numbered from the other end than in the ``first`` pictures.
 
-    None where these or the others tell no X, or agree neither way: something else is wrong.
-
-    Args:
-        hand: ``T_base_hand`` of an eye on the hand, ``T_hand_base`` of one beside it: rotations
-            (n, 3, 3) and positions (n, 3).
-        target: ``T_eye_board``, the same shapes.
-        first: the same two of the pictures that come first.
-        same_eye: whether one camera took both: its X is that of the first ones, and every other
-            picture is judged by itself; else all that a camera took are.
+    None where these or the others tell no X, or agree neither way: something else is wrong. The
+    hand is ``T_base_hand`` of an eye on it, ``T_hand_base`` of one beside it, the target
+    ``T_eye_board``. Where one camera took both (``same_eye``), its X is that of the first ones, and
+    every other picture is judged by itself.
     """
     n = len(hand[1])
     if len(first[0][1]) < FEWEST or (n < FEWEST and not same_eye):

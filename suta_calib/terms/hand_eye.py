@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import casadi as ca
 import numpy as np
@@ -26,15 +26,14 @@ from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.terms.synthetic import (
     EXACT,
     NO_OUTLIERS,
+    OutlierModel,
+    PoseNoise,
     Simulated,
     contaminated,
     named,
     random_turns,
 )
 from suta_calib.terms.term import Gap
-
-if TYPE_CHECKING:
-    from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 # Where the eye is in the hand, and where the target, unless `HandEye.simulate` is told.
 _X: Final = (rotation_from_vector([0.1, 0.2, -1.5]), np.array([0.02, -0.05, 0.08]))
@@ -180,8 +179,6 @@ class HandEye(InstrumentTerm):
             gross: pairs in which what the eye saw is grossly wrong.
             robot_noise_fraction: of the term.
         """
-        # Only who simulates needs it.
-
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         R = random_turns(random, count, turn, axes)
         ahead = _AHEAD + random.uniform(-_ASIDE, _ASIDE, (count, 3))

@@ -82,10 +82,6 @@ def agreeing_hand_eye(hand: Poses, target: Poses) -> tuple[Poses, Poses]:
 
     Pairs whose loops are far from the middle one, such as of a board that was taken to be turned,
     are left out of it.
-
-    Args:
-        hand: ``T_base_hand``, rotations (n, 3, 3) and positions (n, 3).
-        target: ``T_eye_target``, the same shapes.
     """
     nothing = np.eye(3), np.zeros(3)
     if len(hand[1]) < 2:

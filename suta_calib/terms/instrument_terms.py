@@ -5,16 +5,14 @@ from __future__ import annotations
 from abc import abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import Parameter
 from suta_calib.terms.block import LEARNT, Noise
 from suta_calib.terms.external_frame import labelled, pose_parameters
+from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.term import Term
-
-if TYPE_CHECKING:
-    from suta_calib.terms.given_pose import GivenPose, PriorValue
 
 # What says the unit of what is seen.
 SEEN_UNIT: Final = (
@@ -32,13 +30,10 @@ class FramedTerm(Term):
         """Owners of the unknowns of its frames."""
 
     def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
-        """The unknowns that a given pose tells of a frame or of a mark.
+        """The unknowns that a given pose tells of a frame by its key, or of a mark, in the tip.
 
-        Args:
-            label: key of a frame; or of a mark, whose pose in the tip is given; or empty, for the
-                pose of what sees in what carries it: an instrument's in the base, a camera's in the
-                tip.
-            pose: of it.
+        An empty label is of what sees in what carries it: an instrument in the base, a camera in
+        the tip.
         """
         for frame, owner in zip(self.frames, self.frame_names, strict=True):
             if label == frame.key:

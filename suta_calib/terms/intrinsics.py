@@ -69,13 +69,10 @@ def prior_beside(camera: Camera, corners: Corners) -> FloatArray | None:
 def intrinsic_parameters(
     owner: str, camera: Camera, prior: FloatArray | None
 ) -> tuple[Parameter, ...]:
-    """The nine unknowns ``owner.fx … owner.k3``.
+    """The nine unknowns ``owner.fx … owner.k3``, nominally as the camera has them.
 
-    Args:
-        owner: of the unknowns.
-        camera: at nominal.
-        prior: (9,) standard deviations, px and 1, that the data do not change; None for those that
-            the camera's file says, or for those of any camera that somebody calibrated.
+    A prior (9,), standard deviations in px and 1, is one that the data do not change; without it
+    they are those that the camera's file says, or those of any camera that somebody calibrated.
     """
     stated = camera.stds if prior is None else prior
     stds = CALIBRATED.stds(camera) if stated is None else stated

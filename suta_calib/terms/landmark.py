@@ -264,16 +264,9 @@ def seated(
 ) -> Observed:
     """Where the tip is that sits on landmarks: ``T_base_artefact T_artefact_seat``.
 
-    Args:
-        artefact: where its landmarks are.
-        names: (n,) of the landmarks.
-        rotation: (n, 3, 3), or of one placement (3, 3), of the artefact in the base.
-        position: (n, 3), or of one placement (3,), of the artefact in the base, m.
-        shift: (2,) how far off the sockets' axes the tip always sits, m.
-        turn: how far it is always turned about them, rad.
-
-    Returns:
-        Poses of the tip; landmarks without a seat are taken to hold it upright in the artefact.
+    The artefact stands at rotation (n, 3, 3) and position (n, 3), or one for all; the tip sits off
+    the sockets' axes by ``shift`` (2,), m, and is turned about them by ``turn``, rad. Landmarks
+    without a seat are taken to hold it upright in the artefact.
     """
     seats = seat_rotations(artefact, names)
     marks = artefact.position_of(names) + seats[:, :, :2] @ np.asarray(shift)
@@ -284,16 +277,9 @@ def seated(
 def registered(
     source: FloatArray, target: FloatArray, group: IntArray, count: int
 ) -> tuple[FloatArray, FloatArray]:
-    """`geometry.register_points` for each of many groups of points.
+    """`geometry.register_points` for each of ``count`` groups (n,) of points (n, 3), none empty.
 
-    Args:
-        source: (n, 3) points, m.
-        target: (n, 3) the same points in other frames, m.
-        group: (n,) which of ``count`` groups each is in.
-        count: of groups, none of them empty.
-
-    Returns:
-        Rotations (count, 3, 3) and positions (count, 3), m, of source in target.
+    Gives rotations (count, 3, 3) and positions (count, 3), m, of source in target.
     """
     number = np.bincount(group, minlength=count)[:, None]
     middles = [summed(points, group, count) / number for points in (source, target)]
@@ -310,15 +296,10 @@ def seat_rotations(artefact: Artefact, names: Sequence[str] | NDArray[np.str_]) 
 
 
 def check_artefact_unit(term: Term, certified: FloatArray, groups: IntArray) -> None:
-    """Refuse an artefact of another size than the arm touched, group (n,) by group of touches.
+    """Refuse an artefact of another size than the arm touched.
 
-    Args:
-        term: over the touches.
-        certified: (n, 3) position of each touched landmark in the artefact, m.
-        groups: (n,) touches between which the artefact did not move.
-
-    Raises:
-        SamplesError: it is in another unit.
+    Certified positions (n, 3) are of the touched landmarks, m; between touches of one group (n,)
+    the artefact did not move.
     """
     if not isinstance(term.poses, ArmPoses):
         return

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM, LengthScale
 from suta_calib.terms.poses import ArmPoses
-
-if TYPE_CHECKING:
-    from suta_calib.terms.term import Term
+from suta_calib.terms.term import Term
 
 
 @dataclass(frozen=True)
@@ -77,10 +75,8 @@ def scale_carriers(terms: Iterable[Term]) -> tuple[ScaleCarrier, ...]:
 def lengthened(term: Term, factors: ArrayLike) -> Term:
     """The term with every certified or measured length multiplied.
 
-    Args:
-        term: any.
-        factors: one factor, or (3,) of measured positions along their axes. Lengths that have no
-            axes take the largest.
+    By one factor, or by (3,) of measured positions along their axes. Lengths that have no axes take
+    the largest.
     """
     samples, most = term.poses.samples, float(np.max(factors))
     if term.touched is not None:

@@ -16,7 +16,6 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns
 from suta_calib.measurements.fields import LENGTH, Field
 from suta_calib.terms.block import Block, Pose, norm
-from suta_calib.terms.checks import check_turned
 from suta_calib.terms.external_frame import ExternalFrame, OutsidePose
 from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
@@ -75,6 +74,7 @@ class TouchedLine(PlaceTerm):
     columns = SampleColumns(labels=("line",), about={"line": "Which line was touched."})
     place = "line"
     place_unknown = "line"
+    place_needs_turn = True
     place_keys = ("x", "y", "rx", "ry")
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"line": ("line",), "row": ()}
     simulation_keys = (Field("size_mm", LENGTH, "How much of the line is touched."),)
@@ -124,11 +124,6 @@ class TouchedLine(PlaceTerm):
 
     def _known_place(self, owner: str, pose: GivenPose) -> dict[str, PriorValue]:
         return pose.of_axis(owner, 0, ("x", "y"))
-
-    def check_given(self) -> None:
-        """A line that is given goes somewhere."""
-        check_turned(self)
-        super().check_given()
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:
         """The line of least squares through the touches, by singular value decomposition."""

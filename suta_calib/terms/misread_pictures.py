@@ -30,11 +30,7 @@ ENOUGH: Final = 8
 
 
 def check_files(pictures: BoardPictures) -> None:
-    """Refuse corners that another board or camera explains far better, or that none does.
-
-    Raises:
-        SamplesError: names what explains them.
-    """
+    """Refuse corners that another board or camera explains far better, or that none does."""
     if len(pictures.pixels) > ENOUGH:
         chosen = np.linspace(0, len(pictures.pixels) - 1, ENOUGH).astype(np.intp)
         fewer = pictures.take(chosen, pictures.pixels[chosen])
@@ -188,12 +184,8 @@ def doubts(
 ) -> dict[str, Level]:
     """What is wrong with the pictures by themselves, and what an answer is worth for it.
 
-    Args:
-        pictures: that are asked about.
-        names: (n,) of them.
-        hand: as `BoardPictures.upside_down` has it.
-        robust: whether corners that are far off pull no harder than others: then they spoil
-            nothing.
+    The hand is as `BoardPictures.upside_down` has it. Where corners that are far off pull no harder
+    than others (``robust``), they spoil nothing.
     """
     levels: dict[str, Level] = {}
     if pictures.behind:

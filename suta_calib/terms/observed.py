@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.measurements.camera import Camera
 from suta_calib.showing import Displayable
 from suta_calib.terms.poses import PoseSource
-
-if TYPE_CHECKING:
-    from suta_calib.measurements.camera import Camera
 
 
 @dataclass(frozen=True)
@@ -79,25 +77,16 @@ class Resimulation(Protocol):
     """
 
     def touched(self, poses: PoseSource, target: FloatArray, sigma: float) -> PoseSource:
-        """Poses near the given ones whose tip is at the targets (n, 3), m, plus noise.
-
-        Args:
-            poses: as they were measured.
-            target: (n, 3) where the tip should have been, m, in the base frame.
-            sigma: standard deviation of each coordinate, m.
-        """
+        """Poses near the given ones, the tip at the targets (n, 3), m, plus noise of each axis."""
 
     def observed(
         self, poses: PoseSource, ideal: Observed, noise: Mapping[str, float], relative: FloatArray
     ) -> PoseSource:
-        """The same poses with what an instrument sees in their samples, plus noise.
+        """The same poses with what an instrument ideally sees in their samples, plus noise.
 
-        Args:
-            poses: as they were measured.
-            ideal: without noise.
-            noise: standard deviations: of a coordinate of the ``position``, m; of a component of
-                the turn of the ``rotation``, rad; of ``pixels``, px; of each number by its name.
-            relative: factor on that of the position, of each coordinate (n, 3), or of all (1, 1).
+        Standard deviations are of a coordinate of the ``position``, m, of a component of the turn
+        of the ``rotation``, rad, of ``pixels``, px, and of each number by its name; ``relative`` is
+        a factor on that of the position, of each coordinate (n, 3), or of all (1, 1).
         """
 
     def turned(self, rotation: FloatArray, sigma: float) -> FloatArray:

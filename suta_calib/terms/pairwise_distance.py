@@ -178,12 +178,9 @@ class PairwiseDistance(Term):
             "The answer is hardly less sure, and ± allows for it.",
         )
 
-    def equations(self) -> int:
-        """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
-        return self._equations
-
     @cached_property
     def _equations(self) -> int:
+        """Distances between m points of one set fix their shape: 3 m - 6 numbers, not m²/2."""
         rests, first = self.poses.rests, self.blocks[0].samples[:, 0]
         ends = rests[self.blocks[0].samples]
         number, many = self._numbered, int(rests.max()) + 1

@@ -17,7 +17,6 @@ from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import SampleColumns
 from suta_calib.measurements.fields import LENGTH, LENGTH_OR_0, Field
 from suta_calib.terms.block import Block, Pose
-from suta_calib.terms.checks import check_turned
 from suta_calib.terms.external_frame import ExternalFrame, OutsidePose
 from suta_calib.terms.given_pose import GivenPose, PriorValue
 from suta_calib.terms.observed import Observed
@@ -82,6 +81,7 @@ class TouchedPlane(PlaceTerm):
     )
     place = "plane"
     place_unknown = "plane"
+    place_needs_turn = True
     place_keys = ("z", "rx", "ry")
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"plane": ("plane",), "row": ()}
     simulation_keys = (Field("size_mm", LENGTH, "Edge of the square that is touched."),)
@@ -153,11 +153,6 @@ class TouchedPlane(PlaceTerm):
 
     def _known_place(self, owner: str, pose: GivenPose) -> dict[str, PriorValue]:
         return pose.of_axis(owner, 2, ("z",))
-
-    def check_given(self) -> None:
-        """A plane that is given faces somewhere."""
-        check_turned(self)
-        super().check_given()
 
     def _side(self, normal: FloatArray, rotation: FloatArray) -> FloatArray:
         """(n,) height of the ball's centre over the plane, m, for normals (n, 3) or one of them."""

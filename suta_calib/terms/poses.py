@@ -262,15 +262,10 @@ class MeasuredPoses(PoseSource):
 
 
 def together(q: FloatArray, tolerance: float = WANDER) -> IntArray:
-    """Rows of readings that hardly differ, in order or not.
+    """Group (n,) of rows of readings (n, joints) that hardly differ, by first appearance.
 
-    Args:
-        q: (n, joints) readings, rad (m for prismatic joints).
-        tolerance: how far a row may be from the first of its group, in any joint; an encoder's
-            flicker in any case.
-
-    Returns:
-        (n,) number of the group of each row, by first appearance.
+    A row is within the tolerance, or an encoder's flicker, of the first of its group in every
+    joint.
     """
     # Steps of a coarse encoder that a reading at rest flickers over.
     flicker = 2.0

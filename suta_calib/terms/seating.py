@@ -67,11 +67,7 @@ class Seating:
             )
 
     def parameters(self, label: str) -> tuple[Parameter, ...]:
-        """Its unknowns, ``seating.x|y`` and ``seating.rz``, those that are left open.
-
-        Args:
-            label: tells several artefacts apart: ``seating[label].x``; ``default`` for none.
-        """
+        """Its unknowns, ``seating[label].x|y|rz``, as far as open; no label for ``default``."""
         owner = labelled(_OWNER, label)
         c, r = self.clearance, self.rotation
         shift = [

@@ -15,21 +15,10 @@ from suta_calib.words import listed
 
 
 def with_corners(poses: PoseSource, corners: Corners, board: Board) -> PoseSource:
-    """Poses whose samples hold the corners that were seen in their pictures.
+    """Poses with the label ``image`` of pictures that have corners, with these in their samples.
 
-    Args:
-        poses: with the label ``image``.
-        corners: of any pictures; those of others are left out.
-        board: whose points they are.
-
-    Returns:
-        The poses of pictures that have corners.
-
-    Warns:
-        SutaCalibWarning: some pictures have none.
-
-    Raises:
-        SamplesError: no picture has any, or one was taken at two postures.
+    Corners of other pictures are left out; of pictures without any it is warned. That no picture
+    has any, or that one was taken at two postures, is a SamplesError.
     """
     images: NDArray[np.str_] = poses.samples.labels["image"]
     names = list(dict.fromkeys(images.tolist()))

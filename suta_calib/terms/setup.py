@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from suta_calib.errors import ArtefactError
+from suta_calib.measurements import Artefact
 from suta_calib.showing import Displayable
 from suta_calib.terms.block import Noise
-
-if TYPE_CHECKING:
-    from suta_calib.measurements import Artefact
-    from suta_calib.terms.seating import Seating
+from suta_calib.terms.seating import Seating
 
 
 @dataclass(frozen=True)

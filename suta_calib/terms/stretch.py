@@ -25,9 +25,7 @@ KEYS: Final = ("x", "y")
 def stretch_parameters(body: str, prior: float | None) -> tuple[Parameter, ...]:
     """The unknowns ``stretch[body].x|y``; none where a body is taken for what its file says.
 
-    Args:
-        body: name of the artefact or of the board.
-        prior: standard deviation of each, as a ratio; None for a body that is not stretched.
+    The prior is the standard deviation of each, as a ratio.
     """
     if prior is None:
         return ()

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Generic, Literal, TypeVar
+from typing import Final, Generic, Literal, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -18,10 +18,8 @@ from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
 from suta_calib.showing import Displayable
 from suta_calib.terms.external_frame import point_named, pose_named
+from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.term import Term
-
-if TYPE_CHECKING:
-    from suta_calib.terms.hand_eye_start import Poses
 
 # How a row is grossly wrong: its pose is anything; it is displaced, as where a tip slipped off its
 # point; it is another row's, as where two streams are out of step.
@@ -141,11 +139,7 @@ def random_turns(
 ) -> FloatArray:
     """Orientations (count, 3, 3) of a body: somehow, then turned about its own axes.
 
-    Args:
-        random: random numbers.
-        count: how many.
-        largest: turns are uniform from minus to plus this, rad.
-        axes: (k, 3) the only axes, in the body, to turn about; any axis by default.
+    Turns are uniform up to ``largest``, rad, about any axis, or about those of ``axes`` (k, 3).
     """
     first = random_rotations(random, 1)[0]
     if axes is None:
@@ -163,14 +157,7 @@ def contaminated(
 ) -> tuple[Poses, tuple[int, ...]]:
     """Copies of poses (n, 3, 3), (n, 3) of which some are grossly wrong, and which.
 
-    Args:
-        random: random numbers.
-        poses: before.
-        gross: how many, and how.
-        swap_orientation: whether rows that are swapped take the other's orientation too.
-
-    Raises:
-        SamplesError: a single row to swap.
+    Rows that are swapped take the other's orientation too, unless told not to.
     """
     R, p = poses[0].copy(), poses[1].copy()
     outliers = gross.rows(random, len(p))

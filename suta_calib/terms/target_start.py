@@ -50,14 +50,9 @@ def instrument_and_targets(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The instrument and its targets that fit best.
 
-    Args:
-        arm: ``T_base_tip``, rotations (n, 3, 3) and positions (n, 3), m.
-        positions: (n, 3) the targets in the instrument, m.
-        target: (n,) which target each row saw, from 0.
-        turned: (n, 3, 3) rotations of the targets in the instrument, where they were seen.
-
-    Returns:
-        ``T_instrument_base``, rotation (3, 3) and position (3,), and the targets in the tip (k, 3).
+    From ``T_base_tip`` (n, 3, 3) and (n, 3), m, positions (n, 3) in the instrument of the target
+    (n,), from 0, that each row saw, and its rotation (n, 3, 3) where that was seen. Gives
+    ``T_instrument_base`` (3, 3) and (3,), and the targets in the tip (k, 3).
     """
     beginnings = [*_beginnings(arm, positions, target)]
     if turned is not None:

@@ -12,33 +12,30 @@ outliers, plans, guided measuring and explanations ask the kind, and name none.
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
-from suta_calib.errors import SamplesError, did_you_mean
+from suta_calib.errors import SamplesError
+from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Fields
-from suta_calib.model.parameters import Parameter
+from suta_calib.measurements.scale import LengthScale
 from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_touches
 from suta_calib.terms.external_frame import ExternalFrame, frames_of
 from suta_calib.terms.from_arrays import FromArrays
-from suta_calib.terms.given_pose import check_in_mm, with_known
+from suta_calib.terms.given_places import GivenPlaces
+from suta_calib.terms.given_pose import GivenPose
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.poses import PoseSource
+from suta_calib.terms.setup import Setup
 from suta_calib.units import Unit
-
-if TYPE_CHECKING:
-    from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
-    from suta_calib.measurements.scale import LengthScale
-    from suta_calib.terms.given_pose import GivenPose, PriorValue
-    from suta_calib.terms.setup import Setup
 
 # What tells where the arm is: its tip touches something, an instrument sees the tip, or a camera
 # on the tip sees something.
@@ -62,7 +59,7 @@ class Mount:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Term(ABC):
+class Term(GivenPlaces):
     """One set of observations of one kind.
 
     Attributes:
@@ -80,6 +77,7 @@ class Term(ABC):
         place_unknown: name of the unknowns of one such place, before its label in brackets.
         place_more: names of what else is unknown of it, before its label in brackets.
         place_turns: whether such a place has an orientation.
+        place_needs_turn: whether its orientation is everything of it, so that a given pose says it.
         mark: label column, that may be left out, of what is seen on the tip's link; its unknowns
             carry the same name. Empty for kinds that look at nothing but the tip.
         groupings: what its samples can be grouped by: what one group is called, and the label
@@ -115,6 +113,7 @@ class Term(ABC):
     place_unknown: ClassVar[str] = ""
     place_more: ClassVar[tuple[str, ...]] = ()
     place_turns: ClassVar[bool] = True
+    place_needs_turn: ClassVar[bool] = False
     mark: ClassVar[str] = ""
     groupings: ClassVar[Mapping[str, tuple[str, ...]]] = {"row": ()}
     noise_factor: ClassVar[float] = 1.0
@@ -142,82 +141,6 @@ class Term(ABC):
     def __getstate__(self) -> dict[str, Any]:
         """What it was made of: all else follows, residuals too, which may be a `lambda`."""
         return {field.name: getattr(self, field.name) for field in fields(self)}
-
-    @property
-    @abstractmethod
-    def own_parameters(self) -> tuple[Parameter, ...]:
-        """The term's own unknowns."""
-
-    @cached_property
-    def unknowns(self) -> tuple[Parameter, ...]:
-        """`own_parameters`, with what is given of them: fixed there, or with a prior about it."""
-        if not self.given:
-            return self.own_parameters
-
-        by_name: dict[str, PriorValue] = {}
-        for label, pose in self.given.items():
-            by_name |= self.prior_from_pose(label, pose)
-        return with_known(self.own_parameters, by_name)
-
-    def prior_from_pose(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
-        """The own unknowns, by name, that a given pose tells of a place; empty for no such place.
-
-        Args:
-            label: of the place; empty for the only one there is.
-            pose: of it in the base.
-        """
-        names = self.places[0]
-        if not label and len(names) == 1:
-            (label,) = names
-        return self._known_place(f"{self.place_unknown}[{label}]", pose) if label in names else {}
-
-    def _known_place(self, owner: str, pose: GivenPose) -> dict[str, PriorValue]:
-        return pose.of_pose(owner) if self.place_turns else pose.of_point(owner)
-
-    def check_given(self) -> None:
-        """Refuse given poses of what is not there, or a thousand times nearer than the arm has it.
-
-        Raises:
-            SamplesError: says what there is, or how far away.
-        """
-        if not self.given:
-            return
-
-        for label, pose in self.given.items():
-            by_name = self.checked_known(label, pose)
-            check_in_mm(
-                f"{self.kind}: pose", label, self.own_parameters, by_name, self.start_values({})
-            )
-
-    def checked_known(self, label: str, pose: GivenPose) -> dict[str, PriorValue]:
-        """What `prior_from_pose` makes of the pose of something that this kind looks at.
-
-        Raises:
-            SamplesError: it is of nothing that is there, or that nothing here depends on.
-        """
-        there, where = self.places[0], f"{self.kind}: pose"
-        if not self.place_turns and pose.rotation is not None:
-            raise SamplesError(
-                f"rotation_rpy_deg of {self.place} {label}".strip(),
-                "position_mm alone: it is a point",
-                where=where,
-            )
-        by_name = self.prior_from_pose(label, pose)
-        if not by_name:
-            raise SamplesError(
-                f"a pose of {self.place} '{label}'" if label else "one pose",
-                f"poses by label, of {', '.join(there)}",
-                where=where,
-                hint=did_you_mean(label, there) if label else "",
-            )
-        if not set(by_name) <= {p.name for p in self.own_parameters}:
-            raise SamplesError(
-                f"a pose of {self.place} {label}".strip(),
-                "none",
-                where=where,
-                hint=f"{self.kind} does not see where it stands",
-            )
-        return by_name
 
     @classmethod
     def refuse(cls, found: str, expected: str, hint: str = "") -> SamplesError:
@@ -248,11 +171,7 @@ class Term(ABC):
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> Self:
-        """Build the term from what a row of a job says: as many of its attributes as it has.
-
-        Raises:
-            ArtefactError: the kind needs an artefact, and there is none.
-        """
+        """Build the term from what a row of a job says: as many of its attributes as it has."""
         values = {**vars(setup), **setup.settings}
         if cls.needs_artefact:
             values["artefact"] = setup.certified(cls.kind)
@@ -263,23 +182,14 @@ class Term(ABC):
 
     @classmethod
     def over_arrays(cls, poses: PoseSource, given: Mapping[str, Any]) -> Self:
-        """Build the term over an arm's poses with what was observed, all of it checked.
-
-        Args:
-            poses: with the arrays of `columns`.
-            given: attributes by name.
-        """
+        """Build the term over poses with the arrays of `columns`, and with attributes by name."""
         term = cls(poses, **given)
         term.check_given()
         return term
 
     @classmethod
     def read_settings(cls, row: YamlSection) -> dict[str, Any]:
-        """The values of the kind's own `keys` and `simulation_keys` in a row or a set, in SI.
-
-        Raises:
-            InputError: one cannot be used; names the line and the key.
-        """
+        """The values of the kind's own `keys` and `simulation_keys` in a row or a set, in SI."""
         return Fields(*cls.keys, *cls.simulation_keys).values(row)
 
     @classmethod
@@ -333,8 +243,7 @@ class Term(ABC):
 
         Args:
             values: what is taken for the truth: of the arm and of `own_parameters`, m or rad.
-            poses: with the labels that this kind needs; what was seen is not looked at. Of a tip
-                that touches, they say how it comes.
+            poses: with the labels that this kind needs; what was seen is not looked at.
 
         Raises:
             SamplesError: the kind has none.
@@ -351,9 +260,6 @@ class Term(ABC):
     def take(self, rows: ArrayLike) -> Self:
         """The term over some of its samples, by number (repeats allowed) or by boolean mask.
 
-        What a study, a bootstrap or leaving one out refits: compiled functions are shared, so that
-        it costs little more than its rows.
-
         Raises:
             SamplesError: the kind cannot be built over these rows alone.
         """
@@ -365,7 +271,7 @@ class Term(ABC):
         """The term over an arm's samples simulated anew, in nearly the same postures.
 
         Args:
-            values: what is taken for the truth: of the arm and of `own_parameters`, m or rad.
+            values: as of `observed`.
             noise: of each block, m or rad per component of its residual.
             again: how the arm reaches what it touches, and how that scatters.
 
@@ -374,15 +280,13 @@ class Term(ABC):
         """
         ideal = self.observed(values, self.poses)
         if self.medium != "touch":
-            by_unit = dict[str, float]()
-            for block, level in zip(self.blocks, noise, strict=True):
-                by_unit.setdefault(block.unit, level)
+            pairs = [*zip(self.blocks, noise, strict=True)]
+            by_unit: dict[str, float] = {block.unit: level for block, level in reversed(pairs)}
             units = {number.name: number.unit for number in self.columns.numbers}
             units |= {"position": "m", "rotation": "rad"}
             levels = {name: by_unit[unit] for name, unit in units.items() if unit in by_unit}
-            return self.over_poses(
-                again.observed(self.poses, ideal, levels, self.blocks[0].relative)
-            )
+            relative = self.blocks[0].relative
+            return self.over_poses(again.observed(self.poses, ideal, levels, relative))
         sigma = noise[0] / self.noise_factor
         return self.over_poses(again.touched(self.poses, ideal.place, sigma))
 
@@ -393,10 +297,7 @@ class Term(ABC):
 
     @property
     def with_assumptions_estimated(self) -> Self | None:
-        """The same with what it takes for certain estimated; None where it takes nothing so.
-
-        Residuals are asked about what its own unknowns have more then; see `assumptions_key`.
-        """
+        """The same with what it takes for certain estimated; None where it takes nothing so."""
         return None
 
     @property
@@ -485,31 +386,20 @@ class Term(ABC):
         del terms
         return self
 
-    def check_beside(self, other: Term) -> None:  # noqa: B027 (most terms share nothing more)
-        """Refuse another term of the job that shares unknowns with this one and says otherwise.
-
-        Raises:
-            SamplesError: what the two disagree about.
-        """
+    def check_beside(self, other: Term) -> None:
+        """Refuse another term of the job that shares unknowns with this one and says otherwise."""
 
     def mount(self, rotation: FloatArray, position: FloatArray) -> Mount | None:
-        """Where what is seen in place of the tip sits in the tip, in closed form.
+        """Where what is seen in place of the tip sits in it, for tips (n, 3, 3), (n, 3).
 
         None where the tip is not seen, or where the place of what is seen is an own unknown.
-
-        Args:
-            rotation: (n, 3, 3) of the tip in the base.
-            position: (n, 3) of it, m.
         """
         del rotation, position
         return None
 
     @property
     def on_unknown_mount(self) -> tuple[str, Term] | None:
-        """The same with what is seen sitting anywhere on the tip's link; what would have to be so.
-
-        None where the tip is not seen, or where the place of what is seen is an own unknown.
-        """
+        """The same with what is seen sitting anywhere on the tip's link; as of `mount`."""
         return None
 
     @property
@@ -519,27 +409,20 @@ class Term(ABC):
 
     @property
     def doubts(self) -> Mapping[str, Level]:
-        """What the samples have wrong with them by themselves, and what an answer is worth for it.
-
-        Sentences; ``care`` or ``bad``.
-        """
+        """What is wrong with the samples by themselves, in sentences: ``care`` or ``bad``."""
         return {}
 
     def equations(self) -> int:
         """How many independent numbers the samples give at most: a rest counts once."""
-        return self._by_rests
+        return self._equations
 
     @cached_property
-    def _by_rests(self) -> int:
+    def _equations(self) -> int:
         return sum(len(first_of_each(self.readings(b))) * b.size for b in self.blocks)
 
     def readings(self, block: Block) -> IntArray:
         """(n, k) the same numbers for all rows of a block that read one thing at one rest again."""
         return self.poses.rests[block.samples]
 
-    def check_enough(self) -> None:  # noqa: B027 (nothing to check is a fine answer)
-        """Refuse sets too small to be fitted; a held-out set may be as small as it likes.
-
-        Raises:
-            SamplesError: too few samples, and how many are needed.
-        """
+    def check_enough(self) -> None:
+        """Refuse sets too small to be fitted; a held-out set may be as small as it likes."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import ClassVar, Final
 
 import casadi as ca
 import numpy as np
@@ -29,12 +29,17 @@ from suta_calib.terms.hand_eye_start import Poses, chordal_mean
 from suta_calib.terms.instrument_terms import SEEN_UNIT, InstrumentTerm
 from suta_calib.terms.observed import Observed, TrueFrame
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
-from suta_calib.terms.synthetic import EXACT, NO_OUTLIERS, Simulated, contaminated, named
+from suta_calib.terms.synthetic import (
+    EXACT,
+    NO_OUTLIERS,
+    OutlierModel,
+    PoseNoise,
+    Simulated,
+    contaminated,
+    named,
+)
 from suta_calib.terms.target_start import instrument_and_targets
 from suta_calib.terms.term import Gap, Mount
-
-if TYPE_CHECKING:
-    from suta_calib.terms.synthetic import OutlierModel, PoseNoise, Simulated
 
 # Where the instrument sees the base from, unless `TrackedPoint.simulate` is told.
 _T: Final = (rotation_from_vector([0.3, -1.2, 0.7]), np.array([1.1, -0.4, 0.6]))
@@ -256,8 +261,6 @@ class TrackedPoint(InstrumentTerm):
                 one for points on a line.
             gross: points that were seen grossly wrong.
         """
-        # Only who simulates needs it.
-
         random, noise, errors = np.random.default_rng(seed).spawn(3)
         points = (random.random((count, 3)) - 0.5) * np.asarray(size, dtype=float)
         upright = np.tile(np.eye(3), (count, 1, 1))

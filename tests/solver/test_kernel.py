@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from suta_calib.elementwise import formula
+from suta_calib.batched import formula
 from suta_calib.solver import kernel
 from suta_calib.solver.kernel import RowPattern
 from suta_calib.solver.problem import Problem

@@ -331,7 +331,7 @@ def test_what_pictures_tell_is_found_once_for_terms_over_the_same(folder: Path) 
     (term,) = CalibrationJob.load(folder / "job.yaml").observations
     assert isinstance(term, CameraView)
     assert "poses" in vars(term.pictures)
-    assert term.with_noise(Noise(0.1)).pictures is term.pictures
+    assert term.at_its_distance(Noise(0.1)).pictures is term.pictures
     assert term.with_assumptions_estimated is not None
     assert term.with_assumptions_estimated.pictures is term.pictures
     rows = np.array([3, 1, 1, 7])

@@ -48,19 +48,6 @@ def test_good_pictures_are_what_they_are(noise: float) -> None:
     assert seen.misfit < 0.03
 
 
-def test_what_is_known_of_pictures_stays_known_in_another_order() -> None:
-    seen, order = board_pictures(), [3, 0, 3]
-    whole = seen.poses
-    again = seen.among(seen.pixels[order])
-    assert again is not None
-    anew = replace(again, pixels=again.pixels.copy())
-    for known, found, expected in zip(again.poses, anew.poses, whole, strict=True):
-        assert np.array_equal(known, expected[order])
-        assert known == pytest.approx(found, abs=1e-12)
-    assert seen.among(seen.pixels) is seen
-    assert seen.among(seen.pixels[order] + 1.0) is None
-
-
 def test_numbers_from_the_other_end_of_a_row_show_the_board_from_behind() -> None:
     seen = board_pictures()
     mirrored = on_the_grid(seen.pixels)[:, :, ::-1].reshape(seen.pixels.shape)
