@@ -29,9 +29,6 @@ JOURNAL: Final = "journal.json"
 # How long another process may take to exchange files of the same folder, s: a few files take
 # milliseconds, a slow network drive seconds.
 _PATIENCE_S: Final = 5.0
-_LOOK_S: Final = 0.02
-# Where a folder cannot be locked (Windows, some network drives), nobody still writes after so long.
-_SURELY_OVER_S: Final = 3600.0
 # What was read so far, as it was named, for whoever asks (`inputs_listed`).
 _listed: ContextVar[dict[Path, None] | None] = ContextVar("listed", default=None)
 # Real paths: of what the running command has read (None outside of one), and of what it edits.
@@ -231,7 +228,9 @@ def _left_behind(folder: Path) -> list[Path]:
 def _recover(folder: Path, *, alone: bool) -> None:
     for stage in _left_behind(folder):
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
-            if not alone and time.time() - stage.stat().st_mtime < _SURELY_OVER_S:
+            # Where a folder cannot be locked (Windows, some network drives), nobody still writes
+            # after an hour.
+            if not alone and time.time() - stage.stat().st_mtime < 3600.0:
                 continue
             if (journal := stage / JOURNAL).is_file():
                 record = json.loads(journal.read_bytes())
@@ -270,7 +269,7 @@ def _alone_in(folder: Path) -> Iterator[bool]:
                 fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 alone = True
             except BlockingIOError:
-                time.sleep(_LOOK_S)
+                time.sleep(0.02)
             except OSError:
                 break
         yield alone

@@ -199,11 +199,8 @@ class Elementwise:
 # rows, which for a million rows takes more memory than the numbers; many rows are so many at a
 # time.
 CHUNK: Final = 8192
-# Rows from which on NumPy computes faster what CasADi says; and those from which on it does by as
-# much as it takes to read a long function, one of so many instructions, in a few evaluations.
+# Rows from which on NumPy computes faster what CasADi says.
 MANY: Final = 160
-MANY_OF_LONG: Final = 400
-LONG: Final = 2_000
 
 
 class Batched:
@@ -270,9 +267,9 @@ class Batched:
 
 
 def _enough(function: Any) -> int:
-    """Rows from which on NumPy takes less time."""
-    long = function.is_a("SXFunction") and function.n_instructions() > LONG
-    return MANY_OF_LONG if long else MANY
+    """Rows from which on NumPy takes less time, also for reading a long function a few times."""
+    long = function.is_a("SXFunction") and function.n_instructions() > 2_000
+    return 400 if long else MANY
 
 
 def _pull(trigger: Callable[[], object], buffer: Any) -> None:

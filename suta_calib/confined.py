@@ -22,9 +22,6 @@ _ROOT: Final = Path(__file__).resolve().parents[1]
 # small computer may be ten times slower, and the clock allows for a busy one.
 PROCESSOR_SECONDS: Final = 10
 _CLOCK_SECONDS: Final = 30.0
-# Python with MuJoCo and NumPy maps 0.14 GB, with xacro 0.02 GB, before it reads anything.
-_MEMORY: Final = 1 << 30
-_MOST_OUTPUT: Final = 64 << 20
 # What Python itself may need to start and to find its packages; forgotten before the work begins.
 _VARIABLES: Final = (
     *("LD_LIBRARY_PATH", "DYLD_LIBRARY_PATH", "SYSTEMROOT"),
@@ -87,7 +84,7 @@ def answer(work: Callable[[], Mapping[str, Any]]) -> None:
     try:
         result = work()
         data = json.dumps(result).encode()
-        if len(data) > _MOST_OUTPUT:
+        if len(data) > 64 << 20:
             result, data = {}, b""
             raise MemoryError
     except MemoryError:
@@ -106,7 +103,8 @@ def _limit() -> None:
 
     for kind, most in (
         (resource.RLIMIT_CPU, PROCESSOR_SECONDS),
-        (resource.RLIMIT_AS, _MEMORY),
+        # Python with MuJoCo and NumPy maps 0.14 GB, with xacro 0.02 GB, before it reads anything.
+        (resource.RLIMIT_AS, 1 << 30),
         (resource.RLIMIT_FSIZE, 0),
         (resource.RLIMIT_CORE, 0),
     ):

@@ -11,8 +11,6 @@ from typing import Final
 
 # Of a file; what is larger does not fit into memory several times over, as its parts do.
 MOST_OF_FILE: Final = 1_000_000_000
-# Of a pipe or a device, whose size nothing says.
-MOST_OF_STREAM: Final = 64_000_000
 # How long nothing may come from a pipe or a device, s.
 PATIENCE: Final = 5.0
 _AT_ONCE: Final = 1 << 16
@@ -42,7 +40,8 @@ def read_input(path: Path, most: int = MOST_OF_FILE) -> bytes:
     # Without O_NONBLOCK, to open a pipe waits for whoever writes into it.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_NOCTTY)
     try:
-        return _read_stream(descriptor, min(most, MOST_OF_STREAM))
+        # Nothing says the size of a pipe or a device.
+        return _read_stream(descriptor, min(most, 64_000_000))
     finally:
         os.close(descriptor)
 

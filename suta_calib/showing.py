@@ -9,9 +9,8 @@ from typing import Any, Final
 
 # Knows the tables. It is named, not imported: what shows itself is what it is made of.
 _TABLES: Final = "suta_calib.report.notebook"
-# Characters of one value, and of all of them: some six lines of a console.
+# Characters of one value.
 _LONGEST_VALUE: Final = 60
-_LONGEST: Final = 500
 # Entries of a sequence that are worth listing, and numbers of an array.
 _FEW: Final = 4
 
@@ -71,11 +70,11 @@ def _shown(self: Displayable) -> str:
 
 
 def _at_most(parts: Iterable[str]) -> Iterator[str]:
-    """The first parts of a text, with commas between them."""
+    """The first parts of a text, some six lines of a console, with commas between them."""
     length = 0
     for part in parts:
         text = f", {part}" if length else part
-        if (length := length + len(text)) > _LONGEST:
+        if (length := length + len(text)) > 500:
             yield ", …"
             return
         yield text

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
 
 import numpy as np
 
@@ -27,9 +26,6 @@ from suta_calib.solver.problem import Part, Problem
 from suta_calib.terms.block import summed
 from suta_calib.terms.poses import ArmPoses, MeasuredPoses, PoseSource
 from suta_calib.units import Unit
-
-# Noise of an orientation, rad, that no instrument of use exceeds.
-WORST_TURN: Final = float(np.radians(1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -298,7 +294,8 @@ def _pose_noise(lines: Sequence[Linearised]) -> FloatArray:
                 turn = level["m"] * float(moved / turned) * np.sqrt(2.0 / 3.0)
             else:  # Plain numbers: as much as explains them, shared by the three axes.
                 turn = float(np.median(line.sigma)) * np.sqrt(line.residual.size) / float(turned)
-            turn = min(turn, WORST_TURN)
+            # No instrument of use has more.
+            turn = min(turn, float(np.radians(1.0)))
     return np.repeat([level.get("m", 0.0), turn], 3)
 
 

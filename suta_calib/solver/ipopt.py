@@ -22,8 +22,6 @@ from suta_calib.solver.descent import NEGLIGIBLE, Evaluate
 from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.solver import SETTLED, Answer, Minimum, Solver
 
-# Residuals up to which the cost is minimised as it is.
-_FULL_SIZE: Final = 2000
 STALLED: Final = "User_Requested_Stop"
 _INTERRUPTED: Final = "NonIpopt_Exception_Thrown"
 _GOOD: Final = ("Solve_Succeeded", "Solved_To_Acceptable_Level")
@@ -49,8 +47,8 @@ class Ipopt(Solver):
     def search(self, nlp: RobustNlp, z: FloatArray) -> Answer:
         """IPOPT's minimum, with its last digits."""
         rows = sum(len(block) * block.size for block in nlp.problem.blocks)
-        # Rounding grows with the cost, so a large problem is scaled down to one of full size.
-        limits = self.max_iterations, min(1.0, _FULL_SIZE / rows)
+        # Rounding grows with the cost: a large problem is scaled down to one of 2000 residuals.
+        limits = self.max_iterations, min(1.0, 2000 / rows)
         where = {"x0": z, "lbx": nlp.lower, "ubx": nlp.upper}
         try:
             if self.exact:

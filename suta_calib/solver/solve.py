@@ -26,8 +26,6 @@ from suta_calib.solver.solver import Minimum
 from suta_calib.solver.weights import Weights, learn_weights
 from suta_calib.threads import single_threaded
 
-# Of the cost: a difference between ends of starts that is rounding.
-SAME: Final = 1e-9
 MORE_DATA: Final = "measure more, select fewer parameters, or give priors"
 Progress = Callable[[int, int], None]
 
@@ -272,7 +270,8 @@ def _best(tried: Sequence[Minimum]) -> Minimum:
     """The lowest that was gone down to; of those that are as low but for rounding the first."""
     ends = [m for m in tried if not m.joined]
     lowest = min(ends, key=lambda m: (not m.converged, math.isnan(m.cost), m.cost))
-    same = lowest.cost + SAME * max(lowest.cost, 1.0)
+    # A difference between ends of starts that is rounding.
+    same = lowest.cost + 1e-9 * max(lowest.cost, 1.0)
     equally_low = (m for m in ends if m.converged == lowest.converged and m.cost <= same)
     # No cost is as low as one that is no number.
     return next(equally_low, lowest)

@@ -28,9 +28,6 @@ from suta_calib.terms.hand_eye_start import (
 )
 from suta_calib.words import listed
 
-# Turn of a loop, rad, of a picture that is read upside down, and of one that is read well.
-HALF_TURNED: Final = np.radians(120.0)
-UPRIGHT: Final = np.radians(30.0)
 MIRRORED: Final = (
     "The board is seen from behind: its corners are numbered mirrored (columns and rows exchanged, "
     "or y upwards)."
@@ -231,9 +228,10 @@ class BoardPictures:
         middle = self.points.mean(axis=0)
         board = off((B[0] @ HALF_TURN, B[1] + B[0] @ (middle - HALF_TURN @ middle)))
         picture = off((HALF_TURN @ B[0], B[1] @ HALF_TURN))
-        strange = off(B)[0] > HALF_TURNED
+        # Turn of a loop of a picture that is read upside down, and of one that is read well.
+        strange, upright = off(B)[0] > np.radians(120.0), np.radians(30.0)
         # Of a board straight ahead of the camera the two are one, but for rounding.
         nearer = sum(board) <= (1.0 + ROUNDING) * sum(picture)
         for name, (turned, _), mine in (("board", board, nearer), ("picture", picture, ~nearer)):
-            turned_over[name][rows[strange & mine & (turned < UPRIGHT)]] = True
+            turned_over[name][rows[strange & mine & (turned < upright)]] = True
         return turned_over

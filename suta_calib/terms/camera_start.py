@@ -17,13 +17,8 @@ from suta_calib.geometry.numbers import nearest_rotation, rotation_from_vector, 
 from suta_calib.geometry.pinhole import DISTORTION
 from suta_calib.measurements import Board, Camera, Corners
 
-# Points of a plane that determine a homography, and points of a body that determine a projection.
+# Points of a plane that determine a homography.
 PLANAR: Final = 4
-SPATIAL: Final = 6
-# Third over first singular value of points below which they lie in a plane.
-_FLAT: Final = 1e-3
-# Second over first singular value of points below which they lie on a line.
-_LINE: Final = 1e-2
 
 
 def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -43,7 +38,8 @@ def board_poses(points: FloatArray, pixels: FloatArray) -> tuple[FloatArray, Flo
     offsets = np.where(there[rows, :, None], points - middle[:, None], 0.0)
     _, size, axes = np.linalg.svd(np.linalg.qr(offsets, mode="r"))
     axes = axes * np.stack([np.ones(len(rows))] * 2 + [np.linalg.det(axes)], axis=1)[:, :, None]
-    line, flat = size[:, 1] <= _LINE * size[:, 0], size[:, 2] <= _FLAT * size[:, 0]
+    # Second over first singular value of points on a line, third over first of points in a plane.
+    line, flat = size[:, 1] <= 1e-2 * size[:, 0], size[:, 2] <= 1e-3 * size[:, 0]
     for kind, dimension in ((flat & ~line, 2), (~flat & ~line, 3)):
         mine = np.flatnonzero(kind)
         which, local = rows[mine], (offsets[mine] @ np.swapaxes(axes[mine], 1, 2))[..., :dimension]
@@ -153,7 +149,8 @@ def _linear_of_each(points: FloatArray, pixels: FloatArray, there: BoolArray) ->
     rows[:, :k, :, 2 * width :] = -target[:, :, :2, None] * source[:, :, None, :]
     rows = rows.reshape(n, 2 * rows.shape[1], 3 * width)
     matrices = np.full((n, 3, width), np.nan)
-    enough = there.sum(axis=1) >= (PLANAR if dimension == 2 else SPATIAL)
+    # Six points of a body determine a projection.
+    enough = there.sum(axis=1) >= (PLANAR if dimension == 2 else 6)
     enough &= np.isfinite(rows).all(axis=(1, 2))
     # Of the many rows nothing but their triangle is looked at.
     _, singular, vectors = np.linalg.svd(np.linalg.qr(rows[enough], mode="r"))

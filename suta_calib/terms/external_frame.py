@@ -18,7 +18,6 @@ from suta_calib.model.parameters import PLACEMENT, POSITION, ROTATION, Parameter
 
 # An external frame can be anywhere: these only say when a pose counts as not determined at all.
 PLAUSIBLE_POSITION: Final = 0.5
-PLAUSIBLE_ROTATION: Final = 1.0
 
 # Rotation (3, 3), None for what has no orientation, and position (3,), m.
 OutsidePose = tuple[FloatArray | None, FloatArray]
@@ -80,7 +79,7 @@ def labelled(owner: str, label: str) -> str:
 
 def pose_parameters(label: str) -> tuple[Parameter, ...]:
     """The six unknowns of an external frame, ``label.x … label.rz``."""
-    turn = (Parameter(label, key, "rad", plausible=PLAUSIBLE_ROTATION) for key in ROTATION)
+    turn = (Parameter(label, key, "rad", plausible=1.0) for key in ROTATION)
     return (*point_parameters(label), *turn)
 
 

@@ -27,10 +27,6 @@ from suta_calib.terms.hand_eye_start import (
 
 # Pictures that are held against each other; the rest are held against these.
 COMPARED: Final = 300
-# Middle difference of the angles, rad, from which on hand and pictures belong to other motions.
-OTHER_MOTIONS: Final = np.radians(10.0)
-# Turn of the board, rad, between one row of a job and another, from which on it is another board.
-OTHER_BOARD: Final = np.radians(45.0)
 
 
 def half_turned(hand: FloatArray, target: FloatArray, otherwise: FloatArray) -> BoolArray:
@@ -54,7 +50,8 @@ def half_turned(hand: FloatArray, target: FloatArray, otherwise: FloatArray) -> 
     signs = np.where(vector < 0.0, -1.0, 1.0)
     sign = np.where(evidence @ signs < 0.0, -1.0, 1.0)
     left = np.where(sign[:, None] * signs > 0.0, same, other)
-    if np.median(left) > OTHER_MOTIONS:
+    # From such a middle difference of the angles on hand and pictures belong to other motions.
+    if np.median(left) > np.radians(10.0):
         return np.zeros(n, dtype=np.bool_)
     turned = sign < 0.0
     return turned if 2 * turned.sum() <= n else ~turned
@@ -80,7 +77,8 @@ def from_other_end(
     else:
         board = agreeing_hand_eye(hand, target)[1][0][None]
     off = np.stack([_angles(side, there[0][None])[:, 0] for side in (board, board @ HALF_TURN)])
-    if np.median(off.min(axis=0)) > OTHER_BOARD:
+    # Turned by so much between one row of a job and another, it is another board.
+    if np.median(off.min(axis=0)) > np.radians(45.0):
         return np.zeros(n, dtype=np.bool_)
     return np.broadcast_to(off[1] < off[0], n)
 

@@ -28,16 +28,8 @@ EYE_TO_HAND: Final[EyeSetup] = "eye-to-hand"
 FEWEST: Final = 3
 # About the normal of a board, and the axis of a camera.
 HALF_TURN: Final = np.diag([-1.0, -1.0, 1.0])
-# Turn of the middle loop against Z, rad, from where on it is asked whether a few pairs do better,
-# and how many few are tried.
-_LOOSE: Final = 0.15
-_GUESSES: Final = 50
 # Loops that are this many times as far off as the middle one start nothing.
 _STRANGE: Final = 4.0
-_ROUNDS: Final = 3
-# A turn so small (rad) that a motion is a translation, and how much such a motion has to say.
-STILL: Final = float(np.radians(0.5))
-SAY_OF_STILL: Final = 0.01
 
 
 def quaternion_hand_eye(hand: Poses, target: Poses) -> Poses:
@@ -87,8 +79,9 @@ def agreeing_hand_eye(hand: Poses, target: Poses) -> tuple[Poses, Poses]:
     if len(hand[1]) < 2:
         return nothing, nothing
     X, Z, off = _trimmed(hand, target, np.ones(len(hand[1]), dtype=np.bool_))
-    if off > _LOOSE and len(hand[1]) > FEWEST:
-        # A fifth of all boards half a turn off spoils the mean beyond what leaving out mends.
+    if off > 0.15 and len(hand[1]) > FEWEST:
+        # A fifth of all boards half a turn off spoils the mean beyond what leaving out mends: do a
+        # few pairs better?
         other = _trimmed(hand, target, _like_a_few(hand, target))
         if other[2] < off:
             X, Z, _ = other
@@ -100,7 +93,7 @@ def _trimmed(hand: Poses, target: Poses, agreeing_rows: BoolArray) -> tuple[Pose
 
     And how far the middle one of all loops is turned from Z, rad.
     """
-    for _ in range(_ROUNDS):
+    for _ in range(3):
         A, B = some_poses(hand, agreeing_rows), some_poses(target, agreeing_rows)
         X = quaternion_hand_eye(A, B)
         Z = close_the_loop(A, X, B)
@@ -127,7 +120,7 @@ def _like_a_few(hand: Poses, target: Poses) -> BoolArray:
     """(n,) pairs whose loops close as those of the few that most of all agree with."""
     n = len(hand[1])
     random = np.random.default_rng(0)
-    few = np.array([random.choice(n, FEWEST, replace=False) for _ in range(_GUESSES)])
+    few = np.array([random.choice(n, FEWEST, replace=False) for _ in range(50)])
     A, B = (hand[0][few], hand[1][few]), (target[0][few], target[1][few])
     X = quaternion_hand_eye(A, B)
     _, turned = _off(hand, target, X, close_the_loop(A, X, B)[0])
@@ -184,9 +177,10 @@ def _rotation_between(A: Poses, B: Poses) -> FloatArray:
     is the same equation for quaternions 0, t; it decides only where nothing turns.
     """
     a, b = _quaternions(A[0]), _quaternions(B[0])
-    still = a[..., :1] > np.cos(STILL / 2)
+    # A turn so small (0.5°) that a motion is a translation, which has a hundredth to say.
+    still = a[..., :1] > np.cos(np.radians(0.5) / 2)
     longest = np.linalg.norm(A[1], axis=-1).max(axis=-1, initial=0.0)[..., None, None]
-    shift = SAY_OF_STILL / np.where(longest > 0, longest, 1.0)
+    shift = 0.01 / np.where(longest > 0, longest, 1.0)
     a = np.where(still, _pure(shift * A[1]), a)
     b = np.where(still, _pure(shift * B[1]), b)
     sure = np.where(still, 1.0, (a + b)[..., :1])[..., None]

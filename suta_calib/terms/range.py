@@ -23,10 +23,8 @@ from suta_calib.terms.places import PlaceTerm
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.units import from_mm, mm
 
-# Second over first, and third over first, singular value of tips on a line or in a plane.
+# Second over first singular value of tips on a line.
 _LINE: Final = 1e-3
-_PLANE: Final = 1e-2
-_STEPS: Final = 20
 
 
 def _excess(poses: Sequence[Pose], unknowns: Symbol, data: Symbol) -> Symbol:
@@ -217,7 +215,8 @@ def anchor_of(tips: FloatArray, lengths: FloatArray | None = None) -> tuple[Floa
     squared = np.sum(about**2, axis=1)
     squared_lengths = np.zeros(len(tips)) if lengths is None else lengths**2
     _, singular, v = np.linalg.svd(about, full_matrices=False)
-    directions = v[singular > _PLANE * max(singular[0], 1e-12)]
+    # Third over first singular value of tips in a plane: a hundredth.
+    directions = v[singular > 0.01 * max(singular[0], 1e-12)]
     columns = np.column_stack([-2.0 * about @ directions.T, np.ones(len(tips))])
     solved = np.linalg.lstsq(columns, squared_lengths - squared, rcond=None)[0]
     anchor = solved[:-1] @ directions
@@ -235,7 +234,7 @@ def _refined(
         return distance - (distance.mean() if lengths is None else lengths), distance
 
     residual, distance = left(anchor)
-    for _ in range(_STEPS):
+    for _ in range(20):
         columns = (anchor - tips) / np.maximum(distance, 1e-12)[:, None]
         if lengths is None:
             columns = columns - columns.mean(axis=0)

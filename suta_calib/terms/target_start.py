@@ -37,12 +37,6 @@ from suta_calib.terms.hand_eye_start import (
 LEVER: Final = 0.3
 # Relative singular value below which a direction is not determined at all.
 _ROUNDING: Final = 1e-9
-_STEPS: Final = 30
-# Turns of the instrument that are tried, some 15° apart; the best that are refined; and rows, of
-# many, that choose them.
-TURNS: Final = 1000
-BEST: Final = 2
-ASKED: Final = 500
 
 
 def instrument_and_targets(
@@ -110,9 +104,8 @@ def _beginnings(arm: Poses, positions: FloatArray, target: IntArray) -> Iterator
     yield *register_points(position, positions), np.zeros((count, 3))
     # About the middle, so that lengths are alike.
     middle = positions.mean(axis=0)
-    chosen = np.unique(
-        np.linspace(0, len(positions) - 1, min(len(positions), ASKED)).astype(np.intp)
-    )
+    # Rows, of many, that choose the turns.
+    chosen = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), 500)).astype(np.intp))
     sits = _of_targets(rotation, target, count)
     shift = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
     columns = np.concatenate([sits, shift], axis=2)
@@ -125,10 +118,11 @@ def _beginnings(arm: Poses, positions: FloatArray, target: IntArray) -> Iterator
     entries, right = entries - basis @ (basis.T @ entries), right - basis @ (basis.T @ right)
     square, linear = entries.T @ entries, entries.T @ right
     free = nearest_rotation(np.linalg.lstsq(entries, right, rcond=_ROUNDING)[0].reshape(3, 3))
-    turns = np.concatenate([free[None], random_rotations(np.random.default_rng(0), TURNS)])
+    # A thousand turns of the instrument are some 15° apart; the best two of them are refined.
+    turns = np.concatenate([free[None], random_rotations(np.random.default_rng(0), 1000)])
     w = turns.reshape(-1, 9)
     off = np.einsum("ni,ij,nj->n", w, square, w) - 2.0 * w @ linear
-    for W in turns[[0, *(1 + np.argsort(off[1:], kind="stable")[:BEST])]]:
+    for W in turns[[0, *(1 + np.argsort(off[1:], kind="stable")[:2])]]:
         solved = _least_squares(columns, (positions - middle) @ W.T - position)
         targets = solved[: 3 * count].reshape(count, 3)
         points = position + np.einsum("nij,nj->ni", rotation, targets[target])
@@ -150,7 +144,7 @@ def _refined(
     residual, lever = left(R, b, targets)
     # A step that takes no more of the squared residuals is the last.
     gain = 1e-9
-    for _ in range(_STEPS):
+    for _ in range(30):
         shift = np.broadcast_to(np.eye(3), (len(positions), 3, 3))
         columns = np.concatenate([-skew(lever), shift, R @ sits], axis=2)
         step = _least_squares(columns, residual)

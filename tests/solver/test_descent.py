@@ -38,14 +38,6 @@ def test_a_bound_that_is_met_is_left_where_the_gradient_leads_away() -> None:
     np.testing.assert_allclose(step, [1.75, -0.5])
 
 
-def test_where_every_bound_is_met_the_step_ends() -> None:
-    step = bounded_step(np.eye(2), np.array([-5.0, 7.0]), np.full(2, -1.0), np.full(2, 2.0))
-    np.testing.assert_array_equal(step, [2.0, -1.0])
-    hessian = np.array([[1.0, 0.5], [0.5, 1.0]])
-    nowhere = np.zeros(2)
-    np.testing.assert_array_equal(bounded_step(hessian, -np.ones(2), nowhere, nowhere), nowhere)
-
-
 def test_what_nothing_is_known_of_stays() -> None:
     hessian, gradient = np.diag([2.0, 0.0, 1e-12]), np.array([-4.0, 0.0, -1e-12])
     far = np.full(3, np.inf)

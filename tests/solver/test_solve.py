@@ -152,13 +152,6 @@ def test_a_bound_is_kept_and_said() -> None:
     assert free.value == pytest.approx(0.576, abs=1e-9)
 
 
-def test_every_value_is_within_its_bounds() -> None:
-    solution = solve(bounded(4e-3), SolverOptions(starts=4))
-    parameters = solution.problem.parameters
-    assert np.all(solution.x >= parameters.array("lower"))
-    assert np.all(solution.x <= parameters.array("upper"))
-
-
 @pytest.mark.parametrize("hessian", ["gauss-newton", "exact"])
 def test_not_converging_is_an_answer_and_no_exception(hessian: str) -> None:
     scene = distances()
@@ -365,14 +358,6 @@ def test_something_else_than_a_problem_or_values_is_refused_in_words() -> None:
         solve(problem)
     with pytest.raises(ParameterError, match=r"found 3; expected values by name"):
         arm_named("suta").at(problem)
-
-
-def test_readings_in_degrees_are_refused_in_arrays_as_in_files() -> None:
-    arm = arm_named("suta")
-    q = np.linspace(0.1, 0.9, len(arm.joints))[None]
-    ArmPoses(arm, Samples.from_arrays(arm.joints, q))
-    with pytest.raises(SamplesError, match=r"row 0, joint_.*looks like degrees"):
-        ArmPoses(arm, Samples.from_arrays(arm.joints, np.degrees(q)))
 
 
 def test_readings_of_other_joints_are_refused() -> None:

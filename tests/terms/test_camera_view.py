@@ -198,15 +198,6 @@ def test_every_command_takes_the_job(folder: Path, command: tuple[Any, ...]) -> 
     assert answer(name, folder / job, *more, *out)["verdict"]["usable"]
 
 
-def test_a_job_of_pictures_is_begun(folder: Path, tmp_path: Path) -> None:
-    new = ("init", folder / "arm.urdf", "--tip", "tip", "--kind", "camera_view", "--out", tmp_path)
-    assert cli(*new) == 0
-    job = (tmp_path / "calibration.yaml").read_text()
-    assert "corners: corners.csv, board: board.yaml, camera: camera.yaml" in job
-    assert "huber_px" in job
-    assert (tmp_path / "corners.csv").read_text() == "image,point,u,v\n"
-
-
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

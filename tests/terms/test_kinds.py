@@ -8,10 +8,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import pytest
-from simulated import arm_named
 
-from suta_calib.job.new_job import new_job
-from suta_calib.job.schema import read_job
 from suta_calib.registry import shipped
 from suta_calib.terms import KINDS, Term, first_kind
 
@@ -99,17 +96,6 @@ def test_a_kind_is_described(kind: type[Term]) -> None:
     assert not kind.mark or kind.mark in kind.columns.common_labels
     # What is seen is a position, or in pictures.
     assert kind.columns.position == (kind.medium != "touch" and kind.unit == "mm")
-
-
-@each_kind
-def test_a_job_of_any_kind_can_be_begun(kind: type[Term], tmp_path: Path) -> None:
-    arm = arm_named("suta")
-    for file in new_job(arm, tmp_path, kinds=[kind.kind]):
-        file.path.parent.mkdir(parents=True, exist_ok=True)
-        file.path.write_text(file.text)
-    (row,) = read_job(tmp_path / "calibration.yaml").observations
-    assert row.kind == kind.kind
-    assert (row.artefact is not None) == kind.needs_artefact
 
 
 def test_the_first_of_each_sort_is_offered_first() -> None:

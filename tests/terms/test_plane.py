@@ -111,17 +111,6 @@ def test_a_touch_that_slipped_is_found(folder: Path, tmp_path: Path) -> None:
     assert len(CalibrationJob.load(tmp_path / "job.yaml").observations[0].poses) == 35
 
 
-def test_a_study_draws_planes(folder: Path) -> None:
-    job, few = folder / "job.yaml", ("--trials", 2, "--jobs", 1)
-    sized = ("--unit", "plane", "--sizes", "3-4", "--out", folder / "size")
-    found = answer("study", job, *few, *sized)
-    assert (found["unit"], found["sets"], found["set_is"]) == (
-        "plane",
-        4,
-        "all touches of one plane",
-    )
-
-
 def test_planes_are_measured(
     tmp_path: Path, repository: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -67,15 +67,6 @@ def test_groups_of_either_sort_are_joined(count: int) -> None:
         np.testing.assert_array_equal(found, grouped(whole)[1])
 
 
-def test_rows_that_are_groups_of_their_own_are_their_sums() -> None:
-    rows = np.random.default_rng(0).normal(size=(6, 2))
-    alone = summed(rows, np.arange(6), 6)
-    np.testing.assert_array_equal(alone, rows)
-    alone[:] = 0.0
-    assert rows.any()  # it is a copy
-    np.testing.assert_array_equal(summed(rows, np.arange(6)[::-1], 6), rows[::-1])
-
-
 @pytest.mark.parametrize("width", [0, 1, 5])
 def test_rows_are_summed_over_their_groups(width: int) -> None:
     rng = np.random.default_rng(5)
