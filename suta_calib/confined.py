@@ -3,6 +3,7 @@
 Macro languages and model compilers do what a file tells them. So they run in a child process:
 without the user's environment, with limits of the operating system on processor time, memory and
 written files, and with an end after a time on the clock. The child answers with one line of JSON.
+The package's own processes (`started`) need none of this.
 """
 
 from __future__ import annotations
@@ -17,7 +18,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Final
 
-_ROOT: Final = Path(__file__).resolve().parents[1]
 # Of 60 public descriptions the slowest takes 0.2 s of processor time, of 50 MuJoCo models 0.7 s. A
 # small computer may be ten times slower, and the clock allows for a busy one.
 PROCESSOR_SECONDS: Final = 10
@@ -47,9 +47,8 @@ def run_confined(module: str, *arguments: str, seconds: float = _CLOCK_SECONDS) 
     Raises:
         ConfinedError: more time or memory than allowed, or the process broke.
     """
-    paths = [str(_ROOT), *filter(None, [os.environ.get("PYTHONPATH")])]
     environment = {name: os.environ[name] for name in _VARIABLES if name in os.environ}
-    environment |= {"PYTHONPATH": os.pathsep.join(paths), "OPENBLAS_NUM_THREADS": "1"}
+    environment |= {"PYTHONPATH": _paths(), "OPENBLAS_NUM_THREADS": "1"}
     try:
         run = subprocess.run(
             # -P: a file of the user's folder must not stand in for a library. -B: write nothing.
@@ -111,3 +110,21 @@ def _limit() -> None:
         # Where an administrator allows less, or the system knows no such limit, that stays.
         with contextlib.suppress(ValueError, OSError):
             resource.setrlimit(kind, (most, most))
+
+
+def started(module: str, *arguments: str) -> subprocess.Popen[bytes]:
+    """A process, not confined, that runs a module of the package, with pipes to it and from it."""
+    return subprocess.Popen(
+        # -P: a file of the user's folder must not stand in for a library.
+        [sys.executable, "-P", "-m", module, *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        env=os.environ | {"PYTHONPATH": _paths()},
+    )
+
+
+def _paths() -> str:
+    """Where Python finds this package, and what it finds already."""
+    root = Path(__file__).resolve().parents[1]
+    return os.pathsep.join([str(root), *filter(None, [os.environ.get("PYTHONPATH")])])

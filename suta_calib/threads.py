@@ -1,7 +1,8 @@
-"""One BLAS thread for matrices of up to some thousand rows: more mostly wait for each other."""
+"""One BLAS thread for matrices of up to some thousand rows, where more wait for each other."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from functools import cache, wraps
 from typing import Any, ParamSpec, TypeVar
@@ -27,3 +28,10 @@ def single_threaded(function: Callable[P, R]) -> Callable[P, R]:
             return function(*args, **kwargs)
 
     return limited
+
+
+def usable_cores() -> int:
+    """How many cores this process may use."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1

@@ -11,7 +11,7 @@ from pathlib import Path
 ROWS = (
     {"errors", "arguments", "arrays", "units", "assessment", "atomic", "confined", "extras"}
     | {"inputs", "registry"}
-    | {"processes", "showing", "threads", "words"},
+    | {"showing", "threads", "words"},
     {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},

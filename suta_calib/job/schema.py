@@ -12,9 +12,8 @@ from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
 from suta_calib.errors import JobError, UrdfError
-from suta_calib.job.couplings import Couplings
+from suta_calib.job.arm_keys import TIP_OFFSET_KEYS, Couplings, TipOffset
 from suta_calib.job.keys import BOUND_AND_PRIOR_KEYS, COMMON_KEYS, OBSERVATION_KEYS, SELECTION_KEYS
-from suta_calib.job.tip_offset import TIP_OFFSET_KEYS, TipOffset
 from suta_calib.measurements.exclusion import Exclusion
 from suta_calib.measurements.fields import (
     ANGLE_OR_0,

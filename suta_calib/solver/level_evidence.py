@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from scipy.special import chdtrc
@@ -211,20 +211,8 @@ def data_information(hessian: FloatArray, belief: FloatArray) -> FloatArray:
     return np.asarray(part @ part.T)
 
 
-class LevelEstimate(Protocol):
-    """The best step of the unknowns, and its covariance, at some levels."""
-
-    @property
-    def step(self) -> FloatArray:
-        """(p,) from where one is."""
-
-    @property
-    def covariance(self) -> FloatArray:
-        """(p, p) of the step."""
-
-
 def covariance_of_levels(
-    at: Callable[[FloatArray], LevelEstimate], best: FloatArray, uncertainty: FloatArray
+    at: Callable[[FloatArray], Any], best: FloatArray, uncertainty: FloatArray
 ) -> FloatArray:
     """What the scatter of the levels adds to the covariance of the unknowns, (p, p).
 

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Level
@@ -32,7 +31,7 @@ from suta_calib.terms.block import LEARNT, Block, Noise
 from suta_calib.terms.board_pictures import BoardPictures
 from suta_calib.terms.board_sight import BoardSight, OnePoint
 from suta_calib.terms.camera_alone import camera_alone
-from suta_calib.terms.camera_row import CAMERA_FILES, CAMERA_KEYS, read_camera_row
+from suta_calib.terms.camera_row import CAMERA_FILES, CAMERA_KEYS, read_camera_row, with_corners
 from suta_calib.terms.camera_start import PLANAR
 from suta_calib.terms.external_frame import (
     ExternalFrame,
@@ -54,13 +53,12 @@ from suta_calib.terms.hand_eye_start import (
 )
 from suta_calib.terms.instrument_terms import FramedTerm
 from suta_calib.terms.intrinsics import UNCALIBRATED, camera_at, intrinsic_parameters, prior_beside
+from suta_calib.terms.length_scale import stretch_factors, stretch_parameters
 from suta_calib.terms.misread_pictures import check_files, doubts, otherwise_read
 from suta_calib.terms.observed import Observed, Resimulation, TrueFrame
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.reprojection import reprojection
-from suta_calib.terms.seen_corners import with_corners
 from suta_calib.terms.setup import Setup
-from suta_calib.terms.stretch import stretch_factors, stretch_parameters
 from suta_calib.terms.term import Gap, Term
 
 # What a kind that nobody has set up looks at, and with what: a board and a camera as they are.
@@ -91,7 +89,6 @@ class CameraView(FramedTerm):
         label: terms with the same label share the camera.
         target: terms with the same one share the board.
         prior: of the intrinsics (9,), standard deviations.
-        known_pictures: perhaps those of this board, camera and corners, with what is known of them.
 
     Raises:
         SamplesError: no corner in any picture, or corners of another board.
@@ -146,7 +143,6 @@ class CameraView(FramedTerm):
     label: str = "default"
     target: str = "default"
     prior: FloatArray | None = None
-    known_pictures: BoardPictures | None = field(default=None, kw_only=True, compare=False)
 
     @classmethod
     def over(cls, poses: PoseSource, setup: Setup) -> CameraView:
@@ -247,18 +243,7 @@ class CameraView(FramedTerm):
         if noise is not None:
             sigma = None if noise.sigma is None else noise.sigma * pixel
             noise = Noise(sigma, noise.huber * pixel, noise.fixed)
-        return replace(self, pixel=pixel, noise=noise or self.noise, known_pictures=self.pictures)
-
-    def over_poses(self, poses: PoseSource) -> Self:
-        """The same kind of term over other poses."""
-        return replace(self, poses=poses, known_pictures=self.pictures)
-
-    def take(self, rows: ArrayLike) -> Self:
-        """The term over some of its samples, of which all that pictures tell is known."""
-        poses = self.poses.take(rows)
-        return replace(
-            self, poses=poses, known_pictures=self.pictures.take(rows, poses.samples.pixels)
-        )
+        return replace(self, pixel=pixel, noise=noise or self.noise)
 
     def numbered_alike(self, source: Path | None) -> Self:
         """The same with the board numbered from one end in all pictures (`BoardPictures`)."""
@@ -293,7 +278,7 @@ class CameraView(FramedTerm):
         if pixels is self.pixels:
             return self
         samples = replace(self.poses.samples, pixels=pixels)
-        return replace(self, poses=self.poses.with_samples(samples), known_pictures=None)
+        return replace(self, poses=self.poses.with_samples(samples))
 
     @property
     def _to_board(self) -> Poses:
@@ -346,7 +331,7 @@ class CameraView(FramedTerm):
             return None
         prior = UNCALIBRATED.stds(self.camera)
         prior[len(FOCAL) + len(CENTRE) :] = 0.0
-        return replace(self, free=True, prior=prior, known_pictures=self.pictures)
+        return replace(self, free=True, prior=prior)
 
     @cached_property
     def pixels(self) -> FloatArray:
@@ -362,9 +347,7 @@ class CameraView(FramedTerm):
     @cached_property
     def pictures(self) -> BoardPictures:
         """What the corners tell without the poses of any hand."""
-        pictures = self.known_pictures
-        same = (self.board, self.camera, self.pixels)
-        return pictures if pictures is not None and pictures.of(*same) else BoardPictures(*same)
+        return BoardPictures(self.board, self.camera, self.pixels)
 
     @property
     def seen_poses(self) -> Poses:

@@ -86,7 +86,7 @@ def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
 
 def attributes_of(kind: type) -> dict[str, Field[Any]]:
     """The other keywords of a kind: the fields of its class, but where its poses come from."""
-    return {f.name: f for f in fields(kind) if f.init and f.name not in ("poses", "known_pictures")}
+    return {f.name: f for f in fields(kind) if f.init and f.name != "poses"}
 
 
 class FromArrays:

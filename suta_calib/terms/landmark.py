@@ -31,10 +31,10 @@ from suta_calib.terms.block import (
 )
 from suta_calib.terms.checks import check_unit
 from suta_calib.terms.external_frame import pose_named, pose_parameters, pose_values
+from suta_calib.terms.length_scale import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.observed import Observed, Resimulation
 from suta_calib.terms.poses import ArmPoses, PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.stretch import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.term import Term
 
 ARTEFACT_COLUMNS: Final = SampleColumns(

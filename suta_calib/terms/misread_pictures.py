@@ -33,9 +33,7 @@ def check_files(pictures: BoardPictures) -> None:
     """Refuse corners that another board or camera explains far better, or that none does."""
     if len(pictures.pixels) > ENOUGH:
         chosen = np.linspace(0, len(pictures.pixels) - 1, ENOUGH).astype(np.intp)
-        fewer = pictures.take(chosen, pictures.pixels[chosen])
-        assert fewer is not None
-        check_files(fewer)
+        check_files(replace(pictures, pixels=pictures.pixels[chosen]))
         return
     # Misfit, part of the board's extent, that any camera leaves: nothing is asked below it.
     if pictures.misfit <= 1e-3:

@@ -38,10 +38,10 @@ from suta_calib.terms.landmark import (
     registered,
     seated,
 )
+from suta_calib.terms.length_scale import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.observed import Observed
 from suta_calib.terms.poses import PoseSource
 from suta_calib.terms.seating import Seating, seat_axes, seated_at
-from suta_calib.terms.stretch import stretch_factors, stretch_parameters, stretched_point
 from suta_calib.terms.term import Term
 
 # Distances of one term: each costs a kilobyte or two while it is solved, and m touches of one

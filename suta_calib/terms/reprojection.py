@@ -17,7 +17,7 @@ from suta_calib.geometry.pinhole import pixel_of
 from suta_calib.geometry.symbols import Symbol
 from suta_calib.terms.block import Pose, Residual, pose_of
 from suta_calib.terms.hand_eye_start import EYE_IN_HAND, EyeSetup
-from suta_calib.terms.stretch import stretched_point
+from suta_calib.terms.length_scale import stretched_point
 
 # Nearest that a point is taken to be to a camera while a solver looks for it, m.
 NEAREST: Final = 1e-3

@@ -30,9 +30,9 @@ from suta_calib.simulation import read_simulation, simulate
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms.block import Noise
+from suta_calib.terms.camera_row import with_corners
 from suta_calib.terms.camera_start import board_poses, closed_form_intrinsics
 from suta_calib.terms.camera_view import CameraView
-from suta_calib.terms.seen_corners import with_corners
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -316,24 +316,6 @@ def test_a_picture_is_one_witness(folder: Path) -> None:
     assert len(np.unique(term.witnesses)) == 16
     assert term.equations() == 2 * len(term.blocks[0])
     assert len(term.take(range(8)).blocks[0]) < len(term.blocks[0])
-
-
-def test_what_pictures_tell_is_found_once_for_terms_over_the_same(folder: Path) -> None:
-    (term,) = CalibrationJob.load(folder / "job.yaml").observations
-    assert isinstance(term, CameraView)
-    assert "poses" in vars(term.pictures)
-    assert term.at_its_distance(Noise(0.1)).pictures is term.pictures
-    assert term.with_assumptions_estimated is not None
-    assert term.with_assumptions_estimated.pictures is term.pictures
-    rows = np.array([3, 1, 1, 7])
-    some = term.take(rows)
-    anew = replace(some, known_pictures=None).pictures
-    assert "poses" in vars(some.pictures)
-    assert "poses" not in vars(anew)
-    for kept, found in zip(some.seen_poses, anew.poses, strict=True):
-        np.testing.assert_allclose(kept, found, rtol=0, atol=1e-12)
-    nearer = replace(term, camera=term.camera.resized(1.0))
-    assert nearer.pictures is not term.pictures
 
 
 def test_two_cameras_share_a_board() -> None:

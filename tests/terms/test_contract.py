@@ -15,9 +15,9 @@ from terms_cases import CASES, GAUGE, SIGMA, each_case, noises, problem_of, scen
 
 from suta_calib.registry import shipped
 from suta_calib.solver.information import whitened_rows
+from suta_calib.solver.nlp import symbolic_cost
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.solver.symbolic import symbolic_cost
 from suta_calib.terms import KINDS, ArmPoses, HandEye
 
 

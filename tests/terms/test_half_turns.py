@@ -8,7 +8,7 @@ from camera_scenes import X, Z
 
 from suta_calib.arrays import FloatArray
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.terms.half_turns import COMPARED, half_turned
+from suta_calib.terms.board_pictures import COMPARED, half_turned
 
 HALF_TURN = np.diag([-1.0, -1.0, 1.0])
 

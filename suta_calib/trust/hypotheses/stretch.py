@@ -9,7 +9,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact, Board
-from suta_calib.terms.stretch import is_stretch
+from suta_calib.terms.length_scale import is_stretch
 from suta_calib.terms.term import Term
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.examination import STEP
