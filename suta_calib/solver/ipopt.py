@@ -132,25 +132,20 @@ class AnyIpopt:
     """IPOPT over ``n`` variables, whatever they are: what is minimised is said solve by solve."""
 
     def __init__(self, n: int, limits: tuple[int, float]) -> None:
-        self._shared: _Shared | None = None
+        self._shared: Any = None
         z: Any = ca.MX.sym("z", n)
-        cost = _Callback("cost", n, ("x",), ("f",), lambda arg: [self._at(arg[0])[0]])
+        told = ("x", "f", "g", "lam_x", "lam_g", "lam_p")
+        cost = _Callback("cost", n, ("x",), ("f",), lambda z: [self._shared(z)[0]])
         gradient = _Callback(
-            "nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x"), lambda arg: [*self._at(arg[0])[:2]]
+            *("nlp_grad_f", n, ("x", "p"), ("f", "grad_f_x")),
+            lambda z, _: [*self._shared(z)[:2]],
         )
         hessian = _Callback(
-            "nlp_hess_l",
-            n,
-            ("x", "p", "lam_f", "lam_g"),
-            ("triu_hess_gamma_x_x",),
-            lambda arg: [ca.triu(ca.DM(float(arg[2]) * self._at(arg[0])[2]))],
+            *("nlp_hess_l", n, ("x", "p", "lam_f", "lam_g"), ("triu_hess_gamma_x_x",)),
+            lambda z, _, factor, __: [ca.triu(ca.DM(float(factor) * self._shared(z)[2]))],
         )
         progress = _Callback(
-            "progress",
-            n,
-            ("x", "f", "g", "lam_x", "lam_g", "lam_p"),
-            ("stop",),
-            lambda arg: [self._stalled(float(arg[1]))],
+            "progress", n, told, ("stop",), lambda _, f, *__: [self._shared.stalled(float(f))]
         )
         # CasADi does not keep Python callbacks alive: the solver must.
         self._callbacks = (cost, gradient, hessian, progress)
@@ -172,14 +167,6 @@ class AnyIpopt:
             return _run(self._solver, where, self._shared)
         finally:
             self._shared = None
-
-    def _at(self, z: Any) -> tuple[float, FloatArray, FloatArray]:
-        assert self._shared is not None
-        return self._shared(z)
-
-    def _stalled(self, cost: float) -> bool:
-        assert self._shared is not None
-        return self._shared.stalled(cost)
 
 
 @lru_cache(maxsize=32)
@@ -234,7 +221,7 @@ class _Callback(ca.Callback):
         n: int,
         inputs: tuple[str, ...],
         outputs: tuple[str, ...],
-        answer: Callable[[Any], list[Any]],
+        answer: Callable[..., list[Any]],
     ) -> None:
         ca.Callback.__init__(self)
         self._n, self._inputs, self._outputs, self._answer = n, inputs, outputs, answer
@@ -266,4 +253,4 @@ class _Callback(ca.Callback):
         }[self._outputs[i]]
 
     def eval(self, arg: Any) -> list[Any]:
-        return self._answer(arg)
+        return self._answer(*arg)

@@ -9,10 +9,14 @@ from dataclasses import replace
 from functools import cached_property
 from typing import ClassVar
 
+import numpy as np
+
 from suta_calib.arrays import IntArray
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.model.parameters import POSITION, Parameter
+from suta_calib.terms.block import grouped
 from suta_calib.terms.given_pose import GivenPose, PriorValue
+from suta_calib.terms.poses import PoseSource
 from suta_calib.units import mm
 
 
@@ -25,7 +29,14 @@ class GivenPlaces(ABC):
     place_turns: ClassVar[bool]
     place_needs_turn: ClassVar[bool]
     given: Mapping[str, GivenPose]
-    places: cached_property[tuple[list[str], IntArray]]
+    poses: PoseSource
+
+    @cached_property
+    def places(self) -> tuple[list[str], IntArray]:
+        """Labels of the places that are touched, and which of them each sample has, (n,)."""
+        if not self.place:
+            return [], np.zeros(len(self.poses), dtype=np.intp)
+        return grouped(self.poses.samples.labels[self.place])
 
     @property
     @abstractmethod

@@ -27,7 +27,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.measurements import Artefact, Board, SampleColumns, YamlSection
 from suta_calib.measurements.fields import Field, Fields
 from suta_calib.measurements.scale import LengthScale
-from suta_calib.terms.block import Block, first_of_each, grouped, joined, same_touches
+from suta_calib.terms.block import Block, first_of_each, joined, same_touches
 from suta_calib.terms.external_frame import ExternalFrame, frames_of
 from suta_calib.terms.from_arrays import FromArrays
 from suta_calib.terms.given_places import GivenPlaces
@@ -156,13 +156,6 @@ class Term(GivenPlaces):
     def error_unit(self) -> Unit:
         """Unit of the errors that it is judged by: those of its first block."""
         return self.blocks[0].unit
-
-    @cached_property
-    def places(self) -> tuple[list[str], IntArray]:
-        """Labels of the places that are touched, and which of them each sample has, (n,)."""
-        if not self.place:
-            return [], np.zeros(len(self.poses), dtype=np.intp)
-        return grouped(self.poses.samples.labels[self.place])
 
     @classmethod
     def measures_lengths(cls) -> bool:
