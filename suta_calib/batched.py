@@ -88,9 +88,9 @@ class Formula:
     Attributes:
         once: operations with the places of their operands and of what they compute, that are the
             same for every row; `np.positive` copies what is also an answer.
-        each: those on columns, in order.
+        per_row: those on columns, in order.
         constants: by their place among the numbers that are the same for all rows.
-        alike: how many of these there are.
+        shared_places: how many of these there are.
         columns: how many columns it takes beside those of inputs and outputs.
     """
 

@@ -51,7 +51,7 @@ class PlaceTerm(Term):
         common: int = 0,
     ) -> tuple[Block, ...]:
         """The block of a residual of data, ``common`` own unknowns, and those of a row's place."""
-        width = (len(self.own_parameters) - common) // len(self.places[0])
+        width = (len(self.own_parameters) - common) // max(len(self.places[0]), 1)
         of_place = common + width * self.places[1][:, None] + np.arange(width)
         own_columns = np.hstack([np.tile(np.arange(common), (len(of_place), 1)), of_place])
         data = np.zeros((len(self.poses), 0)) if data is None else data
@@ -62,7 +62,8 @@ class PlaceTerm(Term):
         """(n, keys) unknowns of the place of each sample."""
         names, which = grouped(poses.samples.labels[self.place])
         keys = [[f"{self.place_unknown}[{n}].{key}" for key in self.place_keys] for n in names]
-        return np.array([[values[key] for key in row] for row in keys])[which]
+        of_place = [[values[key] for key in row] for row in keys]
+        return np.reshape(of_place, (len(names), len(self.place_keys)))[which]
 
     def _by_place(self) -> Iterator[tuple[str, IntArray]]:
         """Every place, and the rows there."""
