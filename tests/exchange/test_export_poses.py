@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -150,3 +151,28 @@ def test_what_was_insisted_on_is_still_called_unusable(tmp_path: Path) -> None:
     found = write_foreign(read_result(tmp_path, anyway=True), "ros-tf").assessment
     assert found.level == "care"
     assert "must not be used" in found.notes[0]
+
+
+def test_frames_have_the_users_names_and_only_their_pose_is_written(found: Result) -> None:
+    named = {"frame": ("tool0=flange", "eye=camera_link")}
+    (one,) = yaml.safe_load(write_foreign(found, "ros-tf", **named).content)["transforms"]
+    assert (one["header"]["frame_id"], one["child_frame_id"]) == ("flange", "camera_link")
+    by_pose = write_foreign(found, "ros-tf", pose="camera_link", **named)
+    assert yaml.safe_load(by_pose.content)["transforms"] == [one]
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (
+            {"frame": ("hand=flange",)},
+            "--frame: found the frame 'hand'; expected one of tool0, eye",
+        ),
+        ({"frame": ("eye=camera",)}, "names for eye alone; expected names for both frames of a po"),
+        ({"pose": "camera"}, "--pose: found the pose 'camera'; expected one of eye, board 1"),
+        ({"frame": ("eye",)}, "--frame: found 'eye'; expected parts such as hand=tool0"),
+    ],
+)
+def test_frames_that_are_not_there(options: dict[str, Any], says: str, found: Result) -> None:
+    with pytest.raises(InputError, match=says):
+        write_foreign(found, "ros-launch", **options)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from lxml import etree
 
+from suta_calib.exchange.chosen_poses import POSE_OPTIONS, chosen_poses
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import Result
 from suta_calib.exchange.writer import Writer
@@ -17,13 +18,14 @@ class PlusWriter(Writer):
     name = "plus"
     summary = "PLUS device-set XML: CoordinateDefinitions with the poses, mm"
     example = "results --format plus --out PlusDeviceSet_Tool.xml"
+    options = POSE_OPTIONS
     file = "exported_plus.xml"
 
-    def content(self, result: Result, _given: Given) -> bytes:
+    def content(self, result: Result, given: Given) -> bytes:
         """A ``PlusConfiguration`` with one ``Transform From To Matrix`` for each pose."""
         root = etree.Element("PlusConfiguration", version="2.1")
         definitions = etree.SubElement(root, "CoordinateDefinitions")
-        for transform in result.need_transforms(self.name):
+        for transform in chosen_poses(result, self.name, given):
             matrix = np.array(transform.matrix)
             matrix[:3, 3] = mm(matrix[:3, 3])
             # PLUS's XToY maps coordinates in X to those in Y: T_Y_X.

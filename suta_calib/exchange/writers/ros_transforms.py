@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from suta_calib.exchange.chosen_poses import POSE_OPTIONS, chosen_poses
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import Result, Transform
 from suta_calib.exchange.writer import Writer
@@ -41,12 +42,13 @@ class RosTfWriter(Writer):
 
     name = "ros-tf"
     summary = "static transforms as YAML (geometry_msgs/TransformStamped)"
-    example = "results --format ros-tf --out static_transforms.yaml"
+    example = "results --format ros-tf --frame hand=tool0 --frame eye=camera_link"
+    options = POSE_OPTIONS
     file = "exported_static_transforms.yaml"
 
-    def content(self, result: Result, _given: Given) -> bytes:
+    def content(self, result: Result, given: Given) -> bytes:
         """``transforms: [{header, child_frame_id, transform}, …]``, m and x y z w."""
-        transforms = result.need_transforms(self.name)
+        transforms = chosen_poses(result, self.name, given)
         return yaml_text({"transforms": [_stamped(transform) for transform in transforms]}).encode()
 
 
@@ -55,13 +57,14 @@ class RosLaunchWriter(Writer):
 
     name = "ros-launch"
     summary = "ROS 2 launch file with a static_transform_publisher per pose"
-    example = "results --format ros-launch --out static_transforms.launch.py"
+    example = "results --format ros-launch --frame hand=tool0 --frame eye=camera_link"
+    options = POSE_OPTIONS
     file = "exported_static_transforms.launch.py"
 
-    def content(self, result: Result, _given: Given) -> bytes:
+    def content(self, result: Result, given: Given) -> bytes:
         """The launch file."""
         rows = []
-        for transform in result.need_transforms(self.name):
+        for transform in chosen_poses(result, self.name, given):
             place = tuple(map(float, transform.matrix[:3, 3]))
             turn = tuple(map(float, quaternion_from_rotation(transform.matrix[:3, :3])))
             rows.append(f"    ({transform.parent!r}, {transform.child!r}, {place!r}, {turn!r}),\n")

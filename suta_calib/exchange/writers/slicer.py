@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import tempfile
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.chosen_poses import POSE, POSE_OPTIONS, chosen_poses
+from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import Result
 from suta_calib.exchange.writer import Writer
 from suta_calib.extras import load
 from suta_calib.units import mm
 from suta_calib.words import listed
-
-POSE: Final = Option("pose", "Which of several poses, by its child frame.", "NAME")
 
 
 class SlicerTfmWriter(Writer):
@@ -25,7 +23,7 @@ class SlicerTfmWriter(Writer):
     name = "slicer-tfm"
     summary = "one pose as linear transform of 3D Slicer and ITK, text (.tfm)"
     example = "results --format slicer-tfm --pose tip --out tip.tfm"
-    options = (POSE,)
+    options = POSE_OPTIONS
     file = "exported.tfm"
 
     def content(self, result: Result, given: Given) -> bytes:
@@ -45,7 +43,7 @@ class SlicerH5Writer(Writer):
     name = "slicer-h5"
     summary = "one pose as linear transform of 3D Slicer and ITK, HDF5 (.h5)"
     example = "results --format slicer-h5 --pose tip --out tip.h5"
-    options = (POSE,)
+    options = POSE_OPTIONS
     extra = "formats"
     file = "exported.h5"
 
@@ -67,13 +65,10 @@ def _itk_parameters(result: Result, given: Given, form: str) -> FloatArray:
     Slicer's transform takes coordinates from the child to the parent in RAS; ITK's takes them the
     other way, in LPS.
     """
-    poses = transforms = result.need_transforms(form)
-    if POSE in given:
-        poses = tuple(pose for pose in transforms if pose.child == given.text(POSE))
+    poses = chosen_poses(result, form, given)
     if len(poses) != 1:
-        problem = f"{len(poses)} poses" + (f" {given.text(POSE)!r}" if POSE in given else "")
-        names = listed([pose.child for pose in transforms])
-        raise given.refuse(POSE, problem, f"the name of one: {names}")
+        names = listed([pose.child for pose in poses])
+        raise given.refuse(POSE, f"{len(poses)} poses", f"the name of one: {names}")
     matrix = np.array(poses[0].matrix)
     matrix[:3, 3] = mm(matrix[:3, 3])
     # Slicer's axes (right, anterior, superior) in ITK's (left, posterior, superior).
