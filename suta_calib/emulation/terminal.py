@@ -9,6 +9,7 @@ import secrets
 import select
 import sys
 from array import array
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Self
 
@@ -102,12 +103,8 @@ class PseudoTerminal:
     def unread(self) -> int:
         """How many bytes nobody has read yet."""
         waiting = array("i", [0])
-        with contextlib.suppress(OSError):
-            slave = os.open(self.name, os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK)
-            try:
-                fcntl.ioctl(slave, termios.FIONREAD, waiting)
-            finally:
-                os.close(slave)
+        with contextlib.suppress(OSError), self._other_end(os.O_RDONLY) as slave:
+            fcntl.ioctl(slave, termios.FIONREAD, waiting)
         return waiting[0]
 
     def write(self, data: bytes) -> bool:
@@ -138,14 +135,18 @@ class PseudoTerminal:
     def _forget(self) -> None:
         """Drop what the last reader left unread."""
         self._rest = b""
-        with contextlib.suppress(OSError, termios.error):
-            slave = os.open(self.name, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
-            try:
-                # A reader may have changed modes; the next one finds a fresh port.
-                tty.setraw(slave)
-                termios.tcflush(slave, termios.TCIFLUSH)
-            finally:
-                os.close(slave)
+        with contextlib.suppress(OSError, termios.error), self._other_end(os.O_RDWR) as slave:
+            # A reader may have changed modes; the next one finds a fresh port.
+            tty.setraw(slave)
+            termios.tcflush(slave, termios.TCIFLUSH)
+
+    @contextlib.contextmanager
+    def _other_end(self, mode: int) -> Iterator[int]:
+        slave = os.open(self.name, mode | os.O_NOCTTY | os.O_NONBLOCK)
+        try:
+            yield slave
+        finally:
+            os.close(slave)
 
 
 def _point(link: Path, target: str) -> None:

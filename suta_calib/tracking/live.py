@@ -216,7 +216,7 @@ class Tracking:
             "uncertainty": uncertainty,
             "notes": [note for note in (self.warmth,) if note],
             **self.session.summary(),
-            "last": None if last is None else pose_dict(last),
+            "last": last and pose_dict(last),
             "stream": counts | {"flags": flags},
             "events": self.events,
             "interrupted": self.interrupted,

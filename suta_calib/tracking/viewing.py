@@ -56,13 +56,11 @@ class LiveArm:
         arm, flags = self._calibrated.arm, reading.error[self._columns]
         q = reading.angles[self._columns]
         wrong = [name for name, flag in zip(arm.joints, flags, strict=True) if flag]
-        if wrong:
-            label = f"not valid: error flag of {', '.join(wrong)}"
-        else:
+        position, covariance = self._calibrated.tip(q[None])
+        label = f"not valid: error flag of {', '.join(wrong)}"
+        if not wrong:
             self._viewer.move(q)
             self.shown += 1
-        position, covariance = self._calibrated.tip(q[None])
-        if not wrong:
             std = np.sqrt(np.diagonal(covariance[0]))
             numbers = zip(mm(position[0]), mm(std), strict=True)
             label = ", ".join(f"{p:.2f} ± {s:.2f}" for p, s in numbers) + " mm"
