@@ -17,7 +17,7 @@ import rich
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
 from suta_calib.extras import load
-from suta_calib.units import from_deg, from_mm
+from suta_calib.units import Unit, shown, stored
 from suta_calib.view.access import Access
 from suta_calib.view.drawing import (
     ShownArm,
@@ -80,7 +80,7 @@ class Viewer:
         # Sliders, clicks and the play button each come from a thread of their own.
         self._moving = threading.RLock()
         self.joints: list[Any] = []
-        self._per_shown: list[float] = []
+        self._units: list[Unit] = []
         self._following = False
         if len(scene.rows):
             self._draw_rows()
@@ -227,9 +227,11 @@ class Viewer:
             _joint_slider(self.server.gui, joint, column)
             for joint, column in zip(arm.chain.moving, readings.T, strict=True)
         ]
-        self._per_shown = [_per_shown(unit) for unit in arm.units.values()]
-        for k, (slider, factor) in enumerate(zip(self.joints, self._per_shown, strict=True)):
-            slider.on_update(lambda event, k=k, f=factor: self._turn(k, f * event.target.value))
+        self._units = list(arm.units.values())
+        for k, (slider, unit) in enumerate(zip(self.joints, self._units, strict=True)):
+            slider.on_update(
+                lambda event, k=k, unit=unit: self._turn(k, stored(event.target.value, unit))
+            )
 
     def _turn(self, joint: int, reading: float) -> None:
         if not self._following:
@@ -241,8 +243,8 @@ class Viewer:
         """Have the sliders say where the arm is, from where they go on."""
         self._following = True
         try:
-            for slider, reading, factor in zip(self.joints, self._q, self._per_shown, strict=False):
-                slider.value = round(float(reading) / factor, 2)
+            for slider, reading, unit in zip(self.joints, self._q, self._units, strict=False):
+                slider.value = round(shown(float(reading), unit), 2)
         finally:
             self._following = False
 
@@ -295,21 +297,16 @@ def factors(scene: ArmScene) -> Iterator[tuple[str, float]]:
 
 def _joint_slider(gui: viser.GuiApi, joint: ChainJoint, readings: FloatArray) -> Any:
     """A slider in degrees or mm, within the limits and wherever the samples are; at the first."""
-    unit = "m" if joint.type == "prismatic" else "rad"
+    unit: Unit = "m" if joint.type == "prismatic" else "rad"
     # A joint without limits turns once; a slide without them goes a metre each way.
-    unlimited = {"rad": np.pi, "m": 1.0}
-    beyond = unlimited[unit]
+    beyond = 1.0 if unit == "m" else np.pi
     low = joint.lower if np.isfinite(joint.lower) else -beyond
     high = joint.upper if np.isfinite(joint.upper) else beyond
     low, high = min(low, readings.min()), max(high, readings.max())
-    values = [round(float(value) / _per_shown(unit), 2) for value in (low, high, readings[0])]
-    name = {"m": "mm", "rad": "°"}[unit]
-    return gui.add_slider(f"{joint.name}, {name}", values[0], values[1], 0.01, values[2])
-
-
-def _per_shown(unit: str) -> float:
-    """How many rad or m are in a degree or a millimetre."""
-    return float(from_mm(1.0) if unit == "m" else from_deg(1.0))
+    values = [round(shown(float(value), unit), 2) for value in (low, high, readings[0])]
+    return gui.add_slider(
+        f"{joint.name}, {'mm' if unit == 'm' else '°'}", values[0], values[1], 0.01, values[2]
+    )
 
 
 @contextlib.contextmanager
