@@ -20,6 +20,7 @@ from .certification import Certification as Certification
 from .errors import InputError as InputError
 from .errors import SutaCalibError as SutaCalibError
 from .errors import UnusableResultError as UnusableResultError
+from .inputs import XacroFile as XacroFile
 from .job import AcceptanceJob as AcceptanceJob
 from .job import Calibration as Calibration
 from .job import CalibrationJob as CalibrationJob

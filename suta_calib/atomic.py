@@ -277,7 +277,7 @@ def _alone_in(folder: Path) -> Iterator[bool]:
         os.close(descriptor)
 
 
-def check_outputs(outputs: Iterable[Path], inputs: Iterable[Path | None]) -> None:
+def check_outputs(outputs: Iterable[Path], inputs: Iterable[os.PathLike[str] | None]) -> None:
     """Refuse to write a file that is read by the same command, or two into one.
 
     Raises:

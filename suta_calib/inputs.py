@@ -6,6 +6,8 @@ import errno
 import os
 import select
 import stat
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +16,29 @@ MOST_OF_FILE: Final = 1_000_000_000
 # How long nothing may come from a pipe or a device, s.
 PATIENCE: Final = 5.0
 _AT_ONCE: Final = 1 << 16
+
+
+@dataclass(frozen=True)
+class XacroFile(os.PathLike[str]):
+    """A ``.xacro`` file and values of its arguments: stands where the path of a URDF may.
+
+    Attributes:
+        path: of the file.
+        arguments: values by name; others have their defaults.
+    """
+
+    path: Path
+    arguments: Mapping[str, str] = field(hash=False)
+
+    def __fspath__(self) -> str:
+        return str(self.path)
+
+    def __str__(self) -> str:
+        return str(self.path)
+
+
+# Where a URDF comes from.
+UrdfFile = Path | XacroFile
 
 
 def read_input(path: Path, most: int = MOST_OF_FILE) -> bytes:

@@ -33,6 +33,7 @@ NOT_RUN = {
     "suta-calib detect": "needs OpenCV; tests/cli/test_detect.py",
     "suta-calib hand-eye data/workcell": "what detect wrote; tests of hand-eye --corners",
     "suta-calib view": "needs viser; tests/view",
+    "suta-calib init ur.urdf.xacro": "tests/model/test_xacro.py",
     "suta-calib outliers": "7 s; tests/cli/test_outliers.py",
     "suta-calib study": "20 s; tests/cli/test_study.py",
     "suta-calib extend": "13 s; tests/cli/test_nongeometric.py",

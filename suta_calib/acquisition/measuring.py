@@ -40,6 +40,7 @@ from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.device.port_process import PortProcess
 from suta_calib.errors import InputError
+from suta_calib.inputs import UrdfFile
 from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS
 from suta_calib.units import deg
@@ -91,7 +92,7 @@ class MeasureOptions(Displayable):
     unattended: bool = False
     patience: float | None = None
     raw: Path | None = None
-    urdf: Path | None = None
+    urdf: UrdfFile | None = None
     rest: RestSettings = DEFAULT_REST
 
     def check(self) -> None:

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import InputError, JobError, did_you_mean
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import read_outline
 from suta_calib.job.schema import read_arm as read_arm_of_job
 from suta_calib.measurements import Artefact, read_artefact
@@ -90,7 +91,7 @@ class TouchSequence:
         return tuple(self.key) if self.artefact is None else (*self.key, "landmark")
 
 
-def read_arm(job: Path, urdf: Path | None = None) -> ArmModel:
+def read_arm(job: Path, urdf: UrdfFile | None = None) -> ArmModel:
     """The arm of a job, or the same chain of another URDF; errors as of `CalibrationJob.load`."""
     return read_arm_of_job(read_outline(job).top, urdf).model()
 

@@ -22,7 +22,7 @@ from click.exceptions import Exit
 from suta_calib import __version__
 from suta_calib.atomic import inputs_kept
 from suta_calib.cli._process import INTERRUPTED, PROGRAM, discard_stdout, say_interrupted
-from suta_calib.errors import SutaCalibError, did_you_mean, shortened
+from suta_calib.errors import InputError, SutaCalibError, did_you_mean, shortened
 
 # What --help says of each; the module of its name holds the click command.
 COMMANDS: Final = {
@@ -146,7 +146,8 @@ def run(arguments: Sequence[str] | None = None) -> int:
             code = app.main(arguments, prog_name=PROGRAM, standalone_mode=False)
             sys.stdout.flush()
         except SutaCalibError as error:
-            return _failed(error, error.exit_code)
+            hint = _of_another_format(error, arguments)
+            return _failed(f"{error}{hint}", error.exit_code)
         except click.ClickException as error:
             return _failed(shortened(_one_line(error.format_message())), error.exit_code)
         except (click.Abort, KeyboardInterrupt, SystemError) as error:
@@ -202,6 +203,18 @@ def _forgive_encodings() -> None:
             is_ascii = codecs.lookup(stream.encoding).name == "ascii"
             encoding = "plain_ascii" if is_ascii else stream.encoding
             stream.reconfigure(encoding=encoding, errors="suta_calib.plain")
+
+
+def _of_another_format(error: SutaCalibError, arguments: Sequence[str] | None) -> str:
+    """What a file is that a command took for another, and the command that reads it."""
+    if not isinstance(error, InputError):
+        return ""
+    words = sys.argv[1:] if arguments is None else arguments
+    command = next((word for word in words if not word.startswith("-")), "")
+    # Takes longer to import than most errors to be found.
+    recognition = importlib.import_module("suta_calib.exchange.recognition")
+    hint = recognition.other_format(error, ALIASES.get(command, command))
+    return f"; {hint}" if hint else ""
 
 
 def _of_system(error: OSError) -> str:

@@ -15,6 +15,7 @@ import numpy as np
 
 from suta_calib.atomic import check_folder
 from suta_calib.errors import OutputError
+from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.measurements.scale import INSTRUMENT_PPM
 from suta_calib.model.arm import ArmModel
 from suta_calib.units import from_mm
@@ -177,6 +178,54 @@ scale_option = option(
 )
 
 
+def _xacro_arguments(
+    context: click.Context, parameter: click.Parameter, values: tuple[str, ...]
+) -> None:
+    """Keep ``NAME:=VALUE`` for the URDF of the command, which is read after it."""
+    given = dict[str, str]()
+    for text in values:
+        name, assigned, value = text.partition(":=")
+        if not name or not assigned or name in given:
+            expected = "NAME:=VALUE, each name once"
+            raise click.BadParameter(f"found {text!r}; expected {expected}", context, parameter)
+        given[name] = value
+    context.meta[_xacro_arguments.__name__] = given
+
+
+def _urdf_file(
+    context: click.Context, parameter: click.Parameter, path: Path | None
+) -> UrdfFile | None:
+    """A URDF, or a ``.xacro`` file with its arguments."""
+    del parameter
+    given = context.meta.get(_xacro_arguments.__name__)
+    if given and path is None:
+        raise click.UsageError("--xacro-arg is for a .xacro file: give it with --urdf")
+    return XacroFile(path, given) if given and path is not None else path
+
+
+_xacro_option = option(
+    "--xacro-arg NAME:=VALUE",
+    "Of a .xacro file in place of the URDF: value of an argument; may be repeated.",
+    multiple=True,
+    # The URDF needs it, wherever it stands on the command line.
+    is_eager=True,
+    expose_value=False,
+    callback=_xacro_arguments,
+)
+
+
+def urdf_argument(metavar: str, name: str = "urdf") -> Callable[[Command], Command]:
+    """The argument that is a URDF, or a ``.xacro`` file with ``--xacro-arg``."""
+    argument = click.argument(name, type=PATH, metavar=metavar, callback=_urdf_file)
+    return lambda command: argument(_xacro_option(command))
+
+
+def urdf_option(about: str) -> Callable[[Command], Command]:
+    """``--urdf``, a URDF, or a ``.xacro`` file with ``--xacro-arg``."""
+    urdf = option("--urdf", about, PATH, callback=_urdf_file)
+    return lambda command: urdf(_xacro_option(command))
+
+
 def seed_option(of: str) -> Callable[[Command], Command]:
     """``--seed``, whose help says what is drawn with it."""
     return option("--seed", of, click.IntRange(min=0), 0)
@@ -195,7 +244,7 @@ def pose_options(command: Command) -> Command:
 
 
 def optional_arm(
-    urdf: Path | None, tip: str | None, base: str | None, what: str
+    urdf: UrdfFile | None, tip: str | None, base: str | None, what: str
 ) -> ArmModel | None:
     """The arm of ``--urdf``, ``--tip`` and ``--base``, whose tip did ``what``; None without."""
     if urdf is None:

@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, FiniteRange, flag, option
+from suta_calib.cli._options import (
+    PATH,
+    POSITIVE,
+    WRITTEN,
+    FiniteRange,
+    flag,
+    option,
+    urdf_argument,
+)
 from suta_calib.cli._output import noted_sigterm
 from suta_calib.device.description import UNITS
 from suta_calib.device.formats import FORMATS
@@ -31,7 +39,7 @@ _FAULTS_HELP: Final = _EPILOG + "\n".join(f"  {k:<20} {v}" for k, v in WORDS.ite
 
 
 @click.command(epilog=_FAULTS_HELP)
-@click.argument("urdf", type=PATH, metavar="ARM.urdf")
+@urdf_argument("ARM.urdf")
 @option("--tip FRAME", "Tip of the arm; the script's by default.")
 @option("--base LINK", "First link; the root by default.")
 @option("--rate", "Frames per second.", FiniteRange(1e-3, 1e5), 768.0)

@@ -9,10 +9,11 @@ import click
 
 from suta_calib.atomic import check_outputs
 from suta_calib.cli._formats import format_options, with_file
-from suta_calib.cli._options import PATH, WRITTEN, anyway_option, flag, option
+from suta_calib.cli._options import PATH, WRITTEN, anyway_option, flag, option, urdf_option
 from suta_calib.cli._output import answer_command
 from suta_calib.exchange.result import read_result
 from suta_calib.exchange.writer import export_formats, write_foreign
+from suta_calib.inputs import UrdfFile
 from suta_calib.report.document import Document
 from suta_calib.report.exchange import exported_document, formats_document
 
@@ -22,7 +23,7 @@ from suta_calib.report.exchange import exported_document, formats_document
 @option("--format NAME", "To write; --list names them.", name="form")
 @option("--out FILE", "Beside the result without.", WRITTEN, name="file")
 @flag("--list", "Name the formats and what they are.", name="listed")
-@option("--urdf", "The nominal arm, where the result's job is gone.", PATH)
+@urdf_option("The nominal arm, where the result's job is gone.")
 @option("--tip", "With --urdf: link or frame of the tip.")
 @option("--base", "With --urdf: link the chain starts at; default: the root.")
 @anyway_option
@@ -32,7 +33,7 @@ def export(
     form: str | None,
     file: Path | None,
     listed: bool,
-    urdf: Path | None,
+    urdf: UrdfFile | None,
     tip: str | None,
     base: str | None,
     anyway: bool,

@@ -7,16 +7,20 @@ from pathlib import Path
 import click
 
 from suta_calib.atomic import check_folder
-from suta_calib.cli._options import PATH, option
+from suta_calib.cli._options import PATH, option, urdf_argument
+from suta_calib.exchange.imported import ImportedFile
+from suta_calib.exchange.reader import read_foreign
+from suta_calib.exchange.recognition import recognised_format
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.arm_grade import ARM_GRADES, guessed_grade
-from suta_calib.job.new_job import new_job, write_job
+from suta_calib.job.new_job import Template, new_job, write_job
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ends
 from suta_calib.model.urdf_tree import read_tree
 
 
 @click.command()
-@click.argument("urdf", type=PATH, metavar="URDF")
+@urdf_argument("URDF")
 @option("--tip", "Link or frame whose pose matters; without it the ends are listed.")
 @option("--base", "Link the chain starts from; the root link by default.")
 @option("--out", "Folder of the job; here.", PATH, ".", show_default=False)
@@ -34,21 +38,30 @@ from suta_calib.model.urdf_tree import read_tree
     click.Choice([*ARM_GRADES]),
 )
 def init(
-    urdf: Path,
+    urdf: UrdfFile,
     tip: str | None,
     base: str | None,
     out: Path,
     kinds: tuple[str, ...],
     grade: str | None,
 ) -> None:
-    """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing."""
+    """Start a job for the arm in URDF: commented files to fill in. Overwrites nothing.
+
+    In the URDF's place it takes a .xacro file, with --xacro-arg where that needs arguments; or a
+    model of MuJoCo (MJCF), which becomes a URDF beside the job.
+    """
+    made = _converted(Path(urdf))
+    source = urdf if made is None else made.text()
     if tip is None:
-        tree = read_tree(urdf)
+        tree = read_tree(source)
         raise click.UsageError(f"found no --tip; expected a link or joint of {urdf}; {ends(tree)}")
-    arm = ArmModel.from_urdf(urdf, tip, base)
-    for note in arm.chain.notes:
-        click.echo(f"{urdf}: {note}.", err=True)
-    files = new_job(arm, out, kinds=kinds, grade=grade)
+    arm = ArmModel.from_urdf(source, tip, base)
+    for note in (*(made.notes if made else ()), *(f"{note}." for note in arm.chain.notes)):
+        click.echo(f"{urdf}: {note}", err=True)
+    named = urdf if made is None else out / Path(urdf).with_suffix(made.kind).name
+    files = new_job(arm, out, kinds=kinds, grade=grade, urdf=named)
+    if made is not None:
+        files = (*files, Template(Path(named), made.text()))
     check_folder(out)
     write_job(files)
     if grade is None:
@@ -62,3 +75,12 @@ def init(
     for file in files:
         click.echo(file.path)
     click.echo(f"Next: fill in the samples, then suta-calib observe {files[0].path}")
+
+
+def _converted(path: Path) -> ImportedFile | None:
+    """A description of an arm that is none of URDF, as a URDF; None where it is one."""
+    found = recognised_format(path)
+    if found is None or "import" not in found.read_by:
+        return None
+    made = read_foreign(path)
+    return made if isinstance(made, ImportedFile) and made.kind == ".urdf" else None

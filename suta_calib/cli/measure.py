@@ -19,6 +19,7 @@ from suta_calib.cli._options import (
     job_argument,
     json_option,
     option,
+    urdf_option,
 )
 from suta_calib.cli._output import console, ended_by_sigterm, print_json, printing
 from suta_calib.device.port_process import open_ahead
@@ -75,7 +76,7 @@ class PlaceCommand(click.Command):
     FiniteRange(min=1),
 )
 @option("--raw", "The whole stream, as Parquet.", PATH)
-@option("--urdf", "For the distances shown; the job's by default.", PATH)
+@urdf_option("For the distances shown; the job's by default.")
 @option(
     "--drift-deg", "How far an arm at rest may drift within a quarter of a second.", POSITIVE, 0.02
 )

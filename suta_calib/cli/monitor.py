@@ -11,12 +11,13 @@ import click
 from rich.console import Group
 from rich.text import Text
 
-from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option, option
+from suta_calib.cli._options import PATH, POSITIVE, FiniteRange, json_option, option, urdf_option
 from suta_calib.cli._output import LiveView, ended_by_sigterm, print_json
 from suta_calib.device import Bus, DeviceSpec, Reading, read_device
 from suta_calib.device.monitoring import LOSSES, Monitor, stream_report, watch
 from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
 from suta_calib.geometry.numbers import rpy_from_rotation
+from suta_calib.inputs import UrdfFile
 from suta_calib.model.arm import ArmModel
 from suta_calib.report.console import Fitted
 from suta_calib.report.listing import Column, Listing, Tone, shown_as
@@ -29,7 +30,7 @@ _JSON_SECONDS: Final = 3.0
 
 @click.command()
 @option("--device", "The device.yaml.", PATH, required=True)
-@option("--urdf", "Show this arm's tip pose too.", PATH)
+@urdf_option("Show this arm's tip pose too.")
 @option("--tip", "With --urdf: any link or frame of the arm.")
 @option("--base", "With --urdf: the link poses are given in; the root by default.")
 @option(
@@ -46,7 +47,7 @@ _JSON_SECONDS: Final = 3.0
 @json_option
 def monitor(
     device: Path,
-    urdf: Path | None,
+    urdf: UrdfFile | None,
     tip: str | None,
     base: str | None,
     seconds: float | None,
@@ -99,7 +100,7 @@ def monitor(
 class _Tip:
     """The tip's pose of an arm, through its URDF as it stands."""
 
-    def __init__(self, urdf: Path, tip: str, base: str | None, spec: DeviceSpec) -> None:
+    def __init__(self, urdf: UrdfFile, tip: str, base: str | None, spec: DeviceSpec) -> None:
         self._arm = ArmModel.from_urdf(urdf, tip, base)
         self._columns = matched_joints(self._arm, spec.names, spec.path)
         self.frames = f"{self._arm.tip} in {self._arm.chain.base}"

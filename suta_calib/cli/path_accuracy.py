@@ -6,8 +6,17 @@ from pathlib import Path
 
 import click
 
-from suta_calib.cli._options import PATH, FiniteRange, Folder, flag, option, optional_arm
+from suta_calib.cli._options import (
+    PATH,
+    FiniteRange,
+    Folder,
+    flag,
+    option,
+    optional_arm,
+    urdf_option,
+)
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.inputs import UrdfFile
 from suta_calib.report.document import Document
 from suta_calib.report.path_accuracy import path_accuracy_document
 from suta_calib.tracking.path_accuracy import compare
@@ -17,7 +26,7 @@ from suta_calib.tracking.trajectory import read_trajectory
 @answer_command
 @click.argument("recorded", type=PATH, metavar="RECORDED.csv")
 @click.argument("reference", type=PATH, metavar="REFERENCE.csv")
-@option("--urdf", "The arm, for hysteresis per joint.", PATH)
+@urdf_option("The arm, for hysteresis per joint.")
 @option("--tip", "Link or frame of the arm that was recorded.")
 @option("--base", "Link the recording is relative to; default: the root link.")
 @flag("--register", "The files are in different frames.", name="registered")
@@ -26,7 +35,7 @@ from suta_calib.tracking.trajectory import read_trajectory
 def path_accuracy(
     recorded: Path,
     reference: Path,
-    urdf: Path | None,
+    urdf: UrdfFile | None,
     tip: str | None,
     base: str | None,
     registered: bool,

@@ -7,8 +7,17 @@ from pathlib import Path
 import click
 
 from suta_calib.analysis import repeatability as repeated
-from suta_calib.cli._options import PATH, FiniteRange, Folder, option, optional_arm, seed_option
+from suta_calib.cli._options import (
+    PATH,
+    FiniteRange,
+    Folder,
+    option,
+    optional_arm,
+    seed_option,
+    urdf_option,
+)
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import SampleColumns, read_csv_table, read_samples
 from suta_calib.report.document import Document
 from suta_calib.report.repeatability import repeatability_document
@@ -17,7 +26,7 @@ from suta_calib.terms.poses import joint_ranges
 
 @answer_command
 @click.argument("samples", type=PATH, metavar="[SAMPLES.csv]…", nargs=-1)
-@option("--urdf", "The arm, as well calibrated as it is.", PATH)
+@urdf_option("The arm, as well calibrated as it is.")
 @option("--tip", "Link or frame that visited the point.")
 @option("--base", "Link the chain starts from; default: the root link.")
 @option(
@@ -31,7 +40,7 @@ from suta_calib.terms.poses import joint_ranges
 @option("--out", "Folder for repeatability.json, pictures and report.html.", Folder())
 def repeatability(
     samples: tuple[Path, ...],
-    urdf: Path | None,
+    urdf: UrdfFile | None,
     tip: str | None,
     base: str | None,
     at_rest: Path | None,

@@ -19,8 +19,10 @@ from suta_calib.cli._options import (
     place_option,
     region_option,
     seed_option,
+    urdf_option,
 )
 from suta_calib.cli._output import LateProgress, answer_command
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.arm import ArmModel
 from suta_calib.report.document import Document
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 
 @answer_command
 @click.argument("job", type=PATH, metavar="JOB|result.json", is_eager=True)
-@option("--urdf", "With result.json: the nominal arm it was made from.", PATH)
+@urdf_option("With result.json: the nominal arm it was made from.")
 @option("--tip", "With result.json: link or frame of the tip.")
 @option("--base", "With result.json: link the chain starts at; default: the root.")
 @anyway_option
@@ -47,7 +49,7 @@ if TYPE_CHECKING:
 @out_option
 def tip_map(
     job: Path,
-    urdf: Path | None,
+    urdf: UrdfFile | None,
     tip: str | None,
     base: str | None,
     anyway: bool,
@@ -82,7 +84,7 @@ def _of_job(job: Path, options: TipMapOptions, *, anyway: bool) -> TipMap:
 
 def _of_result(
     result: Path,
-    urdf: Path,
+    urdf: UrdfFile,
     tip: str | None,
     base: str | None,
     options: TipMapOptions,

@@ -12,7 +12,15 @@ import click
 from rich.console import Group
 from rich.text import Text
 
-from suta_calib.cli._options import PATH, POSITIVE, anyway_option, flag, json_option, option
+from suta_calib.cli._options import (
+    PATH,
+    POSITIVE,
+    anyway_option,
+    flag,
+    json_option,
+    option,
+    urdf_argument,
+)
 from suta_calib.cli._output import LiveView, console, ended_by_sigterm, print_json, printing
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.report.console import Fitted, Wrapped
@@ -54,7 +62,7 @@ def _address(host_needed: bool) -> Callable[..., tuple[str, int] | None]:
 
 
 @click.command()
-@click.argument("arm", type=PATH, metavar="ARM.urdf")
+@urdf_argument("ARM.urdf", "arm")
 @option("--tip", "Link or frame of the arm that is tracked.", required=True)
 @option("--base", "Link the pose is relative to; default: the root link.")
 @option("--device", "device.yaml: port, format, joints.", PATH, required=True)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 import click
 
 from suta_calib.analysis.comparison import check_calibrated, compare_arms
-from suta_calib.cli._options import PATH, anyway_option, option
+from suta_calib.cli._options import PATH, anyway_option, option, urdf_argument
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import JobError
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.comparison import comparison_document
 from suta_calib.report.document import Document
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @answer_command
-@click.argument("urdf", type=PATH, metavar="URDF")
+@urdf_argument("URDF")
 @click.argument("job", type=PATH, metavar="JOB|RESULT")
 @option(
     "--result",
@@ -31,7 +32,7 @@ if TYPE_CHECKING:
     PATH,
 )
 @anyway_option
-def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Document:
+def validate(urdf: UrdfFile, job: Path, result: Path | None, anyway: bool) -> Document:
     """Run the validation data of JOB through URDF, such as a calibrated.urdf.
 
     In the job's place RESULT, a folder of results or its result.json, gives the data that it was
@@ -57,8 +58,8 @@ def validate(urdf: Path, job: Path, result: Path | None, anyway: bool) -> Docume
     compared = compare_arms(
         loaded.observations, loaded.validation, other, beside, uncertainty=uncertainty
     )
-    before = Path(arm.urdf.name) if _is_result(job) else arm.urdf
-    return comparison_document(compared, before, urdf)
+    before = Path(Path(arm.urdf).name) if _is_result(job) else Path(arm.urdf)
+    return comparison_document(compared, before, Path(urdf))
 
 
 def _job(path: Path) -> CalibrationJob:

@@ -11,10 +11,11 @@ import numpy as np
 
 from suta_calib.acquisition.zero_offsets import ZeroOffsetOptions, find_zero_offsets
 from suta_calib.atomic import check_outputs
-from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of, option
+from suta_calib.cli._options import PATH, POSITIVE, WRITTEN, numbers_of, option, urdf_argument
 from suta_calib.cli._output import answer_command
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import rotation_from_rpy
+from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import SampleColumns, Samples, read_samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.report.document import Document
@@ -28,7 +29,7 @@ if TYPE_CHECKING:
 
 
 @answer_command
-@click.argument("urdf", type=PATH, metavar="ARM.urdf")
+@urdf_argument("ARM.urdf")
 @option("--tip", "Link or frame whose poses are known.", required=True)
 @option("--base", "Link the poses are given in; the root link by default.")
 @option(
@@ -51,7 +52,7 @@ if TYPE_CHECKING:
     20.0,
 )
 def zero_offsets(
-    urdf: Path,
+    urdf: UrdfFile,
     tip: str,
     base: str | None,
     readings: Path,

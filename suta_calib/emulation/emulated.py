@@ -34,6 +34,7 @@ from suta_calib.emulation.truth import (
     write_trajectory,
 )
 from suta_calib.errors import InputError, JobError, did_you_mean
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
@@ -80,7 +81,7 @@ class EmulationOptions(Displayable):
         faults: what goes wrong.
     """
 
-    urdf: Path
+    urdf: UrdfFile
     tip: str | None = None
     base: str | None = None
     rate: float = 768.0

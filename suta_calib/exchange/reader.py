@@ -77,7 +77,7 @@ def read_foreign(path: str | Path, form: str | None = None, **options: Any) -> I
 
 def recognised(path: Path) -> Reader:
     """The format that a file is of: a table where no other recognises it."""
-    head = _head(path)
+    head = beginning(path)
     readers = import_formats()
     recognising = [
         reader
@@ -113,7 +113,12 @@ def _refuse_pipe(path: Path) -> None:
         raise ForeignFileError("a pipe", "a file", file=path, hint=hint)
 
 
-def _head(path: Path) -> str:
+def beginning(path: Path) -> str:
+    """The first few thousand characters of a file; empty for a folder.
+
+    Raises:
+        ForeignFileError: it cannot be read.
+    """
     head = 4096
     if is_folder(path):
         return ""

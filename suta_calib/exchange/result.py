@@ -19,6 +19,7 @@ from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy
 from suta_calib.geometry.pinhole import INTRINSICS
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.schema import JobSpec, read_arm, read_job
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
@@ -151,7 +152,7 @@ class Result(Displayable):
 def read_result(
     path: str | Path,
     *,
-    urdf: str | Path | None = None,
+    urdf: str | UrdfFile | None = None,
     tip: str | None = None,
     base: str | None = None,
     anyway: bool = False,
@@ -192,7 +193,7 @@ def read_result(
     else:
         if tip is None:
             raise InputError("no tip", "the link or frame of the tip", where="--tip")
-        model = ArmModel.from_urdf(str(urdf), tip, base)
+        model = ArmModel.from_urdf(urdf, tip, base)
     calibration = read_uncertainty(path, model, anyway=anyway)
     check_nominal(model, path, calibration.values)
     arm = CalibratedArm(model, calibration)

@@ -27,6 +27,7 @@ import numpy as np
 
 from suta_calib.arrays import IntArray
 from suta_calib.errors import InputError, JobError, UrdfError
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.job.job_terms import read_term
 from suta_calib.job.limits import JUDGED_KEYS, DecisionRule, Limits, StatedUncertainty, read_judged
@@ -182,7 +183,7 @@ class AcceptanceJob(Displayable):
     sections: Mapping[str, YamlSection] = field(default_factory=dict)
 
     @classmethod
-    def load(cls, path: str | Path, urdf: Path | None = None) -> AcceptanceJob:
+    def load(cls, path: str | Path, urdf: UrdfFile | None = None) -> AcceptanceJob:
         """Read an ``iso10360.yaml`` or a ``calibration.yaml`` and everything it names.
 
         Args:
@@ -227,7 +228,7 @@ class AcceptanceJob(Displayable):
 
 
 # ── what was measured ────────────────────────────────────────────────────────────────────────
-def _tested(top: YamlSection, urdf: Path | None) -> AcceptanceJob:
+def _tested(top: YamlSection, urdf: UrdfFile | None) -> AcceptanceJob:
     if "job" in top:
         for key in ("arm", *_MEASURED):
             if key in top:
@@ -324,7 +325,7 @@ def _samples(arm: ArmModel, values: Mapping[str, Any], label: str, *optional: st
 
 
 # ── from a calibration ───────────────────────────────────────────────────────────────────────
-def _of_calibration(path: Path, urdf: Path | None) -> AcceptanceJob:
+def _of_calibration(path: Path, urdf: UrdfFile | None) -> AcceptanceJob:
     """Lengths and articulations of a calibration: from its held-out data where it has them."""
     job = CalibrationJob.load(path)
     arm = job.arm
@@ -334,7 +335,7 @@ def _of_calibration(path: Path, urdf: Path | None) -> AcceptanceJob:
             raise UrdfError(
                 f"the moving joints {', '.join(arm.joints)}",
                 f"those of the job's arm: {', '.join(job.arm.joints)}",
-                file=urdf,
+                file=Path(urdf),
             )
     lengths = _first(job, _LENGTHS)
     points = _first(job, _ARTICULATIONS)

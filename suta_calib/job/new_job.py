@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from suta_calib.errors import JobError, OutputError
+from suta_calib.inputs import UrdfFile, XacroFile
 from suta_calib.job.arm_grade import ArmGrade, arm_grade, finds_places, guessed_grade
 from suta_calib.measurements import write_text
 from suta_calib.measurements.csv_table import rotation_columns
@@ -67,14 +68,16 @@ def new_job(
     *,
     kinds: Sequence[str] = (),
     grade: str | None = None,
+    urdf: UrdfFile | None = None,
 ) -> tuple[Template, ...]:
     """Files of a job for an arm, of kinds of observation, each once; nothing is written yet.
 
     Args:
-        arm: at nominal, from a file.
+        arm: at nominal.
         folder: where the job will be.
         kinds: of observation, each once; those that suit the grade by default.
         grade: how the arm was made, of `ARM_GRADES`; guessed by default.
+        urdf: the file that the job names; the one that the arm was read from by default.
 
     Returns:
         ``calibration.yaml``, ``artefact.yaml`` and what else a kind needs, and empty samples files.
@@ -94,7 +97,12 @@ def new_job(
     first, *further = kinds
     folders: dict[str, tuple[str, str | None]] = {first: ("calibration", "validation")}
     folders |= {kind: (kind, None) for kind in further}
-    files = [Template(folder / "calibration.yaml", _job(arm, made, reason, folder, folders))]
+    files = [
+        Template(
+            folder / "calibration.yaml",
+            _job(arm, made, reason, _named(urdf or arm.chain.path, folder), folders),
+        )
+    ]
     if any(KINDS[kind].needs_artefact for kind in kinds):
         files.append(Template(folder / "artefact.yaml", _SHEET if made.sheet else _ARTEFACT))
     begun = {name: text for kind in kinds for name, text in KINDS[kind].files.items()}
@@ -145,14 +153,14 @@ def _job(
     arm: ArmModel,
     grade: ArmGrade,
     reason: str,
-    folder: Path,
+    urdf: str,
     folders: dict[str, tuple[str, str | None]],
 ) -> str:
     root = read_tree(*arm.urdf).root
     start = "" if arm.chain.base == root else f", base: {_quoted(arm.chain.base)}"
     guessed = f", as guessed: {reason}" if reason else ""
     return _JOB.format(
-        urdf=_quoted(Path(os.path.relpath(arm.chain.path, folder)).as_posix()),
+        urdf=urdf,
         tip=_quoted(arm.tip),
         base=start,
         made=grade.made,
@@ -162,6 +170,15 @@ def _job(
         rows="\n".join(_row(kind, fitted, grade) for kind, (fitted, _) in folders.items()),
         held_out="\n".join(_row(k, v) for k, (_, v) in folders.items() if v),
     )
+
+
+def _named(urdf: UrdfFile, folder: Path) -> str:
+    """What the job says of a URDF: its path from the job's folder, and the arguments of xacro."""
+    file = _quoted(Path(os.path.relpath(urdf, folder)).as_posix())
+    if not isinstance(urdf, XacroFile):
+        return file
+    given = (f"{_quoted(name)}: {_quoted(value)}" for name, value in urdf.arguments.items())
+    return f"{{file: {file}, args: {{{', '.join(given)}}}}}"
 
 
 def _parameters(arm: ArmModel, grade: ArmGrade) -> Iterator[str]:

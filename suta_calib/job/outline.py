@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import JobError
+from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import YamlSection, read_yaml
+from suta_calib.measurements.fields import urdf_file
 from suta_calib.showing import Displayable
 
 _GROUPS: Final = ("observations", "validation")
@@ -84,13 +86,13 @@ class JobOutline(Displayable):
         base = arm.text("base") if "base" in arm else None
         return cls(top, arm.text("tip"), base, tuple(rows), tuple(unknowns))
 
-    def urdf(self) -> Path:
+    def urdf(self) -> UrdfFile:
         """The arm's URDF.
 
         Raises:
             JobError: there is no such file.
         """
-        return self.top.section("arm").existing_file("urdf")
+        return urdf_file(self.top.section("arm"), "urdf")
 
 
 def read_outline(path: Path) -> JobOutline:

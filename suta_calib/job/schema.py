@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
 from suta_calib.errors import JobError, UrdfError
+from suta_calib.inputs import UrdfFile
 from suta_calib.job.arm_keys import TIP_OFFSET_KEYS, Couplings, TipOffset
 from suta_calib.job.keys import BOUND_AND_PRIOR_KEYS, COMMON_KEYS, OBSERVATION_KEYS, SELECTION_KEYS
 from suta_calib.measurements.exclusion import Exclusion
@@ -52,7 +53,7 @@ Hessian = Literal["gauss-newton", "exact"]
 class ArmSpec(Displayable):
     """The key ``arm`` of a job; ``section`` is where it stands, None for no job."""
 
-    urdf: Path = keyed(URDF)
+    urdf: UrdfFile = keyed(URDF)
     tip: str = keyed(TIP)
     base: str | None = keyed(BASE, "", None)
     tip_offset: TipOffset | None = keyed(
@@ -99,7 +100,7 @@ class ArmSpec(Displayable):
         arm = arm.of_grade(self.grade)
         return arm if self.tip_offset is None else self.tip_offset.on(arm)
 
-    def model_of(self, urdf: Path) -> ArmModel:
+    def model_of(self, urdf: UrdfFile) -> ArmModel:
         """The same arm as another URDF has it, such as the calibrated one.
 
         Raises:
@@ -330,7 +331,7 @@ def read_job(path: Path) -> JobSpec:
     return replace(spec, parameters=(*first, *spec.parameters))
 
 
-def read_arm(top: YamlSection, urdf: Path | None = None) -> ArmSpec:
+def read_arm(top: YamlSection, urdf: UrdfFile | None = None) -> ArmSpec:
     """The key ``arm`` of a job, ``urdf`` in place of the file that it names."""
     section = top.section("arm")
     # A calibrated one has the offset in it.

@@ -16,7 +16,8 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 
 from suta_calib.arrays import FloatArray
-from suta_calib.measurements.yaml_file import LARGEST_WHOLE, Sign, YamlSection
+from suta_calib.inputs import UrdfFile, XacroFile
+from suta_calib.measurements.yaml_file import LARGEST_WHOLE, Sign, YamlSection, shown
 from suta_calib.units import SHOWN, Unit, from_deg, key, stored
 
 T = TypeVar("T")
@@ -232,7 +233,37 @@ ANGLE: Final = quantity("rad", "positive")
 ANGLE_OR_0: Final = quantity("rad", "non-negative")
 
 # ── keys that several files have ─────────────────────────────────────────────────────────────
-URDF: Final = Field("urdf", FILE, "The arm's URDF.", required=True)
+_XACRO: Final = Fields(
+    Field("file", FILE, "The .xacro file.", required=True),
+    Field("args", Value("values by name"), "Values of its arguments.", required=True),
+)
+
+
+def urdf_file(section: YamlSection, name: str) -> UrdfFile:
+    """The file of a URDF, or a .xacro file with its arguments."""
+    if not isinstance(section.data.get(name), dict):
+        return section.existing_file(name)
+    below = section.section(name)
+    _XACRO.check(below)
+    file, values = below.existing_file("file"), below.section("args")
+    if file.suffix.lower() != ".xacro":
+        raise below.refuse("args of a file that is no .xacro", "its name alone", at=("args",))
+    arguments = dict[str, str]()
+    for argument, value in values.data.items():
+        if not isinstance(value, str | int | float):
+            raise values.refuse(shown(value), "text, a number, true or false", at=(argument,))
+        # As xacro writes them.
+        arguments[str(argument)] = str(value).lower() if isinstance(value, bool) else str(value)
+    return XacroFile(file, arguments)
+
+
+URDF: Final = Field(
+    "urdf",
+    Value("file, or a mapping", urdf_file, _XACRO),
+    "The arm's URDF; or a .xacro file that makes it, with values of its arguments: {file: "
+    "ur.urdf.xacro, args: {ur_type: ur5e}}.",
+    required=True,
+)
 TIP: Final = Field("tip", TEXT, "Link or frame whose pose matters.", required=True)
 BASE: Final = Field("base", TEXT, "Link the chain starts from; the URDF's root link without it.")
 POSITION: Final = Field("position_mm", XYZ_MM, "Where its origin is.", required=True)

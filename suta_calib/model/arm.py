@@ -21,6 +21,7 @@ from suta_calib.batched import Batched
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.geometry.symbols import Symbol
+from suta_calib.inputs import XacroFile
 from suta_calib.model.chain import Chain, chain_of
 from suta_calib.model.gravity import Load, beyond
 from suta_calib.model.kinematic_urdf import pinocchio_model
@@ -84,12 +85,12 @@ class ArmModel(Displayable):
         self.nongeometric = ParameterSet([*beside, Parameter(LINKS, EXPANSION, "1/K")])
 
     @classmethod
-    def from_urdf(cls, urdf: str | Path, tip: str, base: str | None = None) -> ArmModel:
+    def from_urdf(cls, urdf: str | Path | XacroFile, tip: str, base: str | None = None) -> ArmModel:
         """Read the chain from ``base`` to ``tip``: any two links or frames of one tree.
 
         Args:
-            urdf: the path of a URDF, or of a ``.xacro`` file that makes one; or the text of a URDF,
-                which begins with ``<`` after blanks.
+            urdf: the path of a URDF, or of a ``.xacro`` file that makes one, as an `XacroFile` with
+                values of its arguments; or the text of a URDF, which begins with ``<``.
             tip: name of a link, or of a joint, which stands for its child link.
             base: the same; the root link by default.
 

@@ -19,7 +19,7 @@ from lxml import etree
 
 from suta_calib.atomic import note_input
 from suta_calib.errors import UrdfError
-from suta_calib.inputs import read_input
+from suta_calib.inputs import XacroFile, read_input
 from suta_calib.model.xacro_file import expanded, is_xacro
 
 # lxml ships without type information.
@@ -96,7 +96,7 @@ class UrdfTree:
         return passed
 
 
-def read_tree(path: str | Path, data: bytes | None = None) -> UrdfTree:
+def read_tree(path: str | Path | XacroFile, data: bytes | None = None) -> UrdfTree:
     """Read a URDF, or what xacro makes of one, and check that its joints and links make one tree.
 
     It is given by its path, with its content where that is known, or as text.
@@ -130,9 +130,9 @@ def unexpanded(path: Path, leftover: Sequence[Element]) -> UrdfError | None:
     return None
 
 
-def _given(urdf: str | Path) -> tuple[Path, bytes]:
+def _given(urdf: str | Path | XacroFile) -> tuple[Path, bytes]:
     """The name and the bytes of a URDF that was given as a path or as text."""
-    if not isinstance(urdf, str | Path):
+    if not isinstance(urdf, str | Path | XacroFile):
         raise UrdfError(f"{type(urdf).__name__}", "the path or the text of a URDF", where="urdf")
     text = urdf.lstrip("\ufeff \t\r\n") if isinstance(urdf, str) else ""
     if not text.startswith("<"):
@@ -218,8 +218,10 @@ def _refuse_cycle(path: Path, into: Mapping[str, TreeJoint]) -> None:
 
 
 # ── elements ─────────────────────────────────────────────────────────────────────────────────
-def read_urdf_bytes(path: str | Path) -> bytes:
+def read_urdf_bytes(path: str | Path | XacroFile) -> bytes:
     """The bytes of a URDF file, in an encoding that contains ASCII; xacro is run on ``.xacro``."""
+    if isinstance(path, XacroFile):
+        return expanded(path)
     path = Path(path)
     if is_xacro(path):
         return expanded(path)

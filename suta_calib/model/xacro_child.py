@@ -1,4 +1,4 @@
-"""The process that expands a ``.xacro`` file: ``python -m suta_calib.model.xacro_child FILE``.
+"""The process that expands a ``.xacro`` file: ``python -m … FILE [NAME:=VALUE …]``.
 
 xacro itself expands it, with three parts exchanged: expressions are computed by
 `suta_calib.model.xacro_expressions`, packages are found without ROS, and files are read only from
@@ -28,6 +28,7 @@ from suta_calib.confined import answer
 from suta_calib.model.xacro_expressions import Evaluator, ExpressionError, Function
 
 _MANIFEST: Final = "package.xml"
+_ARGUMENT: Final = re.compile(rb"""<xacro:arg\s[^>]*?name\s*=\s*["']([^"']+)|\$\(arg\s+([^)\s]+)""")
 _NAME: Final = re.compile(rb"<name>\s*([\w.-]+)\s*</name>")
 # Of what the interpreter reports, this is harmless; the folders of what it reads are looked at.
 _HARMLESS: Final = frozenset(
@@ -191,11 +192,13 @@ def _exchange_parts(description: Description) -> None:
     substitution_args._eval_find = description.find
 
 
-def _expand(path: str, description: Description) -> dict[str, Any]:
+def _expand(path: str, given: dict[str, str], description: Description) -> dict[str, Any]:
     _confine(description)
     try:
-        urdf = xacro.process_file(path).toprettyxml(indent="  ")
-        return {"urdf": urdf, "files": sorted(set(description.files))}
+        urdf = xacro.process_file(path, mappings=given).toprettyxml(indent="  ")
+        files = sorted(set(description.files))
+        arguments = {name for file in files for name in _arguments_of(file)}
+        return {"urdf": urdf, "files": files, "arguments": sorted(arguments)}
     except MemoryError:
         raise
     # Whatever stands in the file's expressions may raise whatever it likes.
@@ -218,10 +221,19 @@ def _expand(path: str, description: Description) -> dict[str, Any]:
         }
 
 
+def _arguments_of(path: str) -> Iterator[str]:
+    """Names of the arguments that a file declares or uses."""
+    with open(path, "rb") as file:  # noqa: PTH123
+        for declared, used in _ARGUMENT.findall(file.read()):
+            yield (declared or used).decode(errors="replace")
+
+
 if __name__ == "__main__":
-    description = Description(Path(sys.argv[1]))
+    file, *values = sys.argv[1:]
+    given = {name: value for name, _, value in (text.partition(":=") for text in values)}
+    description = Description(Path(file))
     _exchange_parts(description)
     # YAML with units registers its tags when it is first asked for.
     for unit in xacro.ConstructUnits:
         yaml.SafeLoader.add_constructor(unit.value.tag, unit.constructor)
-    answer(lambda: _expand(sys.argv[1], description))
+    answer(lambda: _expand(file, given, description))

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.atomic import note_input
 from suta_calib.confined import ConfinedError, run_confined
-from suta_calib.errors import UrdfError
+from suta_calib.errors import UrdfError, did_you_mean
 from suta_calib.extras import require
+from suta_calib.inputs import XacroFile
 
 _CHILD: Final = "suta_calib.model.xacro_child"
 _EXPECTED: Final = "a file that xacro expands by itself, from files of its own description"
@@ -19,13 +20,13 @@ _HINT: Final = (
     "trust it, expand it yourself: xacro FILE.xacro > FILE.urdf"
 )
 _ARGUMENT_HINT: Final = (
-    "give it a default in the file, or expand it yourself: xacro FILE.xacro NAME:=VALUE > FILE.urdf"
+    "give it with --xacro-arg NAME:=VALUE; in a file, urdf: {file: FILE.xacro, args: {NAME: VALUE}}"
 )
 
 
 # What a file made, and the files that it was made of with their sizes and times: one command reads
 # a description several times, its tree, its kinematics, and what it writes.
-_expansions: dict[str, tuple[bytes, dict[str, tuple[int, ...]]]] = {}
+_expansions: dict[tuple[str, ...], tuple[bytes, dict[str, tuple[int, ...]]]] = {}
 
 
 def is_xacro(path: Path) -> bool:
@@ -33,8 +34,8 @@ def is_xacro(path: Path) -> bool:
     return path.suffix.lower() == ".xacro"
 
 
-def expanded(path: Path) -> bytes:
-    """The URDF that a xacro file makes, with its default arguments.
+def expanded(file: Path | XacroFile) -> bytes:
+    """The URDF that a xacro file makes, with default arguments where none are given.
 
     A ``.xacro`` is a program. It is expanded in a process of its own without power: expressions
     compute and do nothing else, files are read from the description's folder alone (the package
@@ -42,31 +43,45 @@ def expanded(path: Path) -> bytes:
     ``$(find …)`` finds that package and those beside it, without ROS.
 
     Raises:
-        UrdfError: missing, or refused by xacro, with what it said, or beyond what it may do.
+        UrdfError: missing, or refused by xacro, with what it said, or beyond what it may do; or an
+            argument that the description does not have.
         MissingExtraError: xacro is not installed.
     """
+    path, given = (file.path, file.arguments) if isinstance(file, XacroFile) else (file, {})
+    if not is_xacro(path):
+        expected = "a .xacro file: it alone has arguments"
+        raise UrdfError(f"a file without arguments ({', '.join(given)})", expected, file=path)
     if not path.is_file():
         problem = "a directory" if path.is_dir() else "no such file"
         raise UrdfError(problem, "a .xacro file", file=path)
     note_input(path)
-    key = os.path.abspath(path)  # noqa: PTH100 (links lead to other descriptions)
+    arguments = [f"{name}:={value}" for name, value in sorted(given.items())]
+    key = (os.path.abspath(path), *arguments)  # noqa: PTH100 (links lead to other descriptions)
     urdf, files = _expansions.get(key, (b"", {}))
     if not files or any(_stamp(name) != stamp for name, stamp in files.items()):
-        urdf, files = _expansions[key] = _expand(path)
+        urdf, files = _expansions[key] = _expand(path, arguments)
     for name in files:
         note_input(Path(name))
     return urdf
 
 
-def _expand(path: Path) -> tuple[bytes, dict[str, tuple[int, ...]]]:
+def _expand(path: Path, arguments: Sequence[str]) -> tuple[bytes, dict[str, tuple[int, ...]]]:
     require("xacro", "formats")
     try:
-        answer = run_confined(_CHILD, str(path))
+        answer = run_confined(_CHILD, str(path), *arguments)
     except ConfinedError as problem:
         excess = f"what takes {problem} to expand"
         raise UrdfError(excess, _EXPECTED, file=path, hint=_HINT) from None
     if "refused" in answer:
         raise _refusal(path, answer)
+    for name in (argument.partition(":=")[0] for argument in arguments):
+        if name not in answer["arguments"]:
+            raise UrdfError(
+                f"the argument {name!r}, which nothing in the description uses",
+                f"one of {', '.join(answer['arguments']) or 'none: it has no arguments'}",
+                file=path,
+                hint=did_you_mean(name, answer["arguments"]),
+            )
     return str(answer["urdf"]).encode(), {str(name): _stamp(name) for name in answer["files"]}
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import JobError, ParameterError
+from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.fields import (
     BASE,
@@ -154,7 +155,7 @@ class SimulationSpec(Displayable):
     """
 
     path: Path
-    urdf: Path
+    urdf: UrdfFile
     tip: str
     base: str | None
     seed: int

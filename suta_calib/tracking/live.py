@@ -13,6 +13,7 @@ from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
 from suta_calib.errors import OutputError
+from suta_calib.inputs import UrdfFile
 from suta_calib.model.arm import ArmModel
 from suta_calib.showing import Displayable
 from suta_calib.tracking.igtl import IgtlPublisher
@@ -47,7 +48,7 @@ class TrackOptions(Displayable):
         rate: most poses a second of the device's clock; one for every frame by default.
     """
 
-    arm: Path
+    arm: UrdfFile
     tip: str
     device: Path
     base: str | None = None

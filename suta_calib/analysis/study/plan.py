@@ -55,7 +55,7 @@ Done = dict[tuple[int, int], Trial]
 
 def identity(job: CalibrationJob, data: StudyData) -> dict[str, str]:
     """What makes two studies the same: a job is its file's content and that of all it names."""
-    files = [job.spec.path, job.spec.arm.urdf]
+    files = [job.spec.path, Path(job.spec.arm.urdf)]
     for row in (*job.spec.observations, *job.spec.validation):
         files += [*row.sample_files, *([] if row.artefact is None else [row.artefact])]
         files += [value for value in row.settings.values() if isinstance(value, Path)]

@@ -1,0 +1,95 @@
+"""A file of another format than a command expects is named, with the command that reads it."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+from cli_job import cli
+
+from suta_calib.exchange.recognition import recognised_format
+from suta_calib.job.schema import read_job
+
+MJCF = """<mujoco model="two"><worldbody><body name="base">
+<body name="upper" pos="0 0 0.1"><joint name="j1" axis="0 0 1" range="-90 90"/><geom size="0.02"/>
+<body name="lower" pos="0.2 0 0"><joint name="j2" axis="0 1 0" range="-90 90"/><geom size="0.02"/>
+<site name="hand" pos="0.2 0 0"/></body></body></body></worldbody></mujoco>
+"""
+JOB = "arm: {urdf: arm.urdf, tip: hand}\nobservations:\n  - {kind: plane, samples: a.csv}\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "command", "hint"),
+    [
+        (MJCF, "calibrate", "suta-calib import {} --format mjcf --out a.urdf"),
+        ("<robot name='a'/>", "calibrate", "suta-calib init {} --tip LINK"),
+        (JOB, "pivot", "suta-calib calibrate {}"),
+        (JOB, "import", "suta-calib calibrate {}"),
+        ("arm: {}\nsets: {}\n", "calibrate", "suta-calib simulate {}"),
+        ("port: loop://\njoints: []\n", "observe", "suta-calib monitor --device {}"),
+        ("name: sheet\nlandmarks: {}\n", "pivot", "name {} as the key artefact"),
+        ("type: chessboard\ncorners: [7, 5]\n", "pivot", "name {} as the key board"),
+        ("point,x,y,z,qx,qy,qz,qw\na,0,0,0,0,0,0,1\n", "hand-eye", "suta-calib pivot {}"),
+        ("a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw,b_x\n", "pivot", "suta-calib hand-eye {}"),
+        ("feature,landmark,index,x,y,z\ntop,A,0,0,0,0\n", "pivot", "suta-calib certify {}"),
+    ],
+)
+def test_what_a_file_is(
+    text: str, command: str, hint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "it is.yaml"
+    suffix = ".xml" if text == MJCF else ".yaml"
+    path = tmp_path / f"a{suffix}"
+    path.write_text(text)
+    assert cli(command, path) == 2
+    shown = capsys.readouterr().err
+    assert "this looks like " in shown
+    assert hint.format(path) in shown
+
+
+@pytest.mark.parametrize("text", ["", "x,y,z\n1,2,3\n", "a: 1\n", "<html/>", "\0\1", "{}"])
+def test_what_is_of_no_format_is_called_none(
+    text: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "a.yaml"
+    path.write_text(text)
+    assert recognised_format(path) is None
+    assert recognised_format(tmp_path) is None
+    assert recognised_format(tmp_path / "none") is None
+    assert cli("calibrate", path) == 2
+    assert "looks like" not in capsys.readouterr().err
+
+
+def test_who_reads_the_format_is_told_nothing_more(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "calibration.yaml"
+    path.write_text(JOB)
+    assert cli("calibrate", path) == 2
+    assert "looks like" not in capsys.readouterr().err
+    assert cli("--version") == 0
+
+
+def test_a_mujoco_model_in_place_of_a_urdf(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A job names it in vain, and is told what to do; ``init`` makes a URDF of it."""
+    pytest.importorskip("mujoco")
+    model, job = tmp_path / "my arm.xml", tmp_path / "calibration.yaml"
+    model.write_text(MJCF)
+    job.write_text('arm: {urdf: "my arm.xml", tip: hand}\n' + JOB.partition("\n")[2])
+    (tmp_path / "a.csv").write_text("plane,j1,j2\n")
+    job.write_text(job.read_text() + "parameters:\n  - {select: geometric, prior_mm: 1}\n")
+    assert cli("calibrate", job) == 2
+    command = f"suta-calib import {shlex.quote(str(model))} --format mjcf --out 'my arm.urdf'"
+    assert command in capsys.readouterr().err
+    assert cli("init", model) == 2
+    assert "its chains end at 'hand'" in capsys.readouterr().err
+    new = tmp_path / "new"
+    assert cli("init", model, "--tip", "hand", "--out", new) == 0
+    assert str(new / "my arm.urdf") in capsys.readouterr().out
+    assert read_job(new / "calibration.yaml").arm.model().joints == ("j1", "j2")
+    # What is there stays.
+    assert cli("init", model, "--tip", "hand", "--out", new) == 2
+    assert "my arm.urdf" in capsys.readouterr().err
