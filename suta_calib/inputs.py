@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
+from suta_calib.showing import Displayable
+
 # Of a file; what is larger does not fit into memory several times over, as its parts do.
 MOST_OF_FILE: Final = 1_000_000_000
 # How long nothing may come from a pipe or a device, s.
@@ -19,7 +21,7 @@ _AT_ONCE: Final = 1 << 16
 
 
 @dataclass(frozen=True)
-class XacroFile(os.PathLike[str]):
+class XacroFile(Displayable, os.PathLike[str]):
     """A ``.xacro`` file and values of its arguments: stands where the path of a URDF may.
 
     Attributes:
