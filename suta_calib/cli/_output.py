@@ -18,7 +18,7 @@ from rich.live import Live
 from rich.progress import Progress
 
 from suta_calib.atomic import note_input
-from suta_calib.cli._options import PATH, json_option
+from suta_calib.cli._options import PATH, json_option, verbose_option
 from suta_calib.cli._process import discard_stdout
 from suta_calib.errors import OutputError
 from suta_calib.report.console import rendered
@@ -65,7 +65,7 @@ def print_json(data: Mapping[str, Any]) -> None:
 
 
 def answer_command(command: Callable[..., Document]) -> click.Command:
-    """A command that shows the answer which a function returns; it has an option ``--json``.
+    """A command that shows the answer which a function returns; with ``--json``, ``--verbose``.
 
     The answer's files are written to the command's folder ``out``, if it has one, and it exits
     with 1 where the answer must not be used.
@@ -75,7 +75,13 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
     @click.pass_context
     @wraps(command)
     def shown(
-        context: click.Context, /, *, as_json: bool, out: Path | None = None, **options: Any
+        context: click.Context,
+        /,
+        *,
+        as_json: bool,
+        verbose: bool,
+        out: Path | None = None,
+        **options: Any,
     ) -> None:
         # Before anything is computed: nobody knows what a file holds by then.
         inputs = {} if out is None else _inputs(context)
@@ -83,7 +89,7 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
         # Who reads need not wait for the pictures of the report.
         if not as_json:
             with printing():
-                console().print(rendered(answer), crop=False)
+                console().print(rendered(answer, verbose=verbose), crop=False)
         if out is not None:
             written = write_document(answer, out, inputs)
         with printing():
@@ -93,7 +99,7 @@ def answer_command(command: Callable[..., Document]) -> click.Command:
                 _print_files(written["files"], out, opens=answer.written == "opening")
         context.exit(answer.assessment.exit_code)
 
-    return json_option(shown)
+    return verbose_option(json_option(shown))
 
 
 def _print_files(files: Mapping[str, str], out: Path | None, *, opens: bool) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from suta_calib.cli._options import flag, job_argument, out_option, verbose_option
+from suta_calib.cli._options import flag, job_argument, out_option
 from suta_calib.cli._output import LateProgress, answer_command
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.calibration import calibration_document
@@ -15,9 +15,8 @@ from suta_calib.report.document import Document
 @answer_command
 @job_argument
 @out_option
-@verbose_option
 @flag("--no-report", "Write no report.html.")
-def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
+def calibrate(job: Path, no_report: bool) -> Document:
     """Calibrate the arm of JOB (a calibration.yaml) from its measurements.
 
     Writes calibrated.urdf, result.json, residuals.csv and report.html. Exits with 1 where the
@@ -27,5 +26,5 @@ def calibrate(job: Path, verbose: bool, no_report: bool) -> Document:
     loaded = CalibrationJob.load(job)
     with LateProgress("solving") as progress:
         result = loaded.run(progress, progress.about)
-    answer = calibration_document(result, verbose=verbose)
+    answer = calibration_document(result)
     return replace(answer, written="record") if no_report else answer

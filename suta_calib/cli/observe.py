@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from suta_calib.cli._options import job_argument, verbose_option
+from suta_calib.cli._options import job_argument
 from suta_calib.cli._output import answer_command
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.report.document import Document
@@ -14,12 +14,11 @@ from suta_calib.trust.observability import observe as look
 
 @answer_command
 @job_argument
-@verbose_option
-def observe(job: Path, verbose: bool) -> Document:
+def observe(job: Path) -> Document:
     """Say what the data of JOB (a calibration.yaml) can and cannot determine.
 
     Nothing is solved: the answer follows from the readings, the nominal arm and the assumed
     noise. For each parameter the data cannot tell it says why, and what to measure instead.
     """
     observability = look(CalibrationJob.load(job).problem())
-    return observability_document(observability, verbose=verbose)
+    return observability_document(observability)

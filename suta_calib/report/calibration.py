@@ -49,6 +49,7 @@ from suta_calib.report.errors import (
     RESIDUALS,
     accuracy_json,
     by_kind,
+    errors_in_short,
     errors_table,
     groupings,
     groups,
@@ -57,12 +58,11 @@ from suta_calib.report.errors import (
 from suta_calib.report.listing import Json, Place, csv_of_groups
 from suta_calib.report.observability import (
     EXPLANATIONS,
-    MANY,
     MOST_SENTENCES,
     PARAMETERS,
+    Outcome,
     explained,
     held_directions,
-    left_out,
     outcomes,
     state_shown,
     unobservable,
@@ -72,6 +72,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import TermAccuracy
 from suta_calib.trust.explanation import redundant_names
+from suta_calib.units import text
 from suta_calib.words import combination
 
 NAME: Final = "result"
@@ -87,24 +88,18 @@ COMPUTED_BY: Final = {
 }
 
 
-def calibration_document(result: Calibration, *, verbose: bool = False) -> Document:
-    """A calibration to be shown: errors, parameters, what the data cannot tell, and report.
-
-    Args:
-        result: job, solution and accuracy.
-        verbose: list on a console also the terms' own parameters (placements, points,
-            instruments), those that stayed where their prior has them and, of a long list, those
-            held; otherwise one line counts them.
-    """
+def calibration_document(result: Calibration) -> Document:
+    """A calibration to be shown: errors, parameters, what the data cannot tell, and report."""
     parts = [
         *section("the first screen", lambda: _first_screen(result)),
         *section("errors", lambda: _errors(result)),
-        *section("parameters", lambda: _parameters(result, verbose=verbose)),
+        *section("parameters", lambda: _parameters(result)),
         *section("external poses", lambda: _external_poses(result)),
         *section("what these data cannot tell", lambda: _untold(result)),
         *section("remaining errors", lambda: _remaining_errors(result)),
         *section("noise and correlations", lambda: _noise_and_correlations(result)),
         *section("how it was computed", lambda: _computation(result)),
+        *section("what to do next", lambda: _next_steps(result)),
         *_files(result),
     ]
     title = f"Calibration of {result.job.title}"
@@ -162,24 +157,15 @@ def _counted(term: Term) -> str:
     return sentence
 
 
-def _parameters(result: Calibration, *, verbose: bool) -> Iterator[Part]:
+def _parameters(result: Calibration) -> Iterator[Part]:
     solution = result.solution
     if not solution.converged:
         return
     every = outcomes(result.examined)
     arm, of_terms = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
-    worth_showing = every if verbose else [row for row in arm if row.worth_showing(len(arm))]
-    yield PARAMETERS.of(worth_showing, place="console")
-    if not verbose:
-        # What is no pose, such as a camera's intrinsics or a radius, is told nowhere else.
-        posed = {name for pose in result.examined.external_poses for name in pose.frame.names}
-        alone = [row for row in of_terms if row.estimate.name not in posed]
-        shown = alone if len(alone) <= MANY else []
-        if shown:
-            title = "The observations' own unknowns that are no poses"
-            yield PARAMETERS.of(shown, title, place="console")
-        hidden = [row.estimate for row in of_terms if row not in shown]
-        yield from left_out(len(arm) - len(worth_showing), hidden)
+    if changes := ", ".join(_largest_changes(arm)):
+        yield Text(f"Largest changes (± one standard deviation): {changes}.", place="console")
+    yield PARAMETERS.of(every, place="verbose")
     held = [row for row in arm if row.change is None]
     yield PARAMETERS.of([row for row in arm if row.change is not None], place="page")
     for state in dict.fromkeys(state_shown(row) for row in held):
@@ -202,10 +188,39 @@ def _parameters(result: Calibration, *, verbose: bool) -> Iterator[Part]:
     yield PARAMETERS.of(of_terms, f"The observations' own unknowns ({len(of_terms)})", folded=True)
 
 
+def _largest_changes(arm: Sequence[Outcome]) -> Iterator[str]:
+    """Of lengths and of angles, the parameters that moved farthest."""
+    most = 2
+    for unit in ("m", "rad"):
+        rows = [row for row in arm if row.unit == unit and row.change and row.estimate.std]
+        for row in sorted(rows, key=lambda row: -abs(row.change or 0.0))[:most]:
+            change, std = text(row.change or 0.0, unit, sign=True), row.estimate.std or 0.0
+            yield f"{row.estimate.name} {change} ± {text(std, unit, with_unit=True)}"
+
+
+def _command(finds: str, line: str) -> Text:
+    """A line to copy, which a narrow console must not break."""
+    return Text(f"{line}    # {finds}", place="console", look="verbatim")
+
+
+def _next_steps(result: Calibration) -> Iterator[Part]:
+    """Commands to copy, each where it would help."""
+    job = result.job.spec.path
+    if not (result.job.files and result.solution.converged):
+        return
+    notes = " ".join(result.assessment.notes)
+    if "suta-calib outliers" in notes:
+        yield _command("which rows are wrong", f"suta-calib outliers {job}")
+    if any(e.reason != "redundant" for e in result.explanations):
+        yield _command("what to measure next", f"suta-calib plan {job} -n 4")
+
+
 def _external_poses(result: Calibration) -> Iterator[Part]:
     """What many came for: where cameras, instruments and artefacts are."""
     if poses := result.examined.external_poses:
-        yield IN_SHORT.of(poses, place="console")
+        # Of many placements of an artefact nobody asks where each of them was.
+        few = 3
+        yield IN_SHORT.of(poses, place="console" if len(poses) <= few else "verbose")
         yield EXTERNAL_POSES.of(poses, place="page")
         yield remark(NOTE)
 
@@ -213,7 +228,9 @@ def _external_poses(result: Calibration) -> Iterator[Part]:
 def _errors(result: Calibration) -> Iterator[Part]:
     accuracy = result.accuracy
     sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
-    yield errors_table(sets)
+    held_out_first = {name: sets[name] for name in ("validation", "calibration")}
+    yield errors_in_short(held_out_first)
+    yield errors_table(sets, place="detail")
     if not result.solution.converged:
         yield Text(
             "“after” is only where the solver stopped: it has not converged to anything usable."
@@ -223,12 +240,12 @@ def _errors(result: Calibration) -> Iterator[Part]:
         "of the RMS."
     )
     if result.solution.converged:
-        yield HELD_OUT.of(held_out_rows(result))
+        yield HELD_OUT.of(held_out_rows(result), place="detail")
         yield remark(
             "Predicted: the scatter of the fitted errors, which holds what the model lacks, and "
             "the covariance of the parameters. As many errors as named should be within."
         )
-        yield REPEATABILITY.of(repeatability_of(result))
+        yield REPEATABILITY.of(repeatability_of(result), place="detail")
     # Held-out errors are what a user of the arm will see: they come first.
     for name in ("validation", "calibration"):
         for k, errors in enumerate(by_kind(sets[name])):
@@ -248,9 +265,9 @@ def _untold(result: Calibration) -> Iterator[Part]:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
         untold = any(e.reason != "redundant" for e in of_arm)
-        place: Place = "everywhere" if untold else "page"
+        place: Place = "detail" if untold else "page"
         yield Text("What these data cannot tell", place=place, look="heading")
-        yield from explained(of_arm, "console", MOST_SENTENCES)
+        yield from explained(of_arm, "verbose", MOST_SENTENCES)
         yield from explained(result.explanations, "page")
         redundant = [e for e in result.explanations if e.reason == "redundant"]
         yield EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})", folded=True)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from textwrap import wrap
 from typing import Final
@@ -16,7 +17,7 @@ from rich.segment import Segment
 from rich.table import Table
 from rich.text import Text
 
-from suta_calib.assessment import Level
+from suta_calib.assessment import Assessment, Level
 from suta_calib.report import document, listing
 from suta_calib.report.listing import Tone
 
@@ -29,39 +30,74 @@ TONE: Final[dict[Tone, str]] = {
     "soft": "dim",
 }
 
+# Rows of tables below a verdict that somebody reads without being asked, and the fewest rows that
+# say something of a longer table.
+MOST_ROWS: Final = 18
+FEWEST_ROWS: Final = 5
 # Where a name goes on with its next part, and not a number with its decimals.
 _AFTER_DOT: Final = re.compile(r"(?<=\.)(?=[^\W\d])")
 # `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
 _ASCII: Final = box.Box("    \n    \n -- \n" + 5 * "    \n", ascii=True)
 
 
-def rendered(answer: document.Document) -> RenderableType:
-    """A document for a terminal: its parts, and how far to trust it last.
+def rendered(answer: document.Document, *, verbose: bool = False) -> RenderableType:
+    """A document for a terminal: how far to trust it first, then its parts.
 
     Lines are broken between words only, and a table that does not fit becomes lines: no number and
     no name is ever cut. Print it with ``crop=False``, or a word longer than the terminal is.
+
+    Args:
+        answer: the document.
+        verbose: whether all tables are shown; else as many rows as a screen has, and a line names
+            the others.
     """
-    parts: list[RenderableType] = []
-    for part in answer.shown("console"):
+    parts: list[RenderableType] = [*_verdict(answer.assessment, answer.headline)]
+    shown = answer.shown("console", *(("detail", "verbose") if verbose else ()))
+    room, more = math.inf if verbose or answer.whole else MOST_ROWS, list[str]()
+    for part in shown:
         if isinstance(part, document.Text):
-            if part.bullet:
-                parts.append(bullet(part.text))
-            elif part.look == "remedy":
-                parts.append(Wrapped(part.text, "     → ", "     ", "italic"))
-            elif part.look == "verbatim":
-                parts.append(Text(part.text, no_wrap=True, overflow="ignore"))
-            else:
-                parts.append(Wrapped(part.text, style="bold" if part.look == "heading" else ""))
+            parts.append(_paragraph(part))
         elif isinstance(part, listing.Table):
+            if len(part.cells) > room:
+                more.append(part.title)
+                if room < FEWEST_ROWS:
+                    continue
+                part = replace(part, cells=part.cells[: int(room)])
+            room -= len(part.cells)
             parts.append(Fitted(part))
-    # A table ends with an empty line of its own.
-    blank = [] if not parts or isinstance(parts[-1], Fitted) else [""]
-    how_far = answer.assessment
+    if not verbose:
+        more += [p.title for p in answer.parts if isinstance(p, listing.Table) and _hidden(p)]
+    if count := len([title for title in dict.fromkeys(more) if title]):
+        tables = "one table" if count == 1 else f"{count} tables"
+        parts.append(Wrapped(f"--verbose shows {tables} more.", style="dim"))
+    return Group(*parts)
+
+
+def _hidden(table: listing.Table) -> bool:
+    return table.place in ("detail", "verbose") and bool(table.cells)
+
+
+def _verdict(how_far: Assessment, headline: str) -> Iterator[RenderableType]:
+    """The verdict, the headline and the notes, and an empty line below them."""
     sentence = how_far.sentence[:1].upper() + how_far.sentence[1:]
     word = Text(
         f"{how_far.word}. " if sentence else f"{how_far.word}.", style=COLOUR[how_far.level]
     )
-    return Group(*parts, *blank, Wrapped(sentence, word), *map(bullet, how_far.notes))
+    yield Wrapped(sentence, word)
+    if headline:
+        yield Wrapped(headline, style="bold")
+    yield from map(bullet, how_far.notes)
+    yield ""
+
+
+def _paragraph(part: document.Text) -> RenderableType:
+    if part.bullet:
+        return bullet(part.text)
+    if part.look == "remedy":
+        return Wrapped(part.text, "     → ", "     ", "italic")
+    if part.look == "verbatim":
+        return Text(part.text, no_wrap=True, overflow="ignore")
+    return Wrapped(part.text, style="bold" if part.look == "heading" else "")
 
 
 @dataclass(frozen=True, eq=False)

@@ -126,6 +126,7 @@ class Document(ShowsItself):
         data: what else JSON has, SI values already in the reader's unit.
         written: what becomes of it in a folder, beside its pictures and files.
         headline: the one figure that a page begins with; empty for none.
+        whole: whether a console shows all rows, however many: of a list that was asked for.
     """
 
     name: str
@@ -135,14 +136,15 @@ class Document(ShowsItself):
     data: Mapping[str, Any] = field(default_factory=dict)
     written: Written = "report"
     headline: str = ""
+    whole: bool = False
 
-    def shown(self, place: Place) -> list[Shown]:
-        """The parts for the console or for a page, in order; tables without rows are not."""
+    def shown(self, *places: Place) -> list[Shown]:
+        """The parts for these places, in order; tables without rows are not."""
         shown: list[Shown] = []
         for part in self.parts:
             where = part.place if isinstance(part, Table | Text) else "everywhere"
             empty = isinstance(part, Table) and not part.cells
-            if where in ("everywhere", place) and not isinstance(part, File) and not empty:
+            if where in ("everywhere", *places) and not isinstance(part, File) and not empty:
                 shown.append(part)
         return shown
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from suta_calib import units
 from suta_calib.arrays import FloatArray
-from suta_calib.report.listing import Column, Json, Listing, Table
+from suta_calib.report.listing import Column, Json, Listing, Place, Table
 from suta_calib.terms import every_grouping
 from suta_calib.terms.block import grouped
 from suta_calib.trust.accuracy import BlockErrors, Metrics, TermAccuracy
@@ -133,9 +133,29 @@ ERRORS: Final = Listing[AccuracyRow](
 )
 
 
-def errors_table(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
+ERRORS_IN_SHORT: Final = Listing[tuple[str, KindErrors]](
+    "Errors",
+    Column("", "data", lambda row: row[0]),
+    Column("", "of", lambda row: f"{row[1].quantity}, {units.unit_name(row[1].unit)}"),
+    Column("", "RMS before", lambda row: row[1].metrics[0].rms, unit=lambda row: row[1].unit),
+    Column("", "after", lambda row: row[1].metrics[1].rms, unit=lambda row: row[1].unit),
+    Column("", "max after", lambda row: row[1].metrics[1].maximum, unit=lambda row: row[1].unit),
+    Column("", "count", lambda row: row[1].metrics[1].count, form="d"),
+)
+
+
+def errors_table(
+    sets: Mapping[str, Sequence[TermAccuracy]], *, place: Place = "everywhere"
+) -> Table:
     """Metrics before and after of terms, by what their data are, and the improvement."""
-    return ERRORS.of([row for name, terms in sets.items() for row in _accuracy_rows(name, terms)])
+    rows = [row for name, terms in sets.items() for row in _accuracy_rows(name, terms)]
+    return ERRORS.of(rows, place=place)
+
+
+def errors_in_short(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
+    """A row for each kind of the data: RMS before and after, for a console."""
+    rows = [(name, errors) for name, terms in sets.items() for errors in by_kind(terms)]
+    return ERRORS_IN_SHORT.of(rows, place="console")
 
 
 def _accuracy_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[AccuracyRow]:

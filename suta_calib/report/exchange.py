@@ -108,4 +108,5 @@ def formats_document(formats: Mapping[str, Described], title: str) -> Document:
     """The formats there are, each as it describes itself."""
     rows: Sequence[Described] = tuple(formats.values())
     sentence = f"{len(rows)} formats"
-    return Document("formats", title, Assessment("good", sentence), [FORMATS.of(rows)])
+    answer = Assessment("good", sentence)
+    return Document("formats", title, answer, [FORMATS.of(rows)], whole=True)

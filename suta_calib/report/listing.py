@@ -25,7 +25,9 @@ Outer = TypeVar("Outer")
 Json = dict[str, Any]
 # What a cell means at a glance: as an assessment's levels, or of note, or of little weight.
 Tone = Literal["good", "note", "care", "bad", "soft"]
-Place = Literal["everywhere", "console", "page"]
+# Where a part is shown. With --verbose a console has more: ``detail`` is there and on a page,
+# ``verbose`` there alone.
+Place = Literal["everywhere", "console", "page", "detail", "verbose"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -32,13 +32,13 @@ EXPLANATIONS: Final = Listing[Explanation](
 )
 
 
-def observability_document(observability: Observability, *, verbose: bool = False) -> Document:
-    """What data can tell; ``verbose`` lists the terms' own unknowns, which a line counts."""
+def observability_document(observability: Observability) -> Document:
+    """What data can tell of the arm, and of the terms' own unknowns."""
     prospects = list(observability.prospects.values())
     arm = observability.problem.arm_count or len(prospects)
     parts: list[Part] = [
-        PROSPECTS.of(prospects if verbose else prospects[:arm]),
-        *([] if verbose else left_out(0, prospects[arm:])),
+        PROSPECTS.of(prospects[:arm]),
+        PROSPECTS.of(prospects[arm:], "The observations' own unknowns", place="detail"),
         Text(conditioning(observability)),
         *section(
             "explanations",
@@ -265,14 +265,3 @@ def outcomes(examined: CalibrationExamination) -> list[Outcome]:
         Outcome(estimate, parameters[name], solution.converged, name in redundant, name in as_drawn)
         for name, estimate in solution.estimates.items()
     ]
-
-
-def left_out(unmoved: int, of_terms: Sequence[Estimate] | Sequence[Prospect]) -> list[Text]:
-    """A line on unknowns that a console's table leaves out, of the arm and of terms, if any."""
-    parts = [f"{unmoved} of the arm that were not moved"] if unmoved else []
-    if of_terms:
-        determined = sum(unknown.state in ("identified", "prior") for unknown in of_terms)
-        frames = listed(sorted({unknown.owner for unknown in of_terms}), 2)
-        parts.append(f"{determined} of {len(of_terms)} unknowns of the observations ({frames})")
-    line = f"and {', '.join(parts)}: --verbose shows them"
-    return [Text(line, place="console")] if parts else []
