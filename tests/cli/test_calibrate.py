@@ -68,7 +68,7 @@ def test_calibrate_writes_beside_the_job(calibrated: Calibrated) -> None:
     assert (calibrated.code, calibrated.err) == (0, "")
     folder = calibrated.job.parent / "results"
     assert files_below(folder) == RESULTS
-    assert "joint_1.offset" in calibrated.out
+    assert calibrated.out.startswith("Good. Converged")
     assert str(folder / "report.html") in "".join(calibrated.out.splitlines()[-2:])
 
 

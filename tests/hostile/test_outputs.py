@@ -65,7 +65,7 @@ def answers(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Callable[[
         if command not in known:
             with pytest.MonkeyPatch.context() as patch:
                 shown = "suta_calib.cli._output.rendered"
-                patch.setattr(shown, lambda it: known.setdefault(command, it) and "")
+                patch.setattr(shown, lambda it, **_: known.setdefault(command, it) and "")
                 out = tmp_path_factory.mktemp("out") / "out"
                 assert cli(*command_line(command, scene, out)) in (0, 1)
         return known[command]

@@ -42,7 +42,7 @@ def document_of(result: Calibration) -> Document:
 
 
 def told(result: Calibration, *, verbose: bool = False) -> str:
-    return console_text(rendered(calibration_document(result, verbose=verbose)))
+    return console_text(rendered(calibration_document(result), verbose=verbose))
 
 
 def render_report(result: Calibration) -> str:
@@ -149,18 +149,18 @@ def test_names_are_listed_and_the_rest_counted() -> None:
 # console
 
 
-def test_console_fits_100_columns_and_shows_names_as_they_are(result: Calibration) -> None:
-    short = told(result)
-    full = told(result, verbose=True)
+def test_console_says_the_verdict_first_and_all_with_verbose(result: Calibration) -> None:
+    short, full = told(result), told(result, verbose=True)
     for text in (short, full):
         assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
-        assert "joint_4.z" in text
-        assert "improvement" in text
-    assert "base[rig].x" in full
-    assert "base[rig].x" not in short
-    assert "--verbose" in short
-    assert "--verbose" not in full
-    row = next(line for line in short.splitlines() if "joint_4.z" in line)
+        assert text.startswith("Good. Converged")
+        assert "RMS on 15 held-out positions" in "".join(text.splitlines()[:3])
+        assert "Largest changes" in text
+    assert len(short.splitlines()) <= 32
+    assert "--verbose shows" in short
+    for detail in ("improvement", "base[rig].x", "within 68 %", "Repeatability"):
+        assert (detail in full, detail in short) == (True, False)
+    row = next(line for line in full.splitlines() if "joint_4.z  " in line)
     assert "571.000" in row
     assert "identified" in row
 

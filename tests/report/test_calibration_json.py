@@ -111,7 +111,7 @@ def test_json_tells_held_out_errors_from_their_prediction(result: Calibration) -
     assert row["parameters_std"] < row["predicted_std"]
     assert len(row["each_predicted_std"]) == 15
     assert 40 <= row["within_68_pct"] <= row["within_95_pct"] <= 100
-    shown = console_text(rendered(calibration_document(result)))
+    shown = console_text(rendered(calibration_document(result), verbose=True))
     assert "within 68 %" in shown
 
 
@@ -177,7 +177,7 @@ def test_json_without_validation_has_nulls_not_nan(result: Calibration) -> None:
     assert part["after"] == {**dict.fromkeys(("rms_mm", "mean_mm", "std_mm", "max_mm")), "count": 0}
     assert "no validation data" in " ".join(alone.assessment.notes)
     document = calibration_document(alone)
-    assert "no such data" in console_text(rendered(document))
+    assert "no such data" in console_text(rendered(document, verbose=True))
     page_with(document, None)
 
 

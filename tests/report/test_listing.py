@@ -87,13 +87,16 @@ def test_parts_are_shown_where_they_belong() -> None:
         Text("page <only>", place="page", look="verbatim"),
         PLAIN.of(ROWS, place="console"),
         OWN.of(ROWS, "Two of them", folded=True),
+        OWN.of(ROWS, "Own", place="verbose"),
     )
     said = console_text(rendered(answer))
     assert "→ do this" in said
     assert "+1.200" in said
     assert "page <only>" not in said
     assert "Two of them" not in said
-    assert said.index("Plain") < said.index("Take care. As it is")
+    assert said.startswith("Take care. As it is")
+    assert "Own" not in said
+    assert "Own" in console_text(rendered(answer, verbose=True))
     page = html.fromstring(page_with(answer, None))
     assert page.xpath("//h3/text()") == ["What was found"]
     assert page.xpath("//pre/text()") == ["page <only>"]

@@ -59,7 +59,7 @@ def test_whatever_shows_a_calibration_solves_nothing(
     result = make_job(tmp_path, suta_urdf, iterations=iterations).run()
     assert result.solution.converged == (iterations > 1)
     refuse_to_solve(monkeypatch)
-    document = calibration_document(result, verbose=True)
+    document = calibration_document(result)
     written = write_document(document, tmp_path / "out")
     page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
     assert document.assessment is result.assessment
@@ -88,7 +88,7 @@ def test_each_quantity_is_computed_once(
     for name in functions.keys() - SEVERAL:
         monkeypatch.setattr(calibration_examination, name, counted(name, functions[name]))
     result = make_job(tmp_path, suta_urdf).run()
-    write_document(calibration_document(result, verbose=True), tmp_path / "out")
+    write_document(calibration_document(result), tmp_path / "out")
     assert calibration_scene(result.calibrated).rows.q.size
     assert result.solution.widening == 1.0
     assert set(counts.values()) == {1}, counts
