@@ -159,7 +159,7 @@ out_option = option(
 )
 json_option = flag("--json", "Print one JSON object and nothing else.", name="as_json")
 anyway_option = flag("--anyway", "Take a calibration that says of itself that it must not be used.")
-verbose_option = flag("--verbose", "Show all tables.")
+verbose_option = click.option("-v", "--verbose", is_flag=True, help="Show all tables.")
 region_option = option(
     "--region X0,X1,Y0,Y1,Z0,Z1",
     "Where the tip works, mm; by default around what was touched.",

@@ -51,7 +51,9 @@ def rendered(answer: document.Document, *, verbose: bool = False) -> RenderableT
         verbose: whether all tables are shown; else as many rows as a screen has, and a line names
             the others.
     """
-    parts: list[RenderableType] = [*_verdict(answer.assessment, answer.headline)]
+    # The parts of smaller answers begin with their one figure.
+    headline = answer.headline if answer.written == "opening" else ""
+    parts: list[RenderableType] = [*_verdict(answer.assessment, headline)]
     shown = answer.shown("console", *(("detail", "verbose") if verbose else ()))
     room, more = math.inf if verbose or answer.whole else MOST_ROWS, list[str]()
     for part in shown:
