@@ -163,8 +163,8 @@ def _parameters(result: Calibration) -> Iterator[Part]:
         return
     every = outcomes(result.examined)
     arm, of_terms = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
-    if changes := ", ".join(_largest_changes(arm)):
-        yield Text(f"Largest changes (± one standard deviation): {changes}.", place="console")
+    if largest := ", ".join(_largest_changes(arm)):
+        yield Text(f"Largest changes (± one standard deviation): {largest}.", place="console")
     yield PARAMETERS.of(every, place="verbose")
     held = [row for row in arm if row.change is None]
     yield PARAMETERS.of([row for row in arm if row.change is not None], place="page")
