@@ -58,6 +58,7 @@ from suta_calib.report.errors import (
 from suta_calib.report.listing import Json, Place, csv_of_groups
 from suta_calib.report.observability import (
     EXPLANATIONS,
+    MANY,
     MOST_SENTENCES,
     PARAMETERS,
     Outcome,
@@ -165,6 +166,13 @@ def _parameters(result: Calibration) -> Iterator[Part]:
     arm, of_terms = every[: solution.problem.arm_count], every[solution.problem.arm_count :]
     if largest := ", ".join(_largest_changes(arm)):
         yield Text(f"Largest changes (± one standard deviation): {largest}.", place="console")
+    # What is no pose, such as a camera's intrinsics or a radius, is shown nowhere else.
+    posed = {name for pose in result.examined.external_poses for name in pose.frame.names}
+    alone = [row for row in of_terms if row.estimate.name not in posed]
+    if len(alone) <= MANY:
+        yield PARAMETERS.of(
+            alone, "The observations' own unknowns that are no poses", place="console"
+        )
     yield PARAMETERS.of(every, place="verbose")
     held = [row for row in arm if row.change is None]
     yield PARAMETERS.of([row for row in arm if row.change is not None], place="page")
@@ -267,7 +275,8 @@ def _untold(result: Calibration) -> Iterator[Part]:
         untold = any(e.reason != "redundant" for e in of_arm)
         place: Place = "detail" if untold else "page"
         yield Text("What these data cannot tell", place=place, look="heading")
-        yield from explained(of_arm, "verbose", MOST_SENTENCES)
+        yield from explained([e for e in of_arm if not e.failed], "verbose", MOST_SENTENCES)
+        yield from explained([e for e in of_arm if e.failed], "console", MOST_SENTENCES)
         yield from explained(result.explanations, "page")
         redundant = [e for e in result.explanations if e.reason == "redundant"]
         yield EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})", folded=True)

@@ -48,6 +48,7 @@ class Explanation(Displayable):
         told: whether it is redundant, or how far the data tell it.
         moves: by how much the registered tip is off in postures all over the range, per unit by
             which the parameter is, with what makes up for it to the data; m per m or rad.
+        failed: whether the reason could not be computed; the sentence says why.
     """
 
     fixed: str
@@ -55,6 +56,7 @@ class Explanation(Displayable):
     remedy: str
     reason: HeldReason = "untold"
     moves: float = 0.0
+    failed: bool = False
 
     @property
     def as_drawn(self) -> bool:
@@ -196,7 +198,7 @@ def _of_arm(
         if explanation is not None:
             return explanation
     sentence = " ".join([f"{fixed} is not determined by these data.", *notes])
-    return Explanation(fixed, sentence, "hold it by a prior")
+    return Explanation(fixed, sentence, "hold it by a prior", failed=True)
 
 
 def _explained(case: _Case) -> Explanation:

@@ -158,7 +158,7 @@ def test_console_says_the_verdict_first_and_all_with_verbose(result: Calibration
         assert "Largest changes" in text
     assert len(short.splitlines()) <= 32
     assert "--verbose shows" in short
-    for detail in ("improvement", "base[rig].x", "within 68 %", "Repeatability"):
+    for detail in ("improvement", "base[rig].x", "within 68 %"):
         assert (detail in full, detail in short) == (True, False)
     row = next(line for line in full.splitlines() if "joint_4.z  " in line)
     assert "571.000" in row
