@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from foreign import check, imported, read_back, transforms
+from foreign import check, imported, read_back, transforms, written
 from foreign_samples import KEPT, POSES, REFERENCE, TOOL, P, R, c3d, quaternion
 
 from suta_calib.errors import InputError
@@ -161,3 +161,14 @@ def test_a_file_that_is_an_arm_is_no_poses(tmp_path: Path) -> None:
     path.write_text("a: 1\n")
     with pytest.raises(InputError, match=r"unknown format"):
         pose_table(path)
+
+
+def test_rows_of_hand_and_target_in_turn(tmp_path: Path) -> None:
+    """4x4 blocks below one another, as many scripts print them."""
+    both = np.stack([TOOL, REFERENCE], axis=1).reshape(-1, 4)
+    path = written(tmp_path / "blocks.txt", both, " ")
+    found = imported(path, alternating=True)
+    check(found, tmp_path / "o.csv", R, P, "a_")
+    check(found, tmp_path / "o.csv", REFERENCE[:, :3, :3], REFERENCE[:, :3, 3], "b_")
+    with pytest.raises(InputError, match=r"--alternating: .* an even number of rows"):
+        imported(written(path, both[:-4], " "), alternating=True)

@@ -69,6 +69,10 @@ _CLOCKS: Final = ("time", "timestamp", "frame")
 # More than any joint turns that is read in rad, twice round and a little.
 _FEW_TURNS: Final = 13.0
 
+ALTERNATING: Final = Option(
+    "alternating", "Rows are in turn poses of the hand (a_) and of the target (b_).", flag=True
+)
+
 
 class TableReader(Reader):
     """Rows of numbers, with or without names."""
@@ -88,6 +92,7 @@ class TableReader(Reader):
         *DELIMITED_OPTIONS,
         *READING_OPTIONS,
         *BODY_OPTIONS,
+        ALTERNATING,
     )
 
     def read(self, path: Path, given: Given) -> ImportedRows:
@@ -209,11 +214,29 @@ class _Columns:
         path = self._sheet.path
         if not bodies:
             return ImportedRows(source=path, form=TABLE, columns=dict(columns))
+        if ALTERNATING in self._given:
+            bodies, columns = self._by_turns(bodies, columns)
         recording = Recording(path, bodies, None, "as they were read", dict(columns))
         if set(bodies) == set(PAIR):
             return recording.pairs(TABLE)
         alone = next(iter(bodies)) if len(bodies) == 1 else ""
         return recording.imported(TABLE, self._given, alone if alone in PAIR else "")
+
+    def _by_turns(
+        self, bodies: Mapping[str, Body], columns: Mapping[str, NDArray[Any]]
+    ) -> tuple[dict[str, Body], dict[str, NDArray[Any]]]:
+        """The rows in turn as the hand's and the target's; a column beside them is the hand's."""
+        (body,) = bodies.values() if len(bodies) == 1 else (None,)
+        count = 0 if body is None else len(body.position)
+        if body is None or count % 2 or count < len(self._sheet):
+            problem = f"{len(bodies)} poses in each of {count} complete rows"
+            expected = "one pose a row, an even number of rows, and nothing missing"
+            raise self._given.refuse(ALTERNATING, problem, expected)
+        turns = zip(PAIR, (np.arange(0, count, 2), np.arange(1, count, 2)), strict=True)
+        return (
+            {prefix: body.take(rows) for prefix, rows in turns},
+            {name: values[::2] for name, values in columns.items()},
+        )
 
     def _body(self, pose: PoseColumns) -> Body:
         path = self._sheet.path
