@@ -324,7 +324,7 @@ def _blocks(
 def _shares(
     term: Term, block: Block, residual: FloatArray, stated: dict[Source, float | None]
 ) -> tuple[Share, ...]:
-    touch = term.witnesses
+    touch = term.clusters
     squares = np.sum(residual**2, axis=1)
     sound = ~gross_rows(block, residual, touch)
     inside = min(float(squares[sound].mean()) if sound.any() else 0.0, float(squares.mean()))

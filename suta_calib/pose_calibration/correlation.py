@@ -1,7 +1,7 @@
 """Rows that err alike because they are alike: what that adds to an estimate's covariance.
 
 A robot errs alike in neighbouring poses, a camera alike where it sees the target in the same place,
-and a tracker alike a moment later. Least squares takes every row for a witness of its own, so its ±
+and a tracker alike a moment later. Least squares takes every row for a cluster of its own, so its ±
 is too small. How much the errors of neighbours have in common, and how near they must be for it, is
 asked of the residuals: a part w of their variance with a correlation that falls with the distance
 in some space. Its restricted likelihood (Patterson and Thompson 1971, doi:10.1093/biomet/58.3.545)

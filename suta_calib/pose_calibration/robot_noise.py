@@ -225,7 +225,7 @@ class RobotNoise:
     def explains(self, fit: RobustFit) -> bool:
         """Whether the residuals at the target grew no more by it than by chance.
 
-        Some of many pairs tell. Neighbours may err alike, so that a pair is one witness of places
+        Some of many pairs tell. Neighbours may err alike, so that a pair is one cluster of places
         and one of turns.
         """
         rows = np.flatnonzero(fit.inliers)

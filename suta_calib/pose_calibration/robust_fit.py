@@ -173,7 +173,7 @@ def robust_fit(
     numbers = np.unique(np.geomspace(1, len(suspects), 12).round().astype(np.intp))[::-1]
     for dropped, fewer in zip(numbers.tolist(), [*numbers[1:].tolist(), 0], strict=True):
         # Rows that err alike where they are alike are not independent, nor are their components: a
-        # row is one witness.
+        # row is one cluster.
         freedom = count - dropped - needed
         rest = max(float(_misfit(remaining, fit.sigmas)[remaining.inliers].sum()), ROUNDING**2)
         gain = (total / rest - 1.0) * freedom / dropped
@@ -276,11 +276,11 @@ def _settled(
     few = int(inliers.sum()) < 12
     truly = np.maximum(levels, least) if few else levels
     rows = np.flatnonzero(inliers)
-    witnesses = int(solution.problem.terms[0].poses.postures.max()) + 1
+    clusters = int(solution.problem.terms[0].poses.postures.max()) + 1
     # Each block's scatter is learnt from its own part of what the unknowns leave.
-    freedom = DIMENSION * witnesses - len(solution.free) / len(residuals)
+    freedom = DIMENSION * clusters - len(solution.free) / len(residuals)
     # The scatter of few is itself uncertain: errors in units of it have Student's variance.
-    uncertain = freedom / (freedom - 2.0) if witnesses < MANY_ROWS and freedom > 2.0 else 1.0
+    uncertain = freedom / (freedom - 2.0) if clusters < MANY_ROWS and freedom > 2.0 else 1.0
     agreement = None
     if stated is not None:
         misfit = float(np.sum(residuals[0][inliers] ** 2)) / stated**2
@@ -289,7 +289,7 @@ def _settled(
         if not agreement.too_large:
             truly, uncertain = np.array([stated]), 1.0
     # Weights that differ much leave a few rows to speak for themselves: too few for a sandwich.
-    many = stated is None and witnesses >= MANY_ROWS
+    many = stated is None and clusters >= MANY_ROWS
 
     def spread(explained: Sequence[FloatArray]) -> FloatArray:
         inlying = [r[rows] for r in residuals]
@@ -331,10 +331,10 @@ def _covariance(
     # Poses that are exact, such as those of certified points, have no errors to share.
     exact = isinstance(poses, MeasuredPoses) and poses.exact
     if many and (exact or groups > MOST_ROWS):
-        witnesses = blocks(white) if groups == count else postures
-        if np.array_equal(witnesses, by_itself):
+        clusters = blocks(white) if groups == count else postures
+        if np.array_equal(clusters, by_itself):
             return solution.covariance
-        return observed_parts(solution.spread.fit, [witnesses]).total
+        return observed_parts(solution.spread.fit, [clusters]).total
     rows = whitened_rows(problem, solution.x, solution.sigmas)
     parts = [r.jacobian.T @ r.jacobian for r in rows]
     weights = levels / np.array(solution.sigmas)

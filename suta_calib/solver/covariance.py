@@ -132,11 +132,11 @@ def observed_parts(fit: Fitted, touches: Sequence[IntArray] | None = None) -> Co
 
     Args:
         fit: the estimate.
-        touches: for each term (samples,), which are one witness; `Term.witnesses` by default.
+        touches: for each term (samples,), which are one cluster; `Term.clusters` by default.
     """
     problem, rows = fit.problem, fit.rows()
     bread, prior = fit.bread(rows), np.diag(problem.stated_precision())
-    touches = [term.witnesses for term in problem.terms] if touches is None else touches
+    touches = [term.clusters for term in problem.terms] if touches is None else touches
     part, scales = artefact_errors(rows), scale_errors(fit, rows)
     nothing = np.zeros((len(fit.x), 0))
     by_artefact = nothing if part is None else shifts(rows, part, bread) * part.sigma

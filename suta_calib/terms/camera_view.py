@@ -76,7 +76,7 @@ class CameraView(FramedTerm):
 
     Errors are in pixels; so that they stand beside other kinds' lengths, a pixel counts as what it
     covers at the typical distance of the board: a constant factor. Corners of one picture share
-    where the arm really was: they are one witness.
+    where the arm really was: they are one cluster.
 
     Attributes:
         poses: samples, one for each picture, with the corners seen in it.

@@ -361,7 +361,7 @@ class Term(GivenPlaces):
         return same_touches(*(labels[name] for name in ("placement", "landmark", "repeat")))
 
     @cached_property
-    def witnesses(self) -> IntArray:
+    def clusters(self) -> IntArray:
         """(n,) one number, from 0, for all samples that err together.
 
         They are at one posture, read without moving or met again, or repeat a touch: they share

@@ -118,8 +118,8 @@ class Gain:
     Attributes:
         before, after: root mean square errors with either arm, in ``unit``.
         mean: of the squares before less those after, in its square, as all that follow.
-        std: of that mean, from its scatter among the witnesses.
-        witnesses: how many there are.
+        std: of that mean, from its scatter among the clusters.
+        clusters: how many there are.
         unsure: mean square that the estimates' covariance adds to the errors.
         unsure_std: of that, because all rows see the same estimates.
         unit: SI unit of the errors.
@@ -129,7 +129,7 @@ class Gain:
     after: float
     mean: float
     std: float
-    witnesses: int
+    clusters: int
     unsure: float = 0.0
     unsure_std: float = 0.0
     unit: Unit = "m"
@@ -167,7 +167,7 @@ class Gain:
         large as the mean and hides it. The variance ratio (F) does not know that scatter; that both
         arms have the same noise in the same rows only brings the two closer.
         """
-        freedom = self.witnesses - 1
+        freedom = self.clusters - 1
         if freedom < 1:
             return False
         return larger**2 > float(fdtri(freedom, freedom, 1.0 - CHANCE)) * smaller**2
@@ -183,7 +183,7 @@ class Gain:
     @property
     def _limit(self) -> float:
         """Standard errors that chance exceeds with probability `CHANCE`, on one side."""
-        freedom = self.witnesses - 1
+        freedom = self.clusters - 1
         return float(stdtrit(freedom, 1.0 - CHANCE)) if freedom > 0 else math.inf
 
 
@@ -286,16 +286,16 @@ def gain_of(
     same = _of_first_kind(terms)
     squares = [t.blocks[0].before ** 2 - t.blocks[0].after ** 2 for t in same]
     mean = float(np.mean(np.concatenate(squares)))
-    rows, variance, witnesses = sum(map(len, squares)), 0.0, 0
+    rows, variance, clusters = sum(map(len, squares)), 0.0, 0
     for term, square in zip(same, squares, strict=True):
-        members = term.term.witnesses[term.blocks[0].rows]
+        members = term.term.clusters[term.blocks[0].rows]
         variance += _variance_of_sum(square - mean, members)
-        witnesses += int(np.count_nonzero(np.bincount(members.reshape(-1))))
-    variance *= witnesses / max(witnesses - 1, 1)
+        clusters += int(np.count_nonzero(np.bincount(members.reshape(-1))))
+    variance *= clusters / max(clusters - 1, 1)
     before, after = (Accuracy.overall(terms, which).rms for which in ("before", "after"))
     std = math.sqrt(variance) / rows
     unit = same[0].term.error_unit
-    return Gain(before, after, mean, std, witnesses, unsure, unsure_std, unit)
+    return Gain(before, after, mean, std, clusters, unsure, unsure_std, unit)
 
 
 def _variance_of_sum(values: FloatArray, members: IntArray) -> float:

@@ -3,9 +3,9 @@
 What is believed is estimated too (`Term.with_assumptions_estimated`), from the same start and with
 hardly any prior, and compared with what was believed (Wald 1943,
 doi:10.1090/S0002-9947-1943-0012401-3): a score test
-at the fit would need more pictures than a calibration has, for each is one witness.
+at the fit would need more pictures than a calibration has, for each is one cluster.
 
-A sandwich of few witnesses scatters: chi-squared holds of many. What a test of several parameters
+A sandwich of few clusters scatters: chi-squared holds of many. What a test of several parameters
 follows instead is Hotelling's distribution with the degrees of freedom of the Wishart matrix whose
 scatter is the sandwich's (Pustejovsky and Tipton 2018, doi:10.1080/07350015.2016.1247004; Bell and
 McCaffrey 2002), were residuals all independent.
@@ -53,7 +53,7 @@ from suta_calib.units import text
 
 # Chance that right beliefs are contradicted.
 LEVEL: Final = 0.01
-# Rows of a witness from which on its squares are summed by themselves.
+# Rows of a cluster from which on its squares are summed by themselves.
 MANY_EACH: Final = 8
 
 
@@ -144,31 +144,31 @@ def freedom_of(solution: Solution, at: IntArray) -> float:
     curvature = np.diag(problem.prior_precision()[free])
     gains: list[FloatArray] = []
     for term in problem.terms:
-        # Of one term's rows, summed by witness.
-        by_witness = np.zeros((int(term.witnesses.max()) + 1, len(free), len(free)))
+        # Of one term's rows, summed by cluster.
+        by_cluster = np.zeros((int(term.clusters.max()) + 1, len(free), len(free)))
         for rows in whitened_rows(problem, solution.x, solution.sigmas):
             block = rows.line.view.block
             if not any(block is member for member in term.blocks):
                 continue
             n, size = rows.line.residual.shape
             gain = robust_jacobian(rows)[:, free].reshape(n, size, -1)
-            witness = term.witnesses[block.samples[:, 0]]
-            if n < MANY_EACH * len(by_witness):
-                np.add.at(by_witness, witness, np.einsum("ndp,ndq->npq", gain, gain))
+            cluster = term.clusters[block.samples[:, 0]]
+            if n < MANY_EACH * len(by_cluster):
+                np.add.at(by_cluster, cluster, np.einsum("ndp,ndq->npq", gain, gain))
                 continue
             # The squares of single rows would take more room than all rows do.
-            order = np.argsort(witness, kind="stable")
-            for mine in np.split(order, np.flatnonzero(np.diff(witness[order])) + 1):
+            order = np.argsort(cluster, kind="stable")
+            for mine in np.split(order, np.flatnonzero(np.diff(cluster[order])) + 1):
                 of_one = gain[mine].reshape(len(mine) * size, -1)
-                by_witness[witness[mine[0]]] += of_one.T @ of_one
-        gains.append(by_witness)
+                by_cluster[cluster[mine[0]]] += of_one.T @ of_one
+        gains.append(by_cluster)
     return wishart_freedom(np.concatenate(gains), curvature, np.searchsorted(free, at))
 
 
 def wishart_freedom(gain: FloatArray, prior: FloatArray, at: IntArray) -> float:
     """Degrees of freedom of the sandwich of some parameters (k,).
 
-    By the curvature that each witness contributes (witnesses, n, n), and that of priors (n, n).
+    By the curvature that each cluster contributes (clusters, n, n), and that of priors (n, n).
     """
     if len(gain) > MANY_TOUCHES:
         return float(len(gain))
@@ -179,9 +179,9 @@ def wishart_freedom(gain: FloatArray, prior: FloatArray, at: IntArray) -> float:
     root = vectors / np.sqrt(np.maximum(values, np.finfo(float).eps * values[-1]))
     share, axes = np.linalg.eigh(root.T @ (gain * scaled) @ root)
     share = np.clip(share, 0.0, 1.0)
-    # A fit leaves a witness a tenth at least, as where residuals are freed of their leverage.
+    # A fit leaves a cluster a tenth at least, as where residuals are freed of their leverage.
     left = np.maximum(1.0 - share, 0.1)
-    # Covariance of what witnesses s and t do to the parameters: δ_st alone_s - shared_s shared_tᵀ.
+    # Covariance of what clusters s and t do to the parameters: δ_st alone_s - shared_s shared_tᵀ.
     chosen = root[at] @ axes
     alone = (chosen * (share / left)[:, None]) @ np.swapaxes(chosen, 1, 2)
     shared = (chosen * (share / np.sqrt(left))[:, None]) @ np.swapaxes(axes, 1, 2)

@@ -167,7 +167,7 @@ def _fold_numbers(
     if placements and "placement" in labels:
         order = {name: k % count for k, name in enumerate(placements)}
         return np.array([order[str(p)] for p in labels["placement"]], dtype=np.intp)
-    touch = term.witnesses
+    touch = term.clusters
     numbers = np.arange(int(touch.max()) + 1) % count
     return np.asarray(rng.permutation(numbers)[touch], dtype=np.intp)
 

@@ -162,7 +162,7 @@ class Examination(Displayable):
         """(m, c) the independent touches of every row, -1 where a row has fewer than c."""
         first = self.problem.evaluation.table.first
         touches = np.concatenate(
-            [k + t.witnesses for k, t in zip(first, self.problem.terms, strict=False)]
+            [k + t.clusters for k, t in zip(first, self.problem.terms, strict=False)]
         )
         members = []
         for r in self.rows:

@@ -89,7 +89,7 @@ class HeldOutErrors:
         fitted: standard deviation of one component of the fitted residuals of the same kind;
             NaN where none was fitted.
         places: (n,) numbers of the places where they were met, whose errors go together.
-        witnesses: rows that are not repeats of one another.
+        clusters: rows that are not repeats of one another.
         placed_anew: `robust_level` of the residuals once everything external (instrument,
             placement, point) is fitted to the held-out rows too.
     """
@@ -102,7 +102,7 @@ class HeldOutErrors:
     by_parameters: FloatArray
     fitted: float
     places: IntArray
-    witnesses: int
+    clusters: int
     placed_anew: float
 
     @property
@@ -143,8 +143,8 @@ class HeldOutErrors:
 
     @property
     def ratio_std(self) -> float:
-        """Relative standard error of the ratio: that of a median over the witnesses."""
-        return 1.25 / math.sqrt(2.0 * self.witnesses * self.residual.shape[1])
+        """Relative standard error of the ratio: that of a median over the clusters."""
+        return 1.25 / math.sqrt(2.0 * self.clusters * self.residual.shape[1])
 
     def coverage(self, probability: float) -> Coverage:
         """Of the intervals of that probability."""
@@ -190,7 +190,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
         place = (
             grouped(labels[term.place])[1] if term.place in labels else np.arange(len(term.poses))
         )
-        witnesses = len(np.unique(term.witnesses))
+        clusters = len(np.unique(term.clusters))
         for block, of in zip(errors.blocks, term.blocks, strict=True):
             deviation, by_parameters = next(predicted)
             answer.append(
@@ -203,7 +203,7 @@ def held_out_errors(solution: Solution, accuracy: Accuracy) -> tuple[HeldOutErro
                     by_parameters,
                     fitted.get(_sort(term, of), math.nan) * of.typical,
                     place[block.rows[:, 0]],
-                    min(witnesses, len(block.rows)),
+                    min(clusters, len(block.rows)),
                     next(levels),
                 )
             )

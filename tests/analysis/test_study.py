@@ -233,7 +233,7 @@ def test_simulated_noise_scatters_estimates_as_predicted() -> None:
 
 
 def test_a_bootstrap_of_placements_agrees_with_the_sandwich() -> None:
-    """Nothing but noise here: either way of counting witnesses must give its size."""
+    """Nothing but noise here: either way of counting clusters must give its size."""
     found = spread(60, kind="bootstrap")
     assert 0.6 < np.sqrt(np.mean(ratios(found) ** 2)) < 1.5
     low, high = found.validation.interval

@@ -122,7 +122,7 @@ def test_copies_of_a_set_do_not_pair_and_the_order_of_drawing_does_not_matter() 
     (once,), (thrice,) = (found.take(terms, drawn) for drawn in ([2], [2, 2, 2]))
     assert len(thrice.poses) == 3 * len(once.poses)
     assert len(thrice.blocks[0]) == 3 * len(once.blocks[0])
-    # Witnesses of one posture stay one witness.
+    # Clusters of one posture stay one cluster.
     assert len(np.unique(thrice.repeats())) == len(np.unique(once.repeats()))
     one, other = (found.take(terms, order)[0].poses.samples for order in ([4, 1], [1, 4]))
     np.testing.assert_array_equal(one.q, other.q)

@@ -71,7 +71,7 @@ def test_corners_that_a_camera_was_calibrated_from_are_counted_once() -> None:
 
 
 def test_a_robots_errors_are_told_from_the_cameras() -> None:
-    """Corners of a picture share where the hand was: a hundred of them are one witness."""
+    """Corners of a picture share where the hand was: a hundred of them are one cluster."""
     scene = pictures(40, pixel=0.1, robot=(5e-4, 1e-3))
     (seen,) = solved(scene).cameras
     assert seen.rms > 5 * seen.alone

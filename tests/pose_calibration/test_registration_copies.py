@@ -86,7 +86,7 @@ def test_copies_with_other_digits_at_their_end_count_once(seed: int, swapped: bo
 
 
 def test_what_touches_of_one_point_share_does_not_average() -> None:
-    """The standard deviations are true; were every touch a witness, half as large."""
+    """The standard deviations are true; were every touch a cluster, half as large."""
     squares = list[float]()
     for seed in range(40):
         a, b = touched(8, 4, 3e-4, 1e-4, seed)

@@ -24,8 +24,8 @@ def test_a_step_is_the_minimum_over_the_box(seed: int) -> None:
     lower[random.random(n) < 0.2] = -np.inf
     step = bounded_step(a.T @ a, -a.T @ b, lower, upper)
     assert np.all((step >= lower) & (step <= upper))
-    witness = lsq_linear(a, b, (lower, upper), method="bvls", tol=1e-14).x
-    np.testing.assert_allclose(step / size, witness / size, atol=1e-7)
+    cluster = lsq_linear(a, b, (lower, upper), method="bvls", tol=1e-14).x
+    np.testing.assert_allclose(step / size, cluster / size, atol=1e-7)
 
 
 def test_a_bound_that_is_met_is_left_where_the_gradient_leads_away() -> None:
@@ -95,8 +95,8 @@ def test_a_bound_in_the_valley_is_where_it_ends() -> None:
     def residual(z: FloatArray) -> FloatArray:
         return np.array([10.0 * (z[1] - z[0] ** 2), 1.0 - z[0]])
 
-    witness = least_squares(residual, [-1.2, 1.0], bounds=bounds, xtol=1e-15, ftol=1e-15)
-    np.testing.assert_allclose(found.z, witness.x, atol=1e-6)
+    cluster = least_squares(residual, [-1.2, 1.0], bounds=bounds, xtol=1e-15, ftol=1e-15)
+    np.testing.assert_allclose(found.z, cluster.x, atol=1e-6)
 
 
 def test_steps_that_do_not_suffice_are_said() -> None:

@@ -82,12 +82,12 @@ def test_a_refit_ends_in_ipopts_minimum(spread: Spread) -> None:
     term = whole.terms[0]
     fewer = Problem([term.take(np.arange(12, len(term.poses)))], whole.arm_parameters)
     nlp = RobustNlp(fewer, solution.free, solution.sigmas)
-    near, witness = (each.minimise(nlp, solution.x) for each in (GaussNewton(), Ipopt()))
+    near, cluster = (each.minimise(nlp, solution.x) for each in (GaussNewton(), Ipopt()))
     assert near.converged
-    assert (near.solver, witness.solver) == ("Gauss-Newton", "IPOPT")
-    assert near.cost == pytest.approx(witness.cost, rel=1e-10)
+    assert (near.solver, cluster.solver) == ("Gauss-Newton", "IPOPT")
+    assert near.cost == pytest.approx(cluster.cost, rel=1e-10)
     std = np.sqrt(np.diag(solution.covariance)[solution.free])
-    found, moved = ((to - witness.x)[solution.free] for to in (near.x, solution.x))
+    found, moved = ((to - cluster.x)[solution.free] for to in (near.x, solution.x))
     assert np.abs(moved / std).max() > 0.1
     np.testing.assert_allclose(found / std, 0.0, atol=1e-3)
 
@@ -103,11 +103,11 @@ def test_a_minimum_on_a_bound_is_ipopts() -> None:
     nlp = RobustNlp(bounded, solution.free, solution.sigmas)
     start = solution.x.copy()
     start[k] = found - 2e-3
-    near, witness = (each.minimise(nlp, start) for each in (GaussNewton(), Ipopt()))
-    assert (near.solver, witness.solver) == ("Gauss-Newton", "IPOPT")
-    np.testing.assert_allclose(near.x, witness.x, atol=1e-7)
+    near, cluster = (each.minimise(nlp, start) for each in (GaussNewton(), Ipopt()))
+    assert (near.solver, cluster.solver) == ("Gauss-Newton", "IPOPT")
+    np.testing.assert_allclose(near.x, cluster.x, atol=1e-7)
     assert near.x[k] == short.upper
-    assert near.cost == pytest.approx(witness.cost, rel=1e-10)
+    assert near.cost == pytest.approx(cluster.cost, rel=1e-10)
 
 
 def test_a_slope_that_never_vanishes_is_given_up_early() -> None:

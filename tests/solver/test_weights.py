@@ -276,7 +276,7 @@ def test_two_kinds_weigh_as_they_scatter() -> None:
     assert np.mean(off["learned"]) < 0.7 * np.mean(off["given"])
 
 
-def test_readings_of_one_rest_are_one_witness() -> None:
+def test_readings_of_one_rest_are_one_cluster() -> None:
     """What the model lacks is the same in all of them, however often they are read."""
     arm = arm_named("suta")
     truth = perturbed(dh_parameters(arm), seed=1)

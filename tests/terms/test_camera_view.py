@@ -311,9 +311,9 @@ def test_a_corner_that_is_no_corner_of_the_board_is_named(folder: Path) -> None:
     assert set(replace(wrong, noise=Noise(1e-3)).doubts.values()) == {"bad"}
 
 
-def test_a_picture_is_one_witness(folder: Path) -> None:
+def test_a_picture_is_one_cluster(folder: Path) -> None:
     (term,) = CalibrationJob.load(folder / "job.yaml").observations
-    assert len(np.unique(term.witnesses)) == 16
+    assert len(np.unique(term.clusters)) == 16
     assert term.equations() == 2 * len(term.blocks[0])
     assert len(term.take(range(8)).blocks[0]) < len(term.blocks[0])
 

@@ -150,7 +150,7 @@ def test_poses_that_were_measured_err_each_by_itself() -> None:
 
 
 @pytest.mark.parametrize("as_repeats", [False, True])
-def test_readings_at_a_rest_are_one_witness_whatever_they_are_called(as_repeats: bool) -> None:
+def test_readings_at_a_rest_are_one_cluster_whatever_they_are_called(as_repeats: bool) -> None:
     """Two repeats, each touch of them read three times; or six repeats without moving."""
     s = scene("landmark")
     twice = repeated(s, 1 if as_repeats else 2)
@@ -162,8 +162,8 @@ def test_readings_at_a_rest_are_one_witness_whatever_they_are_called(as_repeats:
     term = s.term(samples)
     names = [term.poses.samples.labels[c] for c in ("placement", "landmark")]
     touched = np.unique(np.char.add(*names), return_inverse=True)[1]
-    assert term.witnesses.max() + 1 == len(s.q)
-    assert len({*zip(touched.tolist(), term.witnesses.tolist(), strict=True)}) == len(s.q)
+    assert term.clusters.max() + 1 == len(s.q)
+    assert len({*zip(touched.tolist(), term.clusters.tolist(), strict=True)}) == len(s.q)
     assert term.equations() == 3 * len(twice.q)
     solution = solve(Problem([term], dh_parameters(s.arm)))
     # Six readings without moving scatter by nothing: that is no lack of fit.
@@ -214,7 +214,7 @@ def test_exact_copies_of_all_rows_change_nothing(name: str) -> None:
     once, thrice = (solved(s, rows.take(np.tile(np.arange(len(rows)), k))) for k in (1, 3))
     terms = [each.problem.terms[0] for each in (once, thrice)]
     assert terms[0].equations() == terms[1].equations()
-    assert terms[0].witnesses.max() == terms[1].witnesses.max()
+    assert terms[0].clusters.max() == terms[1].clusters.max()
     assert thrice.free.tolist() == once.free.tolist()
     std, same = (np.sqrt(np.diag(each.covariance)) for each in (once, thrice))
     np.testing.assert_allclose(same, std, rtol=0.05)

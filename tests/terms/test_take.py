@@ -66,7 +66,7 @@ def test_some_samples_are_the_term_that_is_made_of_them(name: str) -> None:
             anew.notes,
         )
         assert part.equations() == anew.equations()
-        np.testing.assert_array_equal(part.witnesses, anew.witnesses)
+        np.testing.assert_array_equal(part.clusters, anew.clusters)
         for ours, theirs in zip(part.blocks, anew.blocks, strict=True):
             mine, its = (np.lexsort(block.samples.T) for block in (ours, theirs))
             for field in ("samples", "own_columns", "data", "known_sigma"):

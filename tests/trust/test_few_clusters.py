@@ -1,4 +1,4 @@
-"""A covariance that few witnesses have told, and what a test by it may conclude."""
+"""A covariance that few clusters have told, and what a test by it may conclude."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from suta_calib.trust.contradicted_priors import chance_of, freedom_of, wishart_
 
 
 @pytest.mark.parametrize("size", [1, 3])
-def test_a_mean_has_one_degree_of_freedom_less_than_there_are_witnesses(size: int) -> None:
+def test_a_mean_has_one_degree_of_freedom_less_than_there_are_clusters(size: int) -> None:
     gain = np.tile(np.diag(np.arange(1.0, size + 1)), (8, 1, 1))
     assert wishart_freedom(gain, np.zeros((size, size)), np.arange(size)) == pytest.approx(7.0)
 
 
-def test_witnesses_that_tell_nothing_are_none_and_unequal_ones_count_for_less() -> None:
+def test_clusters_that_tell_nothing_are_none_and_unequal_ones_count_for_less() -> None:
     gain = np.ones((12, 1, 1))
     gain[6:] = 0.0
     none = np.zeros((1, 1))
@@ -51,11 +51,11 @@ def test_chances_of_a_mean_by_its_own_scatter_are_uniform() -> None:
         assert abs((p < level).mean() - level) < 4 * np.sqrt(level * (1 - level) / len(p))
 
 
-def test_too_few_witnesses_contradict_nothing() -> None:
+def test_too_few_clusters_contradict_nothing() -> None:
     assert chance_of(1e6, 4, 2.5) == 1.0
 
 
-def test_many_rows_of_a_witness_are_summed_by_themselves(
+def test_many_rows_of_a_cluster_are_summed_by_themselves(
     repository: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     job = CalibrationJob.load(repository / "data" / "suta" / "calibration.yaml")

@@ -109,7 +109,7 @@ def test_an_arm_that_was_right_and_is_spoilt_is_worse() -> None:
 def test_rows_read_at_one_rest_say_once_which_arm_is_better() -> None:
     scene = tracked_scene(arm_named("suta"), drawn(), 55)
     once, often = (judged(scene, 40, seed=0, again=times)[0] for times in (1, 20))
-    assert (once.witnesses, often.witnesses) == (15, 15)
+    assert (once.clusters, often.clusters) == (15, 15)
     assert often.mean == pytest.approx(once.mean, rel=0.01)
     assert often.std == pytest.approx(once.std, rel=0.01)
 
@@ -132,10 +132,10 @@ def test_priors_are_no_equations(rows: int, enough: bool) -> None:
     assert any("equations for" in note for note in notes) != enough
 
 
-def test_a_single_witness_tells_nothing() -> None:
-    one = Gain(before=1e-4, after=1.4e-4, mean=-1e-8, std=0.0, witnesses=1)
+def test_a_single_cluster_tells_nothing() -> None:
+    one = Gain(before=1e-4, after=1.4e-4, mean=-1e-8, std=0.0, clusters=1)
     assert not one.worse
-    assert not Gain(before=1e-3, after=1e-4, mean=1e-6, std=0.0, witnesses=1).better
+    assert not Gain(before=1e-3, after=1e-4, mean=1e-6, std=0.0, clusters=1).better
 
 
 def test_one_row_that_is_far_off_does_not_hide_which_arm_is_better() -> None:
@@ -146,7 +146,7 @@ def test_one_row_that_is_far_off_does_not_hide_which_arm_is_better() -> None:
         difference = before**2 - after**2
         rms = (float(np.sqrt(np.mean(each**2))) for each in (before, after))
         std = float(difference.std(ddof=1) / np.sqrt(15))
-        gain = Gain(*rms, float(difference.mean()), std, witnesses=15)
+        gain = Gain(*rms, float(difference.mean()), std, clusters=15)
         assert abs(gain.mean) < 2 * gain.std
         assert gain.better == (after is small)
         assert gain.worse == (after is large)
@@ -159,7 +159,7 @@ def test_how_often_chance_says_better_or_worse() -> None:
         values = rng.standard_normal(12)
         mean, std = float(values.mean()), float(values.std(ddof=1) / np.sqrt(12))
         after = float(np.sqrt(16.0 - mean))
-        gain = Gain(4.0, after, mean, std, witnesses=12)
+        gain = Gain(4.0, after, mean, std, clusters=12)
         found.append((gain.better, gain.worse))
     better, worse = np.mean(found, axis=0)
     # Binomial: 0.16 % off.

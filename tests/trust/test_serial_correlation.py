@@ -26,7 +26,7 @@ def test_the_correlation_length_of_a_known_process(rho: float) -> None:
     assert np.mean(found) == pytest.approx((1 + rho) / (1 - rho), rel=0.15)
 
 
-def test_white_rows_are_witnesses_of_their_own() -> None:
+def test_white_rows_are_clusters_of_their_own() -> None:
     alone = 0
     for seed in range(50):
         rows = np.random.default_rng(seed).standard_normal((100, 3))

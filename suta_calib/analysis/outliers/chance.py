@@ -1,6 +1,6 @@
 """What the metrics would be if nothing but noise were the matter.
 
-The same touches are simulated with the noise that was found (common to a witness, and of each),
+The same touches are simulated with the noise that was found (common to a cluster, and of each),
 fitted by the same equations to first order, and measured in the same way. From the largest value
 over all groups comes the probability that chance alone makes any of them so large: Westfall and
 Young (1993), Resampling-Based Multiple Testing, single-step max T. A group's metric is compared in
@@ -59,7 +59,7 @@ class Simulator:
         draws = 1000
         self._scene = scene
         random = np.random.default_rng([seed, scene.reference.index])
-        cell = scene.reference.term.witnesses
+        cell = scene.reference.term.clusters
         common = random.standard_normal((draws, int(cell.max()) + 1, 3))[:, cell]
         single = random.standard_normal((draws, len(cell), 3))
         alone = np.sqrt(max(touches.sigma**2 - touches.shared**2, 0.0))

@@ -398,7 +398,7 @@ class Judge:
         return _summary(parts)
 
     def _folds(self) -> tuple[str, list[BoolArray]]:
-        """Placements, as their repeats are no independent witnesses; else points, else rows."""
+        """Placements, as their repeats are no independent clusters; else points, else rows."""
         # Folds that rows without placements or points are dealt into.
         folds = 10
         by_name = {g.name: g for g in groupings(self.reference.term)}

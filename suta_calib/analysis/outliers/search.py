@@ -166,7 +166,7 @@ class TermSearch:
         everything = groupings(self.reference.term)
         landmarks = next((g for g in everything if g.name == "landmarks"), None)
         single, unknowns, linear = linearised(self.reference, self.arm)
-        touches = explained_touches(linear, self.reference.term.witnesses, landmarks)
+        touches = explained_touches(linear, self.reference.term.clusters, landmarks)
         displaced = np.zeros(len(touches.rest), dtype=bool)
         if landmarks is not None:
             displaced = np.isin(landmarks.member, list(touches.displaced))

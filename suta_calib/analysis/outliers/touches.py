@@ -41,7 +41,7 @@ class Touches:
 
     rest: FloatArray  # (n, d) what is left of each residual, m
     # Standard deviation of one component of one touch, m; the part of it that touches of one
-    # witness have in common.
+    # cluster have in common.
     sigma: float
     shared: float
     gross: BoolArray  # (n,) touches far beyond that
@@ -71,7 +71,7 @@ def explained_touches(fit: RobustLinearFit, cells: IntArray, landmarks: Grouping
     """Split every touch into explained, displaced and gross.
 
     What may explain are the arm's unknowns with their priors, and displaced landmarks. Touches of
-    one cell err together (`Term.witnesses`).
+    one cell err together (`Term.clusters`).
     """
     # Probability that data without gross touches lose one, and without displaced landmarks gain
     # one.
