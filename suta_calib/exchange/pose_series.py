@@ -6,9 +6,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
@@ -87,7 +88,7 @@ def imported_series(
     chosen = [series[name] for name in series if name == given.text(BODY)] or [*series.values()]
     frames = chosen[0].frames
     same = all([*of.frames] == [*frames] for of in chosen)
-    beside = {"frame": np.array(frames)} if same else {}
+    beside = _numbered(frames) if same else {}
     return Recording(path, bodies, None, unit_text, beside).imported(form, given)
 
 
@@ -120,7 +121,7 @@ def _pairs(
     )
     rows = replace(
         rows,
-        columns={**rows.columns, "frame": np.array(series[hand].frames)},
+        columns={**rows.columns, **_numbered(series[hand].frames)},
         lines=tuple(series[hand].lines),
         remarks=(*rows.remarks, *([f"{taken}."] if certain else [])),
     )
@@ -128,6 +129,11 @@ def _pairs(
         return rows
     other = f"{taken}: if they are others, take each with {BODY.switch}."
     return replace(rows, notes=(other, *rows.notes))
+
+
+def _numbered(frames: Sequence[int | str]) -> dict[str, NDArray[Any]]:
+    """The column that names each row as the source does: a picture's name, or a number."""
+    return {"image" if isinstance(frames[0], str) else "frame": np.array(frames)}
 
 
 def _roles(names: Sequence[str]) -> tuple[str, str]:

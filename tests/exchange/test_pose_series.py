@@ -35,7 +35,7 @@ def test_two_series_of_poses_are_pairs_and_one_is_a_body(form: str, tmp_path: Pa
 def test_frames_of_colmap_are_named_as_there(tmp_path: Path) -> None:
     found = imported(POSES["colmap"](tmp_path).path)
     check(found, tmp_path / "o.csv", R, P)
-    assert found.columns["frame"].tolist() == [f"im_{k}.png" for k in range(8)]
+    assert found.columns["image"].tolist() == [f"im_{k}.png" for k in range(8)]
 
 
 def test_markers_of_c3d_without_the_frames_that_did_not_see_them(tmp_path: Path) -> None:
@@ -172,3 +172,12 @@ def test_rows_of_hand_and_target_in_turn(tmp_path: Path) -> None:
     check(found, tmp_path / "o.csv", REFERENCE[:, :3, :3], REFERENCE[:, :3, 3], "b_")
     with pytest.raises(InputError, match=r"--alternating: .* an even number of rows"):
         imported(written(path, both[:-4], " "), alternating=True)
+
+
+def test_pictures_that_a_list_names_are_a_column(tmp_path: Path) -> None:
+    path = tmp_path / "poses.json"
+    samples = [{"image": f"p/{k}.png", "T_base_hand": TOOL[k].tolist()} for k in range(8)]
+    path.write_text(json.dumps(samples))
+    found = imported(path, prefix="a_")
+    check(found, tmp_path / "o.csv", R, P, "a_")
+    assert found.columns["image"].tolist() == [f"p/{k}.png" for k in range(8)]

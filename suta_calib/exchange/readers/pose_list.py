@@ -36,6 +36,8 @@ _TURNS: Final = {
     "vector": ("rvec", "rotation_vector", "rotvec"),
 }
 _MATRIX: Final = ("R", "rot", "rotation", "rotation_matrix")
+# Keys of the picture that was taken at a pose.
+_PICTURES: Final = ("image", "image_file", "image_path", "img", "file", "filename", "picture")
 # Keys that say nothing of what the poses are of.
 _PLAIN: Final = re.compile(r"samples|transforms?|poses?|data|matrix|T|list|values|\d+", re.I)
 _NUMBERED: Final = re.compile(r"(.*?)[_-]?(\d{1,6})")
@@ -110,17 +112,22 @@ def _document(path: Path, text: str) -> tuple[dict[str, Any], Mapping[KeyPath, i
     return data, {key: line + start - inside.count("\n") for key, line in lines.items()}
 
 
-def _poses(path: Path, value: Any, where: KeyPath, lines: Mapping[KeyPath, int]) -> Iterator[_Pose]:
-    """All poses at and below a value, in the file's order."""
+def _poses(
+    path: Path, value: Any, where: KeyPath, lines: Mapping[KeyPath, int], picture: str = ""
+) -> Iterator[_Pose]:
+    """All poses at and below a value, in the file's order; a picture beside them names them."""
+    if isinstance(value, dict):
+        picture = next((value[k] for k in _PICTURES if isinstance(value.get(k), str)), picture)
     line = next((lines[where[:k]] for k in range(len(where), 0, -1) if where[:k] in lines), 1)
     numbers = _numbers(path, value, line)
     if numbers is not None:
-        yield _Pose(*_name(where), numbers, line)
+        series, frame = _name(where)
+        yield _Pose(series, picture or frame, numbers, line)
         return
     if not isinstance(value, dict | list):
         return
     for key, part in value.items() if isinstance(value, dict) else enumerate(value):
-        yield from _poses(path, part, (*where, key), lines)
+        yield from _poses(path, part, (*where, key), lines, picture)
 
 
 def _name(where: KeyPath) -> tuple[str, int | str]:
