@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 
 # Of a file; what is larger does not fit into memory several times over, as its parts do.
 MOST_OF_FILE: Final = 1_000_000_000

@@ -15,10 +15,10 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.errors import InputError, UrdfError, did_you_mean
-from suta_calib.extras import missing
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ends
 from suta_calib.model.urdf_tree import TreeJoint, UrdfTree, quoted, read_tree
+from suta_calib.optional_packages import missing
 
 _PACKAGE: Final = "example-robot-data"
 _ROBOTS: Final = "cmeel.prefix/share/example-robot-data/robots"

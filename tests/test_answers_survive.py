@@ -155,17 +155,24 @@ def test_commands_end_with_the_answer_whatever_fails(
 
 
 WRONG = "suta_calib.trust.hypotheses"
+MOVED = f"{WRONG}.moved_at_a_row.Moved.weigh"
 
 
 @pytest.mark.filterwarnings("ignore::suta_calib.assessment.NotExplainedWarning")
 @pytest.mark.parametrize(
     ("command", "parts"),
     [
-        ("pivot", [f"{WRONG}.bent_tip.BentTip.weigh", f"{WRONG}.moved.Moved.weigh"]),
-        ("hand-eye", [f"{WRONG}.depth_scale.DepthScale.weigh", f"{WRONG}.moved.Moved.weigh"]),
+        ("pivot", [f"{WRONG}.bent_tip.BentTip.weigh", MOVED]),
+        (
+            "hand-eye",
+            [f"{WRONG}.depth_scale.DepthScale.weigh", MOVED],
+        ),
         (
             "register",
-            [f"{WRONG}.strained_points.StrainedPoints.weigh", f"{WRONG}.moved.Moved.weigh"],
+            [
+                f"{WRONG}.strained_points.StrainedPoints.weigh",
+                MOVED,
+            ],
         ),
     ],
 )

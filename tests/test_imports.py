@@ -9,9 +9,18 @@ from graphlib import TopologicalSorter
 from pathlib import Path
 
 ROWS = (
-    {"errors", "arguments", "arrays", "units", "assessment", "atomic", "confined", "extras"}
+    {
+        "errors",
+        "arguments",
+        "arrays",
+        "units",
+        "assessment",
+        "atomic",
+        "sandbox",
+        "optional_packages",
+    }
     | {"inputs", "registry"}
-    | {"showing", "threads", "words"},
+    | {"display", "threads", "words"},
     {"geometry", "batched", "plotting"},
     {"model", "measurements"},
     {"terms", "robots"},

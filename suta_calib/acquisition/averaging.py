@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import wrap
-from suta_calib.showing import Displayable
 
 # Median absolute deviation to standard deviation of a normal distribution.
 NORMAL: Final = 1.4826

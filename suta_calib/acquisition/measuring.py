@@ -39,9 +39,9 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.device_file import read_device
 from suta_calib.device.formats import format_of
 from suta_calib.device.port_process import PortProcess
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.inputs import UrdfFile
-from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS
 from suta_calib.units import deg
 

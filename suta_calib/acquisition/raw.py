@@ -14,7 +14,7 @@ import numpy as np
 
 from suta_calib.device.reading import Reading
 from suta_calib.errors import InputError, OutputError
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 
 
 class RawRecorder:

@@ -28,11 +28,11 @@ from scipy import sparse
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress

@@ -20,8 +20,8 @@ from suta_calib.analysis.tip_sections import Knowledge, Slice, Walker, slices
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError
-from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Solution
 from suta_calib.threads import single_threaded
 from suta_calib.trust.tip import taken_as_cool

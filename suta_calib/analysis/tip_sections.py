@@ -12,9 +12,9 @@ from scipy.spatial import KDTree
 
 from suta_calib.analysis.planning.region import Region
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.tip import Sensitivity, sensitivity

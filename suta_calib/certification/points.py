@@ -15,9 +15,9 @@ import numpy as np
 
 from suta_calib.arguments import checked
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError, did_you_mean
 from suta_calib.measurements import Artefact, CsvTable, positions, read_csv_table
-from suta_calib.showing import Displayable
 
 FEATURES: Final = ("ground", "top", "hole", "flat", "side", "spacer")
 HOLES: Final = 4

@@ -17,10 +17,10 @@ from suta_calib.certification.comparison import DrawingComparison, OverGround
 from suta_calib.certification.frame import Source
 from suta_calib.certification.noise import ProbingNoise
 from suta_calib.certification.scatter import deviates
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements import Artefact, Landmark, write_text
 from suta_calib.measurements.artefact import artefact_text
-from suta_calib.showing import Displayable
 from suta_calib.units import deg, from_deg, mm, um
 
 # The tip points down when seated.

@@ -8,8 +8,8 @@ from typing import Any, TypeVar
 
 import click
 
-from suta_calib.exchange.direct import pose_table
 from suta_calib.exchange.option import Described, options_from_file, options_of
+from suta_calib.exchange.pose_table import pose_table
 from suta_calib.measurements.csv_table import CsvTable
 
 Command = TypeVar("Command", bound=Callable[..., Any])

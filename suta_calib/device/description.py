@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, did_you_mean
 from suta_calib.measurements.fields import TEXT, Value, keyed, quantity, whole_number
 from suta_calib.measurements.yaml_file import YamlSection
-from suta_calib.showing import Displayable
 
 # Of an encoder's word, and of a device that does not say.
 FRAME_COUNTS_PER_TURN: Final = 1 << 22

@@ -28,12 +28,12 @@ from queue import SimpleQueue
 from typing import Final, Literal
 
 from suta_calib import errors
-from suta_calib.confined import started
 from suta_calib.device.description import UNASKED, DeviceSpec
 from suta_calib.device.device_file import glance
 from suta_calib.device.formats import format_of
 from suta_calib.device.port import Port
 from suta_calib.errors import DeviceError, DisconnectedError, PortBusyError, SutaCalibError
+from suta_calib.sandbox import started
 
 AGAIN: Final = b"A"
 # What happened, when (`time.perf_counter`, s), and the bytes that came, or an error's text.

@@ -10,7 +10,7 @@ from typing import Final, Self
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 
 ERROR_MEANING: Final = "error: the encoder's position is not valid"
 WARNING_MEANING: Final = "warning: the position is valid, but the encoder is near its limits"

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from suta_calib.display import Displayable
 from suta_calib.emulation.faults import Faults
 from suta_calib.emulation.motion import Motion, Still, Stops
 from suta_calib.emulation.player import Played, Player
@@ -38,7 +39,6 @@ from suta_calib.inputs import UrdfFile
 from suta_calib.job.outline import JobOutline
 from suta_calib.measurements import write_text
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.simulation import NoiseLevels, PoseSpec, SetSpec, SimulationSpec
 from suta_calib.simulation.schema import PostureRow
 from suta_calib.units import from_deg

@@ -10,8 +10,8 @@ from typing import Any, Final
 
 import numpy as np
 
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, did_you_mean
-from suta_calib.showing import Displayable
 
 WORDS: Final = {
     "corrupt=SHARE": "that share of all bytes is replaced by other ones",

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError
-from suta_calib.showing import Displayable
 
 _TURN: Final = 2 * np.pi
 

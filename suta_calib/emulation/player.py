@@ -13,10 +13,10 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.emulation.motion import Motion, Stops
 from suta_calib.emulation.stream import Emulation, packets
 from suta_calib.emulation.terminal import PseudoTerminal
-from suta_calib.showing import Displayable
 
 # How often somebody who opens the port, or asks to stop, is looked for, s.
 _LOOK: Final = 2e-3

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.device.description import FRAME_COUNTS_PER_TURN, DeviceSpec, JointSpec
 from suta_calib.device.formats import FORMATS, Sample, format_of
+from suta_calib.display import Displayable
 from suta_calib.emulation.faults import Damage, Faults, Flag
 from suta_calib.emulation.motion import Motion
 from suta_calib.errors import InputError
 from suta_calib.measurements.yaml_text import yaml_text
-from suta_calib.showing import Displayable
 
 if TYPE_CHECKING:
     from suta_calib.model.arm import ArmModel

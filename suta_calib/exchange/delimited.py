@@ -21,12 +21,12 @@ from suta_calib.exchange.cells import (
     read_foreign_text,
     split_lines,
 )
-from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.sheet import RawRow, Sheet, sheet_of
-from suta_calib.extras import load
+from suta_calib.exchange.truncated import COMPLETE, check_end_of_rows
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
+from suta_calib.optional_packages import load
 from suta_calib.words import listed
 
 _SEPARATORS: Final = {"tab": "\t", "semicolon": ";", "comma": ",", "bar": "|", "blank": " "}

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import check_folder, exchange_files
+from suta_calib.display import Displayable
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.option import Given, Option
 from suta_calib.geometry.numbers import quaternion_from_rotation
@@ -25,7 +26,6 @@ from suta_calib.measurements.camera import Camera, camera_text
 from suta_calib.measurements.csv_table import number_in, rotation_columns
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.pose_files import FAR, NEAR
-from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 from suta_calib.units import text as shown_text
 from suta_calib.words import listed

@@ -14,7 +14,7 @@ from typing import Any, Final
 import mujoco
 import numpy as np
 
-from suta_calib.confined import answer
+from suta_calib.sandbox import answer
 
 _SHAPES: Final = (
     *("keys", "sensors", "actuators", "equalities", "tendons", "pairs", "excludes", "tuples"),

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY, PAIR, REFERENCE, Body, Recording
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
+from suta_calib.exchange.tracked_bodies import BODY, PAIR, REFERENCE, Body, Recording
 from suta_calib.units import from_mm
 
 # What people call the robot's pose, and what the eye sees.

@@ -14,9 +14,9 @@ from suta_calib.acquisition.stops import Complete, StopFinder
 from suta_calib.arrays import FloatArray
 from suta_calib.device.reading import Reading
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import Body
 from suta_calib.exchange.imported import ImportedRows, pose_columns
 from suta_calib.exchange.option import Given, Option
+from suta_calib.exchange.tracked_bodies import Body
 from suta_calib.measurements.csv_table import number_in
 
 SECONDS: Final = Option("seconds", "How long a rest is at least, s; it is averaged.", "N")

@@ -14,6 +14,7 @@ import numpy as np
 from suta_calib.analysis.comparison import check_nominal
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable, says_usable
+from suta_calib.display import Displayable
 from suta_calib.errors import ForeignFileError, InputError, JobError
 from suta_calib.exchange.cells import is_folder
 from suta_calib.exchange.rotations import is_rotation
@@ -26,7 +27,6 @@ from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
 from suta_calib.pose_calibration.eye_poses import FRAMES
-from suta_calib.showing import Displayable
 from suta_calib.tracking.provenance import made_from
 from suta_calib.tracking.uncertainty import (
     CalibrationUncertainty,

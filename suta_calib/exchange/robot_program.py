@@ -13,12 +13,12 @@ from numpy.typing import NDArray
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import COMPLETE, check_end_of_program
 from suta_calib.exchange.external_axes import EXTERNAL_UNIT, ExternalAxes
 from suta_calib.exchange.imported import ImportedRows, checked_places, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import NUMBERS, rotations_from
+from suta_calib.exchange.truncated import COMPLETE, check_end_of_program
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import lines_of
 from suta_calib.units import from_deg, from_mm

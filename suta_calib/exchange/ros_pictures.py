@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.recorded_rests import RecordedPicture, Rest
-from suta_calib.extras import load
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.camera_files import PLUMB_BOB
+from suta_calib.optional_packages import load
 
 IMAGE: Final = "sensor_msgs/msg/Image"
 COMPRESSED: Final = "sensor_msgs/msg/CompressedImage"

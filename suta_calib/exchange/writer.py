@@ -11,9 +11,9 @@ from typing import Any, ClassVar, Final
 
 from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import exchange_files
+from suta_calib.display import Displayable
 from suta_calib.exchange.option import Described, Given, formats_of, named
 from suta_calib.exchange.result import CalibratedArm, Result, json_bytes
-from suta_calib.showing import Displayable
 from suta_calib.words import listed
 
 # Behind the name of an exported file: what its format cannot hold.

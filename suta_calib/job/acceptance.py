@@ -26,6 +26,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 
 from suta_calib.arrays import IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, JobError, UrdfError
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.calibration import CalibrationJob
@@ -46,7 +47,6 @@ from suta_calib.measurements.fields import (
     fields_of,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS, ArmPoses, Term
 from suta_calib.terms.poses import joint_ranges, resolutions, together
 

@@ -15,6 +15,7 @@ from suta_calib import plotting
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, attempt, judge, judged, refuse_unusable
 from suta_calib.atomic import inputs_listed
+from suta_calib.display import Displayable, named
 from suta_calib.errors import InputError, JobError, ParameterError, SamplesError, SutaCalibWarning
 from suta_calib.job.in_python import IN_PYTHON, Free, row_of, terms_over, unknowns_of
 from suta_calib.job.job_terms import held_together, placed, read_term
@@ -27,7 +28,6 @@ from suta_calib.model.parameters import (
     ParameterSet,
 )
 from suta_calib.plotting.scene import Scene
-from suta_calib.showing import Displayable, named
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Estimate, Solution

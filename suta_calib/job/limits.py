@@ -12,6 +12,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.measurements.fields import (
     LENGTH_OR_0,
     Field,
@@ -25,7 +26,6 @@ from suta_calib.measurements.fields import (
     read_as,
 )
 from suta_calib.measurements.yaml_file import Sign, YamlSection
-from suta_calib.showing import Displayable
 from suta_calib.units import from_um
 
 Decision = Literal["pass", "undecided", "fail", "no limit"]

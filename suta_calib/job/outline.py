@@ -6,11 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import YamlSection, read_yaml
 from suta_calib.measurements.fields import urdf_file
-from suta_calib.showing import Displayable
 
 _GROUPS: Final = ("observations", "validation")
 

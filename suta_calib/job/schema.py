@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError, UrdfError
 from suta_calib.inputs import UrdfFile
 from suta_calib.job.arm_keys import TIP_OFFSET_KEYS, Couplings, TipOffset
@@ -38,7 +39,6 @@ from suta_calib.measurements.scale import GRADES, SCALE_KEYS, LengthScale
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Selection
-from suta_calib.showing import Displayable
 from suta_calib.terms import KINDS, GivenPose, Seating, Term
 from suta_calib.terms.given_pose import POSE_KEYS
 from suta_calib.trust.rule import Rule

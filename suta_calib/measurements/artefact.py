@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import ArtefactError, did_you_mean
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.fields import (
@@ -32,7 +33,6 @@ from suta_calib.measurements.samples import finite, rotation_matrix
 from suta_calib.measurements.scale import BODY_KEYS, LengthScale, read_stretch, scale_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import rounded, yaml_text
-from suta_calib.showing import Displayable
 from suta_calib.units import deg, mm
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import BoardError
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.measurements.fields import (
@@ -37,7 +38,6 @@ from suta_calib.measurements.files import write_text
 from suta_calib.measurements.scale import BODY_KEYS, LengthScale, read_stretch, scale_row
 from suta_calib.measurements.yaml_file import YamlSection, read_yaml
 from suta_calib.measurements.yaml_text import rounded, yaml_text
-from suta_calib.showing import Displayable
 from suta_calib.units import deg, mm
 
 # Most points of a board; no printed one comes near.

@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import CameraError
 from suta_calib.geometry.pinhole import DISTORTION, INTRINSICS
 from suta_calib.measurements.camera_files import OTHER_MODELS, PLUMB_BOB, camera_document, plumb_bob
@@ -17,7 +18,6 @@ from suta_calib.measurements.fields import TEXT, Field, Fields, Value, whole_num
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import finite
 from suta_calib.measurements.yaml_file import YamlSection, shown
-from suta_calib.showing import Displayable
 
 _CORNERS: Final = "corners_sha256"
 # Others are ignored: whoever wrote the file has some of their own.

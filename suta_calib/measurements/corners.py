@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.csv_table import read_csv_table
 from suta_calib.measurements.files import write_text
-from suta_calib.showing import Displayable
 
 _COLUMNS: Final = ("image", "point", "u", "v")
 

@@ -20,11 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError, SutaCalibWarning, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_quaternion
 from suta_calib.measurements.files import lines_of, read_text
 from suta_calib.measurements.plain_csv import PlainColumns
-from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST, SHOWN, Unit, from_mm, stored
 
 _QUATERNION = ("qx", "qy", "qz", "qw")

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.measurements.csv_table import (
     CsvTable,
@@ -23,7 +24,6 @@ from suta_calib.measurements.csv_table import (
     read_csv_table,
     rotations,
 )
-from suta_calib.showing import Displayable
 from suta_calib.units import from_mm, mm
 
 # Typical distances that speak of the other unit: no tracker looks 30 m far, nor 3 mm only.

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError, SutaCalibWarning
 from suta_calib.geometry.numbers import quaternion_from_rotation
 from suta_calib.measurements.csv_table import (
@@ -35,7 +36,6 @@ from suta_calib.measurements.csv_table import (
 )
 from suta_calib.measurements.files import write_text
 from suta_calib.measurements.samples import TEMPERATURES, Samples
-from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 
 TEMPERATURE = "temperature"

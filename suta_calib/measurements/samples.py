@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib import plotting
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import are_rotations
 from suta_calib.plotting.look import MOST_LABELLED
 from suta_calib.plotting.scene import PlacedPoints, Posable, Scene, drawn_rows
-from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST, REFERENCE_TEMPERATURE
 
 Array = TypeVar("Array", bound=NDArray[Any])

@@ -16,11 +16,11 @@ from typing import Any, Final, Literal, cast
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.measurements.files import expand, read_text
 from suta_calib.measurements.yaml_nodes import plain_data
-from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST, from_deg, from_mm, mm
 
 KeyPath = tuple[str | int, ...]

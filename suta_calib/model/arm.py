@@ -18,6 +18,7 @@ from suta_calib import plotting
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
 from suta_calib.batched import Batched
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, UrdfError
 from suta_calib.geometry.numbers import rotation_from_rpy
 from suta_calib.geometry.symbols import Symbol
@@ -43,7 +44,6 @@ from suta_calib.model.skeleton import Skeleton
 from suta_calib.model.urdf import folded_origin, urdf_bytes
 from suta_calib.model.urdf_tree import read_tree
 from suta_calib.plotting.scene import Scene
-from suta_calib.showing import Displayable
 from suta_calib.units import Unit
 
 

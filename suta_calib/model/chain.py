@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import UrdfError
 from suta_calib.model.kinematic_urdf import notes
 from suta_calib.model.urdf_tree import (
@@ -35,7 +36,6 @@ from suta_calib.model.urdf_tree import (
     tag_of,
     unexpanded,
 )
-from suta_calib.showing import Displayable
 from suta_calib.units import FARTHEST
 from suta_calib.words import listed
 

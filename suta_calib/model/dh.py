@@ -27,11 +27,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import UrdfError
 from suta_calib.geometry.numbers import homogeneous, rotation_from_rpy, rotation_from_vector, wrap
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.urdf import joint_text
-from suta_calib.showing import Displayable
 
 Convention = Literal["classic", "modified"]
 DhMotion = Literal["revolute", "prismatic", "fixed"]

@@ -18,8 +18,8 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
-from suta_calib.showing import Displayable
 from suta_calib.units import Unit, from_deg
 from suta_calib.words import listed
 

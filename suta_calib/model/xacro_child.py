@@ -24,8 +24,8 @@ import xacro
 import yaml
 from xacro import substitution_args
 
-from suta_calib.confined import answer
 from suta_calib.model.xacro_expressions import Evaluator, ExpressionError, Function
+from suta_calib.sandbox import answer
 
 _MANIFEST: Final = "package.xml"
 _ARGUMENT: Final = re.compile(rb"""<xacro:arg\s[^>]*?name\s*=\s*["']([^"']+)|\$\(arg\s+([^)\s]+)""")

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, Final
 
 from suta_calib.atomic import note_input
-from suta_calib.confined import ConfinedError, run_confined
 from suta_calib.errors import UrdfError, did_you_mean
-from suta_calib.extras import require
 from suta_calib.inputs import XacroFile
+from suta_calib.optional_packages import require
+from suta_calib.sandbox import ConfinedError, run_confined
 
 _CHILD: Final = "suta_calib.model.xacro_child"
 _EXPECTED: Final = "a file that xacro expands by itself, from files of its own description"

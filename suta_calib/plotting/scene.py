@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.plotting.look import MOST_DRAWN, round_down
-from suta_calib.showing import Displayable
 
 # What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
 # seen, a frame or a point that stands outside, an error before and after a calibration; the floor,

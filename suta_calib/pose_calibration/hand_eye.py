@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.geometry.numbers import (
     extent,
@@ -35,7 +36,6 @@ from suta_calib.pose_calibration.robot_noise import EYE, TARGET, RobotNoise, noi
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import MOST_ROWS, ROUNDING, RobustFit, robust_fit
 from suta_calib.pose_calibration.undetermined import axes_that_stand, refuse_undetermined
-from suta_calib.showing import Displayable
 from suta_calib.solver.covariance import observed_parts
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.hand_eye_start import (

@@ -40,7 +40,7 @@ from suta_calib.pose_calibration.picture_likelihood import (
 )
 from suta_calib.pose_calibration.picture_models import Chosen, choose_model
 from suta_calib.pose_calibration.picture_rows import PictureRows
-from suta_calib.solver.level_evidence import covariance_of_levels
+from suta_calib.solver.noise_evidence import covariance_of_levels
 from suta_calib.solver.options import WeightOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.weights import CAMERA, Learned, prior_groups

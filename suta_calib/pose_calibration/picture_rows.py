@@ -19,7 +19,7 @@ from suta_calib.geometry.numbers import rotation_from_vector
 from suta_calib.model.parameters import PLACEMENT
 from suta_calib.pose_calibration.correlation import DIRECTIONS, WAYS
 from suta_calib.pose_calibration.picture_likelihood import LikelihoodPoint, Sums
-from suta_calib.solver.kernel import dense
+from suta_calib.solver.compiled_residual import dense
 from suta_calib.solver.losses import huber_weight
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import CameraView

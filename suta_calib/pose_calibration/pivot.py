@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.pose_files import ToolPoses
 from suta_calib.measurements.samples import Samples
@@ -26,7 +27,6 @@ from suta_calib.pose_calibration.robust_answer import (
 )
 from suta_calib.pose_calibration.robust_fit import RobustFit, parts_of, robust_fit
 from suta_calib.pose_calibration.undetermined import refuse_undetermined
-from suta_calib.showing import Displayable
 from suta_calib.terms.block import Noise, grouped
 from suta_calib.terms.fixed_point import FixedPoint, rows_of_each, stacked_pivot
 from suta_calib.terms.poses import MeasuredPoses

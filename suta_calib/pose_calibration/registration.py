@@ -18,6 +18,7 @@ from scipy.special import fdtrc
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment, Level, judged
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import homogeneous, rms_length, skew
 from suta_calib.measurements.pose_files import PointSet
 from suta_calib.measurements.scale import INSTRUMENT_PPM, PPM
@@ -33,7 +34,6 @@ from suta_calib.pose_calibration.rigid_fit import (
 from suta_calib.pose_calibration.robust_answer import RobustAnswer, doubting
 from suta_calib.pose_calibration.robust_fit import ROUNDING
 from suta_calib.pose_calibration.stated_noise import Agreement, StatedSpread
-from suta_calib.showing import Displayable
 from suta_calib.terms.poses import together
 from suta_calib.trust.hypotheses.scaled_points import ScaledPoints
 from suta_calib.trust.hypotheses.strained_points import StrainedPoints

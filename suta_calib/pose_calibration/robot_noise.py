@@ -25,8 +25,8 @@ from suta_calib.measurements.samples import Samples
 from suta_calib.model.parameters import PLACEMENT, Parameter
 from suta_calib.pose_calibration.consensus import Consensus, some_rows
 from suta_calib.pose_calibration.robust_fit import ROUNDING, RobustFit, parts_of, robust_fit
+from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.information import scaled_inverse, whitened_rows
-from suta_calib.solver.kernel import term_residuals
 from suta_calib.terms.block import Noise
 from suta_calib.terms.external_frame import pose_parameters
 from suta_calib.terms.hand_eye import HandEye

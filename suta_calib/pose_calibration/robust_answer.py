@@ -16,7 +16,7 @@ from suta_calib.geometry.numbers import rms_length
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.evidence import Evidence
 from suta_calib.trust.examination import Examination
-from suta_calib.trust.hypotheses.moved import Moved
+from suta_calib.trust.hypotheses.moved_at_a_row import Moved
 from suta_calib.trust.hypotheses.outlier_block import OutlierBlock
 from suta_calib.trust.hypothesis import Finding
 from suta_calib.trust.rule import Rule

@@ -19,6 +19,7 @@ from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.pose_calibration.consensus import DIMENSION, FALSE_ALARM, Consensus, outlier_limit
 from suta_calib.pose_calibration.correlation import common_covariance, embedded
 from suta_calib.pose_calibration.stated_noise import Agreement
+from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.covariance import observed_parts, predicted_covariance
 from suta_calib.solver.information import (
     Information,
@@ -27,7 +28,6 @@ from suta_calib.solver.information import (
     scaled_inverse,
     whitened_rows,
 )
-from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.losses import huber_threshold
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem

@@ -14,7 +14,7 @@ from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.job.calibration import Calibration
 from suta_calib.report.listing import Column, Listing, shown_as, written
 from suta_calib.report.poses import axes_with_std
-from suta_calib.solver.solver import Minimum
+from suta_calib.solver.interface import Minimum
 from suta_calib.solver.weights import Learned
 from suta_calib.terms.block import Block
 from suta_calib.trust.external_poses import ExternalPose

@@ -13,8 +13,8 @@ from html import escape
 from typing import TYPE_CHECKING, Any, Literal
 
 from suta_calib.assessment import Assessment, attempt
+from suta_calib.display import Displayable as ShowsItself
 from suta_calib.report.listing import Json, Place, Table, plain
-from suta_calib.showing import Displayable as ShowsItself
 
 if TYPE_CHECKING:
     from suta_calib.plotting.scene import Scene

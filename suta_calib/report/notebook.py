@@ -14,6 +14,7 @@ from suta_calib.analysis.outliers import Outliers
 from suta_calib.analysis.planning import Plan
 from suta_calib.analysis.tip_map import TipMap
 from suta_calib.atomic import write_bytes_atomically
+from suta_calib.display import Displayable as ShowsItself
 from suta_calib.job.calibration import Calibration
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.chain import ChainJoint
@@ -33,7 +34,6 @@ from suta_calib.report.pivot import places_table
 from suta_calib.report.plan import plan_document
 from suta_calib.report.registration import transform_table
 from suta_calib.report.tip_map import tip_map_document
-from suta_calib.showing import Displayable as ShowsItself
 from suta_calib.solver.solution import Solution
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.observability import Observability

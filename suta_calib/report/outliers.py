@@ -22,7 +22,7 @@ from suta_calib.analysis.outliers import (
     TermOutliers,
     Thresholds,
 )
-from suta_calib.analysis.outliers.answer import metric_labels
+from suta_calib.analysis.outliers.result import metric_labels
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.report.document import Document, Figure, Part, Text
 from suta_calib.report.listing import Column, Json, Listing, plain, written

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import vector_from_rotation, vector_turning_z_to
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.simulation.noise import full_circle, wrapped
 
 # What of a target's orientation counts: all of it, the direction of the tip's z axis, or nothing.

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rotation_from_vector, wrap
 from suta_calib.measurements.fields import (
     ANGLE_OR_0,
@@ -28,7 +29,6 @@ from suta_calib.measurements.fields import (
 from suta_calib.measurements.yaml_file import YamlSection
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import BACKLASH, GAIN
-from suta_calib.showing import Displayable
 from suta_calib.terms.synthetic import random_directions
 from suta_calib.units import Unit, from_mm
 

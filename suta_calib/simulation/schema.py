@@ -13,6 +13,7 @@ import numpy as np
 
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.inputs import UrdfFile
 from suta_calib.measurements import YamlSection, read_yaml
@@ -40,7 +41,6 @@ from suta_calib.measurements.fields import (
 from suta_calib.measurements.samples import TEMPERATURES
 from suta_calib.measurements.yaml_file import Sign
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.simulation.noise import NoiseLevels, OutlierSpec
 from suta_calib.terms import KINDS, Term
 from suta_calib.units import REFERENCE_TEMPERATURE, Unit, key, stored

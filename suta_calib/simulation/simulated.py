@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError, ParameterError
 from suta_calib.measurements import Artefact, Board, Corners, Samples, corners_of, read_artefact
 from suta_calib.measurements.sample_files import check_joint_names
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import Parameter
-from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import (
     encoder_readings,

@@ -6,6 +6,9 @@ from .identifiability import identify as identify
 from .information import Information as Information
 from .information import predicted_information as predicted_information
 from .information import whitened_rows as whitened_rows
+from .interface import Answer as Answer
+from .interface import Minimum as Minimum
+from .interface import Solver as Solver
 from .ipopt import Ipopt as Ipopt
 from .losses import huber_threshold as huber_threshold
 from .nlp import RobustNlp as RobustNlp
@@ -16,7 +19,4 @@ from .solution import Estimate as Estimate
 from .solution import Solution as Solution
 from .solve import identify_at as identify_at
 from .solve import start_points as start_points
-from .solver import Answer as Answer
-from .solver import Minimum as Minimum
-from .solver import Solver as Solver
 from .weights import Weights as Weights

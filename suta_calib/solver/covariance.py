@@ -19,18 +19,18 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.solver.evaluation import AT_ONCE
-from suta_calib.solver.fitted import Fitted
-from suta_calib.solver.held_geometry import HeldGeometry, held_geometry, seating_covariance
-from suta_calib.solver.information import Information, Rows, scaled_inverse
-from suta_calib.solver.problem import Problem
-from suta_calib.solver.shared_errors import (
+from suta_calib.solver.artefact_and_scale import (
     artefact_errors,
     joined_errors,
     scale_errors,
     shifts,
     without_shared_errors,
 )
+from suta_calib.solver.evaluation import AT_ONCE
+from suta_calib.solver.fitted import Fitted
+from suta_calib.solver.held_geometry import HeldGeometry, held_geometry, seating_covariance
+from suta_calib.solver.information import Information, Rows, scaled_inverse
+from suta_calib.solver.problem import Problem
 from suta_calib.terms.block import grouped_rows, summed
 
 # Touches from which on none has leverage worth freeing residuals of.

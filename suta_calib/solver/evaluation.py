@@ -14,7 +14,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.batched import Batched
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.solver.kernel import Kernel, RowPattern, dense
+from suta_calib.solver.compiled_residual import Kernel, RowPattern, dense
 from suta_calib.solver.losses import huber_weight, kept_curvature, radial
 from suta_calib.terms.block import Block
 from suta_calib.terms.poses import ArmPoses, PoseSource

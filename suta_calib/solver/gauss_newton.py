@@ -7,9 +7,9 @@ from typing import ClassVar, final
 
 from suta_calib.arrays import FloatArray
 from suta_calib.solver.descent import NEGLIGIBLE
+from suta_calib.solver.interface import JOINED, SETTLED, Answer, Minimum, Solver
 from suta_calib.solver.ipopt import Ipopt
 from suta_calib.solver.nlp import SAME_COST, RobustNlp
-from suta_calib.solver.solver import JOINED, SETTLED, Answer, Minimum, Solver
 
 
 @final

@@ -17,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import OFFSET, ROTATION, ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.solver.information import Information
 
 # Standard deviation over plausible range beyond which a number is not worth reporting: a value

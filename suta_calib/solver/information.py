@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.solver.evaluation import AT_ONCE, Linearised
 from suta_calib.solver.losses import radial
 from suta_calib.solver.problem import Part, Problem

@@ -19,8 +19,8 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import SolverError
 from suta_calib.solver.descent import NEGLIGIBLE, Evaluate
+from suta_calib.solver.interface import SETTLED, Answer, Minimum, Solver
 from suta_calib.solver.nlp import RobustNlp
-from suta_calib.solver.solver import SETTLED, Answer, Minimum, Solver
 
 STALLED: Final = "User_Requested_Stop"
 _INTERRUPTED: Final = "NonIpopt_Exception_Thrown"

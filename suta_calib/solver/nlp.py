@@ -10,9 +10,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.geometry.symbols import Symbol
+from suta_calib.solver.compiled_residual import residual_value
 from suta_calib.solver.descent import Basin, Descent, descend
 from suta_calib.solver.evaluation import BlockView
-from suta_calib.solver.kernel import residual_value
 from suta_calib.solver.losses import symbolic_huber
 from suta_calib.solver.problem import Problem
 from suta_calib.terms.block import Pose

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 from numbers import Integral
 from typing import Final
 
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, did_you_mean
-from suta_calib.showing import Displayable
 from suta_calib.solver.gauss_newton import GaussNewton
+from suta_calib.solver.interface import Solver
 from suta_calib.solver.ipopt import Ipopt
-from suta_calib.solver.solver import Solver
 
 HESSIANS: Final = ("gauss-newton", "exact")
 

@@ -13,16 +13,16 @@ import numpy as np
 from suta_calib import plotting
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable, named
 from suta_calib.errors import ParameterError
 from suta_calib.model.parameters import Parameter
 from suta_calib.plotting.look import Change
-from suta_calib.showing import Displayable, named
 from suta_calib.solver.covariance import Spread
 from suta_calib.solver.identifiability import Identification
+from suta_calib.solver.interface import Minimum
 from suta_calib.solver.ipopt import STALLED
 from suta_calib.solver.nlp import SAME_COST
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.solver import Minimum
 from suta_calib.solver.weights import Weights
 from suta_calib.terms.length_scale import scale_carriers
 from suta_calib.terms.term import Term

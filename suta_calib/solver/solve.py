@@ -17,12 +17,12 @@ from suta_calib.solver.covariance import Spread
 from suta_calib.solver.fitted import Fitted
 from suta_calib.solver.identifiability import Identification, identify
 from suta_calib.solver.information import noise_levels, predicted_information
+from suta_calib.solver.interface import Minimum
 from suta_calib.solver.mount_start import FreeMount
 from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, near_bound
-from suta_calib.solver.solver import Minimum
 from suta_calib.solver.weights import Weights, learn_weights
 from suta_calib.threads import single_threaded
 

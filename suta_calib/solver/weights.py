@@ -30,10 +30,10 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.model.parameters import COMPLIANCE, EXPANSION, GAIN, OFFSET
-from suta_calib.showing import Displayable
 from suta_calib.solver.information import Rows, whitened_rows
-from suta_calib.solver.level_evidence import (
+from suta_calib.solver.noise_evidence import (
     SETTLED,
     MarginalLikelihood,
     covariance_of_levels,

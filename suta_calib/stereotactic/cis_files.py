@@ -19,12 +19,12 @@ from typing import Final, Self
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.files import read_text
 from suta_calib.measurements.pose_files import OTHER_UNIT
-from suta_calib.showing import Displayable
 from suta_calib.units import from_mm, mm
 
 # Both spellings are in circulation.

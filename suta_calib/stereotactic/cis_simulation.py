@@ -14,8 +14,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import write_bytes_atomically
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rotation_from_vector
-from suta_calib.showing import Displayable
 from suta_calib.stereotactic.cis_files import (
     CalibrationMarkers,
     NavigationData,

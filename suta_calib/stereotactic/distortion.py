@@ -23,10 +23,10 @@ from scipy.spatial import ConvexHull, QhullError
 from scipy.special import chdtri, comb
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.pose_calibration.consensus import DIMENSION, outlier_limit
-from suta_calib.showing import Displayable
 from suta_calib.stereotactic.left_out import robust_predicts_better
 from suta_calib.threads import single_threaded
 

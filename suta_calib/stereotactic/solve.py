@@ -16,12 +16,12 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, attempt, judge, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import extent, register_points, rms_length
 from suta_calib.pose_calibration.inputs import error_context
 from suta_calib.pose_calibration.pivot import PivotCalibration, calibrate_pivot
 from suta_calib.pose_calibration.registration import Registration, register
-from suta_calib.showing import Displayable
 from suta_calib.stereotactic.cis_files import (
     EM_FIDUCIALS,
     Output1,

@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from scipy.sparse import csc_array
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError
 from suta_calib.geometry.symbols import Symbol, symbolic_rotation
 from suta_calib.measurements import Artefact
-from suta_calib.showing import Displayable
 from suta_calib.units import Unit
 
 

@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import (
     rotation_from_vector,
     tangent_of_vector,
@@ -19,7 +20,6 @@ from suta_calib.measurements.fields import ANGLE, RPY_DEG, Value, fields_of, key
 from suta_calib.measurements.fields import POSITION as POSITION_MM
 from suta_calib.measurements.samples import finite, numbers_of, rotation_matrix
 from suta_calib.model.parameters import POSITION, ROTATION
-from suta_calib.showing import Displayable
 from suta_calib.units import from_mm
 
 _STD_MM: Final = Value(

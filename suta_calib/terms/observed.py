@@ -9,8 +9,8 @@ from typing import Protocol
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.display import Displayable
 from suta_calib.measurements.camera import Camera
-from suta_calib.showing import Displayable
 from suta_calib.terms.poses import PoseSource
 
 

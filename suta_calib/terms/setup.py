@@ -6,9 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from suta_calib.display import Displayable
 from suta_calib.errors import ArtefactError
 from suta_calib.measurements import Artefact
-from suta_calib.showing import Displayable
 from suta_calib.terms.block import Noise
 from suta_calib.terms.seating import Seating
 

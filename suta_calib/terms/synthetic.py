@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import random_rotations, rotation_from_vector
-from suta_calib.showing import Displayable
 from suta_calib.terms.external_frame import point_named, pose_named
 from suta_calib.terms.hand_eye_start import Poses
 from suta_calib.terms.term import Term

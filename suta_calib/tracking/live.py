@@ -12,10 +12,10 @@ from suta_calib.atomic import check_folder, check_outputs
 from suta_calib.device.bus import Bus
 from suta_calib.device.device_file import read_device
 from suta_calib.device.reading import Statistics
+from suta_calib.display import Displayable
 from suta_calib.errors import OutputError
 from suta_calib.inputs import UrdfFile
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.tracking.igtl import IgtlPublisher
 from suta_calib.tracking.publisher import Publisher, UdpPublisher, pose_dict
 from suta_calib.tracking.recording import CsvRecorder, ParquetRecorder, part_of

@@ -17,7 +17,7 @@ from typing import Any, Final, TextIO
 import numpy as np
 
 from suta_calib.errors import OutputError
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 from suta_calib.tracking.publisher import Publisher
 from suta_calib.tracking.tracker import TrackedPose
 

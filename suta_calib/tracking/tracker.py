@@ -20,10 +20,10 @@ from suta_calib.assessment import refuse_unusable
 from suta_calib.batched import Batched
 from suta_calib.device.description import columns_of
 from suta_calib.device.reading import Reading
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.geometry.symbols import symbolic_skew
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.tracking.uncertainty import CalibrationUncertainty, numbers, read_json_object
 from suta_calib.units import from_mm
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.measurements.csv_table import (
     has_rotations,
@@ -18,7 +19,6 @@ from suta_calib.measurements.csv_table import (
     rotations,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 
 LEAST_ROWS: Final = 20
 

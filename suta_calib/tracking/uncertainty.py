@@ -19,6 +19,7 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import refuse_unusable
 from suta_calib.atomic import recover
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import (
     rotation_from_rpy,
@@ -32,7 +33,6 @@ from suta_calib.model.chain import ChainJoint
 from suta_calib.model.kinematics import Segment
 from suta_calib.model.parameters import OFFSET, PLACEMENT, POSITION
 from suta_calib.model.urdf import folded_origin
-from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.trust.tip import sensitivity
 from suta_calib.units import FARTHEST

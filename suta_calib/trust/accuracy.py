@@ -14,8 +14,8 @@ from scipy.special import chdtri, fdtri, stdtrit
 from suta_calib.arguments import checked
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import attempt
+from suta_calib.display import Displayable
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.nlp import RobustNlp

@@ -38,7 +38,7 @@ from suta_calib.trust.rereading import Rereading, explaining_reading
 from suta_calib.trust.rule import Rule
 from suta_calib.trust.scale_effects import ScaleEffect, scale_effects
 from suta_calib.trust.score_tests import Residuals, ScoreTest
-from suta_calib.trust.thinned import thinned
+from suta_calib.trust.subsampled import thinned
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,9 +30,9 @@ from suta_calib.trust.in_time import (
     rows_of,
 )
 from suta_calib.trust.linear_fit import RobustStep
+from suta_calib.trust.neighbour_correlation import chance_beside_shared_errors
 from suta_calib.trust.reduced_fit import ReducedFit, everything_follows
 from suta_calib.trust.rule import Rule
-from suta_calib.trust.shared_errors import chance_beside_shared_errors
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,9 +16,9 @@ from functools import cached_property
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import BlockErrors, TermAccuracy
 

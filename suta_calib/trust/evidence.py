@@ -33,7 +33,7 @@ import numpy as np
 from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.trust.linear_fit import LinearFit
 from suta_calib.trust.rule import Rule
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.solver.evaluation import PoseTable
 from suta_calib.solver.information import Rows, kept_rows
 from suta_calib.solver.problem import Problem

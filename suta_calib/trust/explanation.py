@@ -18,8 +18,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import attempt
+from suta_calib.display import Displayable
 from suta_calib.model.parameters import BACKLASH, COMPLIANCE, EXPANSION, POSITION, Parameter
-from suta_calib.showing import Displayable
 from suta_calib.solver.identifiability import WEAK, Combination, Identification
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem

@@ -13,8 +13,8 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Level, attempt
+from suta_calib.display import Displayable
 from suta_calib.registry import all_classes
-from suta_calib.showing import Displayable
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution
 from suta_calib.terms.term import Term

@@ -24,7 +24,7 @@ from suta_calib.terms.term import Term
 from suta_calib.trust.evidence import Effect, Evidence, Stretches, length_of
 from suta_calib.trust.examination import Examination, by_motion, samples_of
 from suta_calib.trust.hypothesis import AddedVariable, SpoiltData, Truth
-from suta_calib.trust.spoiling import displaced
+from suta_calib.trust.simulated_faults import displaced
 from suta_calib.units import Unit, text
 
 # A turn that is plausible, rad.

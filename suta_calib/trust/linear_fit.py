@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.solver.information import Rows, scaled_inverse
 from suta_calib.solver.losses import huber, huber_weight
 from suta_calib.terms.block import grouped_rows, summed

@@ -25,7 +25,7 @@ from suta_calib.terms.hand_eye_start import Poses, some_poses
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.trust.hypothesis import Reinterpretation, SpoiltData, Truth, known_hypotheses
 from suta_calib.trust.rule import Rule
-from suta_calib.trust.spoiling import arm_of
+from suta_calib.trust.simulated_faults import arm_of
 from suta_calib.units import from_deg
 
 # Files of which one alone may be out of step are tried among so many.

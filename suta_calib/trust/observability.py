@@ -15,7 +15,7 @@ from suta_calib import plotting
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.solver.covariance import predicted_covariance, predicted_scale_covariance
 from suta_calib.solver.fitted import Fitted
 from suta_calib.solver.held_geometry import held_geometry

@@ -18,11 +18,11 @@ from typing import Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SutaCalibError
 from suta_calib.geometry.numbers import extent
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Displayable
-from suta_calib.solver.kernel import TermErrors
+from suta_calib.solver.compiled_residual import TermErrors
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -23,8 +23,8 @@ import numpy as np
 from scipy.special import fdtrc
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.model.parameters import COUPLING, Family
-from suta_calib.showing import Displayable
 from suta_calib.solver.identifiability import WEAK
 from suta_calib.solver.information import scaled_inverse
 from suta_calib.solver.problem import Problem

@@ -21,10 +21,10 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
+from suta_calib.display import Displayable
 from suta_calib.geometry.numbers import rms_length, skew
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import EXPANSION, ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.terms.poses import MeasuredPoses
 from suta_calib.terms.term import Term
 from suta_calib.trust.accuracy import block_residuals

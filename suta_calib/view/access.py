@@ -20,7 +20,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 
 if TYPE_CHECKING:
     from websockets.asyncio.server import ServerConnection

@@ -9,9 +9,9 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import Accuracy
 from suta_calib.trust.calibration_examination import CalibrationExamination

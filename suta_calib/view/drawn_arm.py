@@ -10,10 +10,10 @@ import numpy as np
 import pinocchio as pin
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.showing import Displayable
 
 
 @dataclass(frozen=True, eq=False)

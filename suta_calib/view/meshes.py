@@ -18,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from suta_calib.errors import SutaCalibWarning
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 from suta_calib.view.drawn_arm import LinkMesh
 
 _PACKAGE: Final = "package://"

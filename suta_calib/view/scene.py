@@ -13,7 +13,7 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.assessment import Assessment
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.view.drawn_arm import DrawnArm
 
 # Red, green and blue, 0 to 255.

@@ -16,7 +16,7 @@ import rich
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import OutputError
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 from suta_calib.units import Unit, shown, stored
 from suta_calib.view.access import Access
 from suta_calib.view.drawing import (

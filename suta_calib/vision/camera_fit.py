@@ -13,13 +13,13 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import homogeneous
 from suta_calib.geometry.pinhole import INTRINSICS
 from suta_calib.measurements.board import Board
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners
-from suta_calib.showing import Displayable
 from suta_calib.vision.opencv import opencv
 
 # Corners of a picture from which a pose and more can be told.

@@ -13,12 +13,12 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError
 from suta_calib.measurements.board import Board, Charuco, Chessboard, Markers
 from suta_calib.measurements.camera import Camera
 from suta_calib.measurements.corners import Corners, corners_of
 from suta_calib.measurements.marker_axes import markers_as_seen
-from suta_calib.showing import Displayable
 from suta_calib.threads import usable_cores
 from suta_calib.vision.camera_fit import (
     CameraFit,

@@ -7,7 +7,7 @@ from functools import cache
 from typing import Any, Final
 
 from suta_calib.errors import BoardError, MissingExtraError, did_you_mean
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 
 # No camera has as many; a compressed file of a few kilobytes may claim more, and fill the memory.
 MOST_PIXELS: Final = 2**28

@@ -9,7 +9,7 @@ import serial
 from device_streams import PtyDevice, device
 from serial.tools import list_ports
 
-from suta_calib import extras
+from suta_calib import optional_packages
 from suta_calib.device import Bus, port
 from suta_calib.device.port import opening_error
 from suta_calib.errors import (
@@ -104,9 +104,9 @@ def test_a_missing_package_names_the_command_that_installs_it(
     def absent(name: str) -> None:
         raise ModuleNotFoundError("No module named 'pyarrow'", name="pyarrow")
 
-    monkeypatch.setattr(extras, "import_module", absent)
+    monkeypatch.setattr(optional_packages, "import_module", absent)
     with pytest.raises(MissingExtraError, match=r"pip install 'suta_calib\[parquet\]'") as caught:
-        extras.load("pyarrow.parquet", "parquet")
+        optional_packages.load("pyarrow.parquet", "parquet")
     assert caught.value.exit_code == 2
 
 
@@ -116,9 +116,9 @@ def test_an_installed_package_that_is_broken_is_not_called_missing(
     def broken(name: str) -> None:
         raise ModuleNotFoundError("No module named 'numpy'", name="numpy")
 
-    monkeypatch.setattr(extras, "import_module", broken)
+    monkeypatch.setattr(optional_packages, "import_module", broken)
     with pytest.raises(ModuleNotFoundError):
-        extras.load("pyarrow", "parquet")
+        optional_packages.load("pyarrow", "parquet")
 
 
 def test_bus_of_a_spec_keeps_nothing_open_after_an_error(arm: PtyDevice) -> None:

@@ -238,7 +238,7 @@ def test_without_mujoco_it_says_what_to_install(
 ) -> None:
     path = tmp_path / "arm.xml"
     path.write_text(FILES["frame"])
-    monkeypatch.setattr("suta_calib.extras.find_spec", lambda _: None)
+    monkeypatch.setattr("suta_calib.optional_packages.find_spec", lambda _: None)
     with pytest.raises(MissingExtraError, match=r"pip install 'suta_calib\[formats\]'"):
         read_foreign(path, "mjcf")
     assert cli("import", path, "--out", tmp_path / "arm.urdf") == 2

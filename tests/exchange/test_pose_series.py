@@ -12,7 +12,7 @@ from foreign import check, imported, read_back, transforms, written
 from foreign_samples import KEPT, POSES, REFERENCE, TOOL, P, R, c3d, quaternion
 
 from suta_calib.errors import InputError
-from suta_calib.exchange.direct import pose_table
+from suta_calib.exchange.pose_table import pose_table
 from suta_calib.measurements.pose_files import read_pose_pairs
 
 DATA = Path(__file__).resolve().parents[2] / "data"

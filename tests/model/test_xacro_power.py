@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from suta_calib import confined
-from suta_calib.confined import ConfinedError, run_confined
+from suta_calib import sandbox
 from suta_calib.errors import UrdfError
 from suta_calib.model.xacro_expressions import Evaluator, ExpressionError, Function
 from suta_calib.model.xacro_file import expanded
+from suta_calib.sandbox import ConfinedError, run_confined
 
 pytest.importorskip("xacro")
 
@@ -213,7 +213,7 @@ def test_what_does_not_end_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     assert "xacro refuses (RecursionError" in refusal(
         written(tmp_path / "b.xacro", f"{endless}<xacro:m/>")
     )
-    assert confined.PROCESSOR_SECONDS <= 10
+    assert sandbox.PROCESSOR_SECONDS <= 10
 
 
 def test_a_description_reads_its_package_and_those_beside_it(tmp_path: Path) -> None:

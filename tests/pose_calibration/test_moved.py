@@ -21,7 +21,7 @@ from suta_calib.terms.hand_eye_start import (
     inverse_poses,
     some_poses,
 )
-from suta_calib.trust.hypotheses.moved import TIMES, Moved, sizes
+from suta_calib.trust.hypotheses.moved_at_a_row import TIMES, Moved, sizes
 from suta_calib.trust.hypotheses.outlier_block import OutlierBlock
 from suta_calib.trust.rule import Rule
 

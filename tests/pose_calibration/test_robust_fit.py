@@ -12,8 +12,8 @@ from registration_scenes import NOISE, simulate
 
 from suta_calib.pose_calibration import robust_fit as module
 from suta_calib.pose_calibration.registration import Registration, register
+from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.covariance import observed_parts
-from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import HandEye, OutlierModel, PoseNoise
 

@@ -19,8 +19,8 @@ from suta_calib.report.files import write_document
 from suta_calib.report.notebook import html_of
 from suta_calib.solver import solve, weights
 from suta_calib.solver.gauss_newton import GaussNewton
+from suta_calib.solver.interface import Solver
 from suta_calib.solver.ipopt import Ipopt
-from suta_calib.solver.solver import Solver
 from suta_calib.trust import accuracy, calibration_examination
 from suta_calib.view.calibration import calibration_scene
 

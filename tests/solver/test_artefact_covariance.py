@@ -21,10 +21,10 @@ from simulated import (
 from suta_calib.arrays import FloatArray
 from suta_calib.measurements import Artefact, Samples, read_artefact
 from suta_calib.simulation import read_simulation, simulate
+from suta_calib.solver.artefact_and_scale import artefact_errors
 from suta_calib.solver.information import whitened_rows
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
-from suta_calib.solver.shared_errors import artefact_errors
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import solve
 from suta_calib.terms import KINDS, ArmPoses, Noise, Setup

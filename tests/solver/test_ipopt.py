@@ -12,12 +12,12 @@ from solver_problems import DIRTY, HUBER, SIGMA, dirty_problem, distances, far_p
 from suta_calib.arrays import FloatArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.gauss_newton import GaussNewton
+from suta_calib.solver.interface import SETTLED, Minimum, hopeless
 from suta_calib.solver.ipopt import STALLED, AnyIpopt, Ipopt
 from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
-from suta_calib.solver.solver import SETTLED, Minimum, hopeless
 
 
 @pytest.mark.parametrize("spread", [Spread(position=SIGMA), DIRTY])

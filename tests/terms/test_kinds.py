@@ -26,7 +26,7 @@ BY_NAME = {
     "pose_calibration/stated_noise.py": {"TrackedPoint"},
     "trust/hypotheses/bent_tip.py": {"FixedPoint"},
     "trust/hypotheses/depth_scale.py": {"HandEye"},
-    "trust/hypotheses/moved.py": {"FixedPoint", "HandEye", "TrackedPoint"},
+    "trust/hypotheses/moved_at_a_row.py": {"FixedPoint", "HandEye", "TrackedPoint"},
     "trust/hypotheses/scaled_points.py": {"TrackedPoint"},
     "trust/hypotheses/strained_points.py": {"TrackedPoint"},
     "trust/hypotheses/transposed_rotations.py": {"HandEye"},

@@ -10,7 +10,7 @@ import pytest
 
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import vector_from_rotation
-from suta_calib.solver.kernel import term_residuals
+from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.terms import FixedPoint, HandEye, TrackedPoint
 from suta_calib.terms.synthetic import SLIP, OutlierModel, PoseNoise, Simulated, random_turns
 

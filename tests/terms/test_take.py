@@ -12,7 +12,7 @@ from terms_cases import SIGMA, each_case, noises, problem_of, scene
 from suta_calib.analysis.study.trial import resimulated
 from suta_calib.errors import SamplesError
 from suta_calib.model.arm import ArmModel
-from suta_calib.solver.kernel import TermErrors
+from suta_calib.solver.compiled_residual import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solve import solve
 from suta_calib.terms import Term

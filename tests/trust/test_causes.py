@@ -25,9 +25,9 @@ from suta_calib.analysis.model_selection.selection import choose_model
 from suta_calib.assessment import Assessment
 from suta_calib.terms import Term
 from suta_calib.trust.hypotheses.exchanged_marks import ExchangedMarks
-from suta_calib.trust.hypotheses.late_rows import per_row
+from suta_calib.trust.hypotheses.measured_in_motion import per_row
 from suta_calib.trust.hypotheses.stretch import stretched
-from suta_calib.trust.spoiling import displaced, with_columns
+from suta_calib.trust.simulated_faults import displaced, with_columns
 
 
 def judged(term: Term, unknown: ParameterSet = UNKNOWN) -> Assessment:

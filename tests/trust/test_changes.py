@@ -42,8 +42,8 @@ from suta_calib.trust.changes import suspects, waves
 from suta_calib.trust.hypotheses.encoder_slip import EncoderSlip
 from suta_calib.trust.hypotheses.tip_moved import TipMoved
 from suta_calib.trust.in_time import ChangeInTime
+from suta_calib.trust.neighbour_correlation import chance_beside_shared_errors
 from suta_calib.trust.reduced_fit import everything_follows
-from suta_calib.trust.shared_errors import chance_beside_shared_errors
 
 NOISE = Spread(position=1e-4, rotation=1e-3)
 ARM = arm_named("suta")

@@ -15,10 +15,10 @@ from suta_calib import Noise, Problem, Samples, Selection, SolverOptions, solve
 from suta_calib.measurements import Camera
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import ArmPoses, TrackedPoint
-from suta_calib.trust import thinned as thinning
+from suta_calib.trust import subsampled as thinning
 from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.contradicted_priors import contradicted_beliefs
-from suta_calib.trust.thinned import thinned
+from suta_calib.trust.subsampled import thinned
 
 NOISE = Spread(position=1e-4)
 ARM = arm_named("suta")

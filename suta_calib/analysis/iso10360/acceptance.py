@@ -24,9 +24,9 @@ from suta_calib.analysis.iso10360.measured import (
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.job.acceptance import AcceptanceJob
 from suta_calib.job.limits import EXPANDED, Decision, DecisionRule, Limits, StatedUncertainty, worst
-from suta_calib.showing import Displayable
 from suta_calib.units import mm
 
 # What the standard asks for: touches of a sphere, articulations of a point and touches in each,

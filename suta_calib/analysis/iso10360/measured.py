@@ -13,8 +13,8 @@ from scipy.optimize import least_squares
 
 from suta_calib.analysis.repeatability import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
-from suta_calib.showing import Displayable
 from suta_calib.terms import Term
 from suta_calib.terms.block import grouped
 

@@ -25,10 +25,10 @@ from typing import Any, Final
 
 from suta_calib.arguments import checked
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, SamplesError
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import COUPLING, PLAUSIBLE, Family, ParameterSet, Selection
-from suta_calib.showing import Displayable
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

@@ -14,9 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.outliers.answer import METRICS
 from suta_calib.analysis.outliers.metrics import SINGULAR, JudgedFit, shares
 from suta_calib.analysis.outliers.reference import ROUNDING, Grouping, Refit, systematic
+from suta_calib.analysis.outliers.result import METRICS
 from suta_calib.analysis.outliers.touches import Touches
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.solver.information import Rows, scaled_inverse, whitened_rows

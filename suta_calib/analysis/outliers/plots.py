@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.ticker import MaxNLocator
 
-from suta_calib.analysis.outliers.answer import (
+from suta_calib.analysis.outliers.result import (
     GROUPING_NOUN,
     METRIC_LABELS,
     METRICS,

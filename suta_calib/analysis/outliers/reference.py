@@ -20,12 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import orth
 
-from suta_calib.analysis.outliers.answer import HeldOut
+from suta_calib.analysis.outliers.result import HeldOut
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.errors import InputError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import ParameterSet
+from suta_calib.solver.compiled_residual import term_residuals
 from suta_calib.solver.gauss_newton import GaussNewton
 from suta_calib.solver.information import (
     noise_levels,
@@ -33,7 +34,6 @@ from suta_calib.solver.information import (
     scaled_inverse,
     whitened_rows,
 )
-from suta_calib.solver.kernel import term_residuals
 from suta_calib.solver.nlp import RobustNlp
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

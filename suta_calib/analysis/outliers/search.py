@@ -18,17 +18,6 @@ from typing import Final
 
 import numpy as np
 
-from suta_calib.analysis.outliers.answer import (
-    AGREEMENT,
-    METRICS,
-    GrossTouch,
-    Group,
-    HeldOut,
-    Level,
-    Outliers,
-    TermOutliers,
-    Thresholds,
-)
 from suta_calib.analysis.outliers.chance import Simulator, chance_of
 from suta_calib.analysis.outliers.metrics import JudgedFit, measures
 from suta_calib.analysis.outliers.reference import (
@@ -38,6 +27,17 @@ from suta_calib.analysis.outliers.reference import (
     groupings,
     row_names,
     touch_name,
+)
+from suta_calib.analysis.outliers.result import (
+    AGREEMENT,
+    METRICS,
+    GrossTouch,
+    Group,
+    HeldOut,
+    Level,
+    Outliers,
+    TermOutliers,
+    Thresholds,
 )
 from suta_calib.analysis.outliers.touches import (
     SMALLEST,

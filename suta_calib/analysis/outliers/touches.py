@@ -19,8 +19,8 @@ from typing import Final
 import numpy as np
 from scipy.special import chdtri, fdtrc
 
-from suta_calib.analysis.outliers.answer import Displacement, Move, Thresholds
 from suta_calib.analysis.outliers.reference import Grouping, ReferenceFit
+from suta_calib.analysis.outliers.result import Displacement, Move, Thresholds
 from suta_calib.arrays import BoolArray, FloatArray, IntArray
 from suta_calib.model.parameters import ParameterSet
 from suta_calib.solver.information import whitened_rows

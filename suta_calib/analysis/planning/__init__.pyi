@@ -1,11 +1,3 @@
-from .answer import Best as Best
-from .answer import Choice as Choice
-from .answer import Expected as Expected
-from .answer import Forecast as Forecast
-from .answer import Plan as Plan
-from .answer import PlanOptions as PlanOptions
-from .answer import Remedy as Remedy
-from .answer import Stop as Stop
 from .candidates import Candidate as Candidate
 from .candidates import CandidateFile as CandidateFile
 from .candidates import Place as Place
@@ -34,4 +26,12 @@ from .region import Pool as Pool
 from .region import Region as Region
 from .region import candidate_pool as candidate_pool
 from .region import directions as directions
+from .result import Best as Best
+from .result import Choice as Choice
+from .result import Expected as Expected
+from .result import Forecast as Forecast
+from .result import Plan as Plan
+from .result import PlanOptions as PlanOptions
+from .result import Remedy as Remedy
+from .result import Stop as Stop
 from .situation import Situation as Situation

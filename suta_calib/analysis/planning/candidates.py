@@ -16,6 +16,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError, did_you_mean
 from suta_calib.geometry.numbers import rotation_from_rpy, rotation_from_vector
 from suta_calib.measurements import YamlSection, read_yaml
@@ -30,7 +31,6 @@ from suta_calib.measurements.fields import (
     whole_number,
 )
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.units import Unit, from_deg, from_mm, key, stored
 
 _MOST: Final = 5000

@@ -26,8 +26,8 @@ import numpy as np
 from suta_calib.analysis.planning.candidates import Candidate
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.solver.identifiability import Identification, identify, schur_complement
 from suta_calib.solver.information import Information, predicted_information
 from suta_calib.solver.problem import Problem

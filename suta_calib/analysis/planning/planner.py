@@ -10,16 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from suta_calib.analysis.planning.answer import (
-    Best,
-    Choice,
-    Expected,
-    Forecast,
-    Plan,
-    PlanOptions,
-    Remedy,
-    Stop,
-)
 from suta_calib.analysis.planning.candidates import Candidate, Place, read_candidates
 from suta_calib.analysis.planning.design import (
     Design,
@@ -35,6 +25,16 @@ from suta_calib.analysis.planning.design import (
 )
 from suta_calib.analysis.planning.reach import Reach
 from suta_calib.analysis.planning.region import Region, candidate_pool
+from suta_calib.analysis.planning.result import (
+    Best,
+    Choice,
+    Expected,
+    Forecast,
+    Plan,
+    PlanOptions,
+    Remedy,
+    Stop,
+)
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray

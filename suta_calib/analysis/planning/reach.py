@@ -24,13 +24,13 @@ from suta_calib.analysis.planning.candidates import (
 from suta_calib.analysis.planning.region import directions, nearest
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
 from suta_calib.measurements import Artefact
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.kinematic_urdf import pinocchio_model
 from suta_calib.model.urdf_tree import read_tree
-from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import Matching, Postures, Targets
 from suta_calib.terms import KINDS, Term
 from suta_calib.terms.landmark import seated

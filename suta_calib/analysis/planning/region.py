@@ -22,9 +22,9 @@ from suta_calib.analysis.planning.candidates import (
 )
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import rotation_from_vector, vector_turning_z_to
-from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.trust.tip import Sensitivity, sensitivity
 from suta_calib.units import deg, from_deg, from_mm, mm

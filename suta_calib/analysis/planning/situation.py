@@ -11,11 +11,11 @@ import numpy as np
 
 from suta_calib.analysis.planning.candidates import Candidate, Placement, Posture, TouchPoint
 from suta_calib.arrays import BoolArray, FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError
 from suta_calib.geometry.numbers import register_points
 from suta_calib.measurements import Artefact, Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics
 from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA, Problem
 from suta_calib.solver.solution import Solution

@@ -22,10 +22,10 @@ from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
 from suta_calib.atomic import note_input
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError, did_you_mean
-from suta_calib.extras import load
 from suta_calib.measurements.csv_table import CsvTable, read_csv_table
-from suta_calib.showing import Displayable
+from suta_calib.optional_packages import load
 from suta_calib.units import Unit, from_deg
 
 # Of the drift: few batches, so that each is longer than what correlates within it.

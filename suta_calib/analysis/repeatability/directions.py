@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from suta_calib.analysis.repeatability.scatter import PositionScatter
 from suta_calib.arrays import FloatArray, IntArray
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.terms.block import grouped
 from suta_calib.units import Unit
 

@@ -19,8 +19,8 @@ from scipy.special import stdtrit
 
 from suta_calib.arrays import FloatArray
 from suta_calib.batched import Batched
+from suta_calib.display import Displayable
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.units import Unit
 
 CONFIDENCE: Final = 0.95

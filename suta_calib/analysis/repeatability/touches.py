@@ -27,11 +27,11 @@ from suta_calib.analysis.repeatability.visits import ELSEWHERE, Repeatability
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.measurements import Samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.terms import ArmPoses
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded

@@ -31,11 +31,11 @@ from suta_calib.analysis.repeatability.suspicions import Stuck, first_written, m
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import SamplesError
 from suta_calib.geometry.numbers import rms_length
 from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
-from suta_calib.showing import Displayable
 from suta_calib.terms.block import grouped
 from suta_calib.threads import single_threaded
 from suta_calib.trust.repeats import about_mean

@@ -20,8 +20,8 @@ import numpy as np
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.errors import ParameterError, SamplesError
-from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Solution
 from suta_calib.solver.solve import Progress
 from suta_calib.terms import Term

@@ -38,11 +38,11 @@ from suta_calib.analysis.study.trial import (
 )
 from suta_calib.arguments import checked
 from suta_calib.atomic import only_writer, write_bytes_atomically
+from suta_calib.display import Displayable
 from suta_calib.errors import JobError, OutputError, SamplesError
 from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import CsvTable, read_csv_table, read_text
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution

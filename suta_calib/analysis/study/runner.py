@@ -28,7 +28,7 @@ from joblib.externals.loky.process_executor import BrokenProcessPool
 
 from suta_calib.analysis.study.trial import StudyData, Trial, run_trial
 from suta_calib.errors import InputError, SamplesError
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 
 Task = tuple[int, int]  # size, number
 # Trials handed out at a time; a worker has two such batches at the most, which is what an interrupt

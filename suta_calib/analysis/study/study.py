@@ -28,8 +28,8 @@ from suta_calib.analysis.study.trial import ESTIMATED, Trial, held_out_rms, nomi
 from suta_calib.arguments import checked
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
+from suta_calib.display import Displayable
 from suta_calib.job.calibration import CalibrationJob
-from suta_calib.showing import Displayable
 from suta_calib.solver.solution import Estimate
 from suta_calib.solver.solve import Progress
 from suta_calib.units import shown

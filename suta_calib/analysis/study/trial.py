@@ -26,13 +26,13 @@ from typing import Final, Literal
 import numpy as np
 
 from suta_calib.arrays import FloatArray, IntArray
+from suta_calib.display import Displayable
 from suta_calib.errors import InputError, SamplesError, did_you_mean
 from suta_calib.measurements.samples import joined
 from suta_calib.model.parameters import ParameterSet
-from suta_calib.showing import Displayable
 from suta_calib.simulation.inverse_kinematics import InverseKinematics, Targets
 from suta_calib.simulation.noise import scattered_rotations, stream
-from suta_calib.solver.kernel import TermErrors
+from suta_calib.solver.compiled_residual import TermErrors
 from suta_calib.solver.options import SolverOptions
 from suta_calib.solver.problem import Problem
 from suta_calib.solver.solution import Solution, State

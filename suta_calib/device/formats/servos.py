@@ -15,7 +15,7 @@ from suta_calib.device.description import DeviceSpec
 from suta_calib.device.formats.lines import LinesFormat
 from suta_calib.device.port import Port
 from suta_calib.errors import DeviceSilentError, DisconnectedError
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 
 EXTRA: Final = "servo"
 # So long one may be silent before it is gone, s: a packet is lost now and then.

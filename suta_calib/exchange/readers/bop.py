@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import read_json
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.table_roles import UNIT
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS
 
 
 class BopReader(Reader):

@@ -9,13 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import LENGTH_UNITS, read_bounded
-from suta_calib.exchange.cut_off import COMPLETE, check_count
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
-from suta_calib.extras import load
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS, Body, Recording
+from suta_calib.exchange.truncated import COMPLETE, check_count
+from suta_calib.optional_packages import load
 
 
 class C3dReader(Reader):

@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import numbers_of, read_foreign_text, rows_of_text
-from suta_calib.exchange.cut_off import COMPLETE, check_last_line
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS
+from suta_calib.exchange.truncated import COMPLETE, check_last_line
 
 # IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME
 _CELLS = 10

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Final
 
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.truncated import COMPLETE, check_end_of_rows
 from suta_calib.job.dh_file import read_dh_table
 
 ROBOT: Final = Option("robot", "What the robot is called.", "NAME")

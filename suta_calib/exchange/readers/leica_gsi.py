@@ -12,7 +12,6 @@ import numpy as np
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.imported import (
     GRID_HINT,
     ORIGIN,
@@ -23,6 +22,7 @@ from suta_calib.exchange.imported import (
 )
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
+from suta_calib.exchange.truncated import COMPLETE, check_end_of_rows
 from suta_calib.measurements.files import lines_of
 from suta_calib.units import from_deg, from_mm
 

@@ -12,13 +12,13 @@ from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import is_folder, is_plain_file, read_json
-from suta_calib.exchange.cut_off import COMPLETE, check_count
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.lerobot_motors import MOTORS
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.recorded_rests import SECONDS, found_rests, imported_rests
-from suta_calib.extras import load
+from suta_calib.exchange.truncated import COMPLETE, check_count
+from suta_calib.optional_packages import load
 from suta_calib.units import from_deg
 from suta_calib.words import listed
 

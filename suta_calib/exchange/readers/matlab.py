@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from scipy.io import loadmat
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import read_bounded
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.table_roles import UNIT
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS
 from suta_calib.words import listed
 
 

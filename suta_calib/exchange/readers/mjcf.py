@@ -14,15 +14,15 @@ import pinocchio as pin
 from lxml import etree
 
 from suta_calib.arrays import FloatArray
-from suta_calib.confined import ConfinedError, run_confined
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_bounded
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
-from suta_calib.extras import require
 from suta_calib.geometry.numbers import homogeneous, rotation_from_quaternion, rotation_from_vector
 from suta_calib.model.urdf import joint_text, number_text
+from suta_calib.optional_packages import require
+from suta_calib.sandbox import ConfinedError, run_confined
 from suta_calib.words import listed
 
 _CHILD: Final = "suta_calib.exchange.mjcf_child"

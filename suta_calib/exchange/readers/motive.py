@@ -8,10 +8,16 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
-from suta_calib.exchange.bodies import Body, InstrumentReader, Recording, body_of, column_of_time
 from suta_calib.exchange.cells import LENGTH_UNITS, TableRow
-from suta_calib.exchange.cut_off import check_count
 from suta_calib.exchange.option import Given
+from suta_calib.exchange.tracked_bodies import (
+    Body,
+    InstrumentReader,
+    Recording,
+    body_of,
+    column_of_time,
+)
+from suta_calib.exchange.truncated import check_count
 from suta_calib.measurements.csv_table import number_in
 
 _KINDS: Final = frozenset({"Rigid Body", "Marker"})

@@ -6,9 +6,15 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
-from suta_calib.exchange.bodies import Body, InstrumentReader, Recording, body_of, column_of_time
 from suta_calib.exchange.cells import TableRow, is_missing
 from suta_calib.exchange.option import Given
+from suta_calib.exchange.tracked_bodies import (
+    Body,
+    InstrumentReader,
+    Recording,
+    body_of,
+    column_of_time,
+)
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_mm
 

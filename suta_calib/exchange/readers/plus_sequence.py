@@ -11,13 +11,13 @@ import numpy as np
 
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS, Body, Recording
 from suta_calib.exchange.cells import MOST_BYTES, is_plain_file, read_bounded
-from suta_calib.exchange.cut_off import COMPLETE, cut_off
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS, Body, Recording
+from suta_calib.exchange.truncated import COMPLETE, cut_off
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_mm
 

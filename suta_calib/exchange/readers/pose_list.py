@@ -16,15 +16,15 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import COMPLETE, check_last_line
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS
+from suta_calib.exchange.truncated import COMPLETE, check_last_line
 from suta_calib.measurements.yaml_file import KeyPath
 from suta_calib.measurements.yaml_nodes import plain_data
 

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from suta_calib.exchange.bodies import Body, InstrumentReader, Recording, body_of
 from suta_calib.exchange.cells import TableRow
-from suta_calib.exchange.cut_off import check_count
 from suta_calib.exchange.option import Given
+from suta_calib.exchange.tracked_bodies import Body, InstrumentReader, Recording, body_of
+from suta_calib.exchange.truncated import check_count
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_mm
 

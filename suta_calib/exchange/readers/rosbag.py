@@ -13,7 +13,6 @@ import numpy as np
 from suta_calib.arrays import FloatArray
 from suta_calib.atomic import note_input
 from suta_calib.errors import ForeignFileError, MissingExtraError
-from suta_calib.exchange.bodies import BODY, INVERT, PREFIX, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import is_folder, is_plain_file
 from suta_calib.exchange.imported import ImportedRows, checked_places
 from suta_calib.exchange.option import Given, Option
@@ -27,8 +26,9 @@ from suta_calib.exchange.recorded_rests import (
 )
 from suta_calib.exchange.ros_pictures import CAMERA_INFO, COMPRESSED, IMAGE, camera_of, pictures_at
 from suta_calib.exchange.rotations import rotations_from
-from suta_calib.extras import load
+from suta_calib.exchange.tracked_bodies import BODY, INVERT, PREFIX, REFERENCE, Body, Recording
 from suta_calib.geometry.numbers import homogeneous, rotation_from_quaternion
+from suta_calib.optional_packages import load
 from suta_calib.words import listed
 
 JOINT_TOPIC: Final = Option("joint_topic", "Topic of the joint states.", "/joint_states")

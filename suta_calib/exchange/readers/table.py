@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS, PAIR, REFERENCE, Body, Recording
 from suta_calib.exchange.cells import LENGTH_UNITS, is_plain_file
 from suta_calib.exchange.column_names import (
     COLUMNS,
@@ -51,6 +50,7 @@ from suta_calib.exchange.table_roles import (
     named_poses,
     plain_name,
 )
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS, PAIR, REFERENCE, Body, Recording
 from suta_calib.measurements.csv_table import SIGMA, SIGMAS
 from suta_calib.terms import KINDS
 from suta_calib.units import from_deg

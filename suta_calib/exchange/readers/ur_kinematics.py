@@ -13,11 +13,11 @@ import numpy as np
 
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
-from suta_calib.exchange.cut_off import COMPLETE, check_last_line
 from suta_calib.exchange.imported import ImportedFile
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.readers.dh import ROBOT
+from suta_calib.exchange.truncated import COMPLETE, check_last_line
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.measurements.yaml_nodes import plain_data
 from suta_calib.model.dh import DhRow, DhTable

@@ -11,11 +11,17 @@ from typing import Final
 import numpy as np
 
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS, Body, InstrumentReader, Recording, body_of
 from suta_calib.exchange.cells import LENGTH_UNITS, TableRow
-from suta_calib.exchange.cut_off import COMPLETE
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.table_roles import ROTATION
+from suta_calib.exchange.tracked_bodies import (
+    BODY_OPTIONS,
+    Body,
+    InstrumentReader,
+    Recording,
+    body_of,
+)
+from suta_calib.exchange.truncated import COMPLETE
 from suta_calib.measurements.csv_table import number_in
 from suta_calib.units import from_deg
 from suta_calib.words import listed

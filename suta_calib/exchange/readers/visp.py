@@ -10,7 +10,6 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
-from suta_calib.exchange.bodies import BODY_OPTIONS
 from suta_calib.exchange.cells import is_folder, read_foreign_text
 from suta_calib.exchange.imported import ImportedRows
 from suta_calib.exchange.option import Given
@@ -18,6 +17,7 @@ from suta_calib.exchange.pose_series import PoseSeries, imported_series
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
+from suta_calib.exchange.tracked_bodies import BODY_OPTIONS
 from suta_calib.measurements.yaml_nodes import plain_data
 
 _NAME: Final = re.compile(r"(?:pose_)?(.+?)_?(\d{1,6})\.ya?ml")

@@ -12,7 +12,7 @@ from suta_calib.exchange.chosen_poses import POSE, POSE_OPTIONS, chosen_poses
 from suta_calib.exchange.option import Given
 from suta_calib.exchange.result import Result
 from suta_calib.exchange.writer import Writer
-from suta_calib.extras import load
+from suta_calib.optional_packages import load
 from suta_calib.units import mm
 from suta_calib.words import listed
 

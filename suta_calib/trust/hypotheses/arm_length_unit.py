@@ -11,7 +11,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms import ArmPoses, Term
 from suta_calib.trust import Reinterpretation, Rule, SpoiltData, Truth
 from suta_calib.trust.rereading import nominal_cap, nominal_misfit
-from suta_calib.trust.spoiling import arm_of
+from suta_calib.trust.simulated_faults import arm_of
 
 
 class ArmLengthUnit(Reinterpretation):

@@ -8,7 +8,7 @@ import numpy as np
 from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import ENOUGH_ROWS, STILL, all_readings
-from suta_calib.trust.spoiling import arm_of, middle_joint_changed
+from suta_calib.trust.simulated_faults import arm_of, middle_joint_changed
 from suta_calib.units import text
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.extended_problem import neighbours
-from suta_calib.trust.spoiling import arm_of, with_columns
+from suta_calib.trust.simulated_faults import arm_of, with_columns
 
 
 class Coupling(AddedVariable):

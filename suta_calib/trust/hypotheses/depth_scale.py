@@ -15,7 +15,7 @@ from suta_calib.trust import (
     Truth,
     weigh_effects,
 )
-from suta_calib.trust.spoiling import with_columns
+from suta_calib.trust.simulated_faults import with_columns
 
 
 class DepthScale(AddedVariable):

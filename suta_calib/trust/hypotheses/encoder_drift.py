@@ -9,7 +9,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.solver.problem import Problem
 from suta_calib.trust import SpoiltData, Truth
 from suta_calib.trust.in_time import ChangeInTime, EncoderInTime, so_far
-from suta_calib.trust.spoiling import middle_joint_changed
+from suta_calib.trust.simulated_faults import middle_joint_changed
 
 
 class EncoderDrift(EncoderInTime):

@@ -6,7 +6,7 @@ import numpy as np
 
 from suta_calib.trust import SpoiltData, Truth
 from suta_calib.trust.in_time import ChangeInTime, EncoderInTime, later_half
-from suta_calib.trust.spoiling import middle_joint_changed
+from suta_calib.trust.simulated_faults import middle_joint_changed
 
 
 class EncoderSlip(EncoderInTime):

@@ -17,7 +17,7 @@ from suta_calib.trust import (
     Truth,
     weigh_effects,
 )
-from suta_calib.trust.spoiling import with_columns
+from suta_calib.trust.simulated_faults import with_columns
 from suta_calib.units import text
 
 # Rows at which an exchange may have been.

@@ -9,7 +9,7 @@ from suta_calib.errors import SamplesError
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.trust import Reinterpretation, SpoiltData, Truth
-from suta_calib.trust.spoiling import random_shift
+from suta_calib.trust.simulated_faults import random_shift
 
 
 class WrongGivenPose(Reinterpretation):

@@ -8,7 +8,7 @@ import numpy as np
 from suta_calib.model.parameters import COUPLING
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
 from suta_calib.trust.extended_problem import LOOKS_LIKE, offered_names
-from suta_calib.trust.spoiling import arm_of, with_columns
+from suta_calib.trust.simulated_faults import arm_of, with_columns
 
 
 class JointError(AddedVariable):

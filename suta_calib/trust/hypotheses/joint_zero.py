@@ -10,7 +10,7 @@ from suta_calib.measurements import Samples
 from suta_calib.model.arm import ArmModel
 from suta_calib.terms import Term
 from suta_calib.trust.misreadings import Change, MisreadJoints, mapped
-from suta_calib.trust.spoiling import arm_of
+from suta_calib.trust.simulated_faults import arm_of
 from suta_calib.units import from_deg
 
 

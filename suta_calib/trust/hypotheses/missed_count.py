@@ -21,12 +21,12 @@ import numpy as np
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import SutaCalibError
 from suta_calib.measurements.sample_files import JointRange, check_readings
-from suta_calib.solver.kernel import TermErrors
+from suta_calib.solver.compiled_residual import TermErrors
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.terms.poses import joint_ranges
 from suta_calib.trust import Reinterpretation, SpoiltData, Truth
-from suta_calib.trust.spoiling import arm_of, with_columns
+from suta_calib.trust.simulated_faults import arm_of, with_columns
 from suta_calib.units import from_deg, text
 
 # Shifts of a joint that are tried first, rad.

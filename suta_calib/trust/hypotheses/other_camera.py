@@ -18,7 +18,7 @@ from suta_calib.terms import Term
 from suta_calib.trust import Effect, Examination, Reinterpretation, SpoiltData, Truth, weigh_effects
 from suta_calib.trust.examination import STEP
 from suta_calib.trust.rereading import QUICK_FIT
-from suta_calib.trust.spoiling import with_columns
+from suta_calib.trust.simulated_faults import with_columns
 
 # Factors, less one, that are no rounding and still another camera's.
 LEAST, MOST = 5e-3, 0.7

@@ -6,8 +6,8 @@ import numpy as np
 
 from suta_calib.arrays import BoolArray
 from suta_calib.trust import Effect, Evidence, Examination, Hypothesis, Rule, SpoiltData, Truth
-from suta_calib.trust.hypotheses.moved import Moved
-from suta_calib.trust.spoiling import random_shift, seen_elsewhere
+from suta_calib.trust.hypotheses.moved_at_a_row import Moved
+from suta_calib.trust.simulated_faults import random_shift, seen_elsewhere
 
 # Outliers in one block that are no chance.
 FEWEST: Final = 3

@@ -11,7 +11,7 @@ from suta_calib.terms import Term
 from suta_calib.terms.block import grouped, grouped_rows, numbered
 from suta_calib.trust import Pattern, SpoiltData, Truth
 from suta_calib.trust.patterns import may_read_alike
-from suta_calib.trust.spoiling import with_columns
+from suta_calib.trust.simulated_faults import with_columns
 
 
 class RepeatedReadings(Pattern):

@@ -12,7 +12,7 @@ from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth, sensitivity
 from suta_calib.trust.held_out import robust_level
 from suta_calib.trust.patterns import all_readings
-from suta_calib.trust.spoiling import with_columns
+from suta_calib.trust.simulated_faults import with_columns
 from suta_calib.units import from_deg, text
 from suta_calib.words import listed
 

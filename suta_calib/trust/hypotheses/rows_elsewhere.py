@@ -11,7 +11,7 @@ from suta_calib.terms.term import Term
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, Rule, SpoiltData, Truth
 from suta_calib.trust.evidence import log_ways
 from suta_calib.trust.examination import samples_of
-from suta_calib.trust.spoiling import random_shift, with_columns
+from suta_calib.trust.simulated_faults import random_shift, with_columns
 
 # Rows of the smaller part: fewer are single mishaps, which a robust loss leaves out.
 FEWEST: Final = 5

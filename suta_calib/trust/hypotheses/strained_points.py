@@ -25,7 +25,7 @@ from suta_calib.trust import (
     weigh_effects,
 )
 from suta_calib.trust.hypotheses.scaled_points import PointSets, by_scale, one_by_one
-from suta_calib.trust.spoiling import with_columns
+from suta_calib.trust.simulated_faults import with_columns
 from suta_calib.units import text
 
 # Symmetric matrices without a trace (5, 3, 3), each of length one.

@@ -7,7 +7,7 @@ import numpy as np
 from suta_calib.measurements.samples import hashed
 from suta_calib.terms import Term
 from suta_calib.trust import Pattern, SpoiltData, Truth
-from suta_calib.trust.spoiling import with_columns
+from suta_calib.trust.simulated_faults import with_columns
 
 
 class StuckInstrument(Pattern):

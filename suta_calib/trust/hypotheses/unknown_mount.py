@@ -7,7 +7,7 @@ import numpy as np
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.trust import Reinterpretation, SpoiltData, Truth
-from suta_calib.trust.spoiling import displaced, random_shift
+from suta_calib.trust.simulated_faults import displaced, random_shift
 
 
 class UnknownMount(Reinterpretation):

@@ -9,7 +9,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import ROTATION
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
-from suta_calib.trust.spoiling import arm_of, displaced
+from suta_calib.trust.simulated_faults import arm_of, displaced
 from suta_calib.units import from_deg, text
 
 

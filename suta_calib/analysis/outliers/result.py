@@ -12,7 +12,7 @@ from suta_calib import plotting
 from suta_calib.analysis import outliers
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.solver.problem import DEFAULT_SIGMA, PLAIN_SIGMA
 from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term, every_grouping

@@ -8,7 +8,7 @@ import numpy as np
 
 from suta_calib.arrays import FloatArray
 from suta_calib.trust import AddedVariable, Effect, Evidence, Examination, SpoiltData, Truth
-from suta_calib.trust.spoiling import arm_of, with_columns
+from suta_calib.trust.simulated_faults import arm_of, with_columns
 
 
 class LateRows(AddedVariable):

@@ -11,8 +11,8 @@ from typing import ClassVar, Final
 import numpy as np
 
 from suta_calib.arrays import FloatArray
+from suta_calib.display import Displayable
 from suta_calib.errors import SolverError, SutaCalibError
-from suta_calib.showing import Displayable
 from suta_calib.solver.nlp import RobustNlp
 
 # Statuses of Gauss-Newton steps that come to a minimum, or to one that an earlier start has found.

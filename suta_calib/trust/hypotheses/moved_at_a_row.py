@@ -25,7 +25,7 @@ from suta_calib.trust import (
     weigh_effects,
 )
 from suta_calib.trust.serial_correlation import correlation_length
-from suta_calib.trust.spoiling import random_shift, seen_elsewhere
+from suta_calib.trust.simulated_faults import random_shift, seen_elsewhere
 from suta_calib.units import deg, text
 
 # Rows before and after a step, and rows (evenly spaced ones) at which it is tried.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from suta_calib.batched import formula
-from suta_calib.solver import kernel
-from suta_calib.solver.kernel import RowPattern
+from suta_calib.solver import compiled_residual
+from suta_calib.solver.compiled_residual import RowPattern
 from suta_calib.solver.problem import Problem
 from suta_calib.terms import FixedPoint, HandEye, Term
 from suta_calib.terms.block import Block, Noise
@@ -66,14 +66,14 @@ def test_derivatives_by_velocities_become_those_by_parameters(
 def test_rows_are_taken_whether_they_follow_one_another_or_not(numbers: list[int]) -> None:
     source, taken = np.random.default_rng(0).normal(size=(5, 3)), np.array(numbers, dtype=np.intp)
     out = np.full((len(taken), 3), np.nan)
-    kernel._take(source, kernel._rows(taken), out)
+    compiled_residual._take(source, compiled_residual._rows(taken), out)
     np.testing.assert_array_equal(out, source[taken])
 
 
 @pytest.mark.parametrize("free", [False, True])
 def test_no_row_is_taken_through_the_formula_of_a_rotation_vector(free: bool) -> None:
     residual, own = reprojection(EYE_IN_HAND, free, False), 21 if free else 12
-    function, *_ = kernel._compiled(residual, 1, own, 15, 2, True, False)
+    function, *_ = compiled_residual._compiled(residual, 1, own, 15, 2, True, False)
     rule = formula(function, (function.n_in() - 2,))
     assert rule is not None
     assert np.sqrt in {operation for operation, _ in rule.once}
@@ -88,7 +88,7 @@ def test_what_is_made_of_own_parameters_may_be_computed_apart(
 ) -> None:
     x, found = 0.3 * np.random.default_rng(0).normal(size=len(term.own_parameters)), []
     for many in (10, 9):
-        monkeypatch.setattr(kernel, "MANY", many)
+        monkeypatch.setattr(compiled_residual, "MANY", many)
         lines = Problem([term]).linearise(x, [1.0] * len(term.blocks))
         found.append([a for line in lines for a in (line.residual, line.by_pose, line.by_own)])
     for apart, together in zip(*found, strict=True):

@@ -12,7 +12,7 @@ from suta_calib.analysis.planning.region import Pool, Region
 from suta_calib.analysis.planning.situation import Situation
 from suta_calib.arrays import FloatArray
 from suta_calib.assessment import Assessment, judged
-from suta_calib.showing import Displayable
+from suta_calib.display import Displayable
 from suta_calib.units import Unit, mm, text
 
 

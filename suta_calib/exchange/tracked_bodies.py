@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.errors import ForeignFileError, did_you_mean
 from suta_calib.exchange.cells import TableRow, numbers_of, read_foreign_text, rows_of_text
-from suta_calib.exchange.cut_off import COMPLETE, check_end_of_rows
 from suta_calib.exchange.imported import ImportedRows, checked_places, distance_notes, pose_columns
 from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
+from suta_calib.exchange.truncated import COMPLETE, check_end_of_rows
 from suta_calib.words import listed
 
 BODY: Final = Option(

@@ -13,7 +13,7 @@ from suta_calib.solver.problem import Problem
 from suta_calib.terms import Term
 from suta_calib.terms.instrument_terms import InstrumentTerm
 from suta_calib.trust import Reinterpretation, SpoiltData, Truth
-from suta_calib.trust.spoiling import displaced, with_columns
+from suta_calib.trust.simulated_faults import displaced, with_columns
 
 WHAT: Final = "the instrument, the artefact or what was touched"
 HALVES: Final = f"{WHAT} was moved after the first half of the rows"
