@@ -10,7 +10,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from suta_calib.errors import InputError, SutaCalibError
+from suta_calib.errors import (
+    ArtefactError,
+    BoardError,
+    CameraError,
+    InputError,
+    SamplesError,
+    SutaCalibError,
+)
 from suta_calib.exchange.reader import TABLE, beginning, recognised
 
 _JOB: Final = (
@@ -31,11 +38,13 @@ class FileFormat:
         name: of its format, in a few words.
         command: that reads it, as it is typed.
         read_by: names of all commands that do.
+        read_as: what they raise then; anything where this is empty.
     """
 
     name: str
     command: str
     read_by: Collection[str]
+    read_as: tuple[type[InputError], ...] = ()
 
     @property
     def hint(self) -> str:
@@ -51,6 +60,7 @@ class _Own:
     name: str
     command: str
     read_by: Collection[str]
+    read_as: tuple[type[InputError], ...] = ()
 
 
 def _has(*keys: str) -> Callable[[str], bool]:
@@ -71,7 +81,7 @@ def _columns(*names: str, at_most: int = 1000) -> Callable[[str], bool]:
 
 # Of what has no command of its own.
 _NAMED: Final = "name {{}} as the key {} of a row of a job's observations"
-_ROWS: Final = (*_JOB, "simulate", "hand-eye", "detect", "outliers")
+_ROWS: Final = (*_JOB, "simulate", "hand-eye", "detect")
 # The first that fits counts.
 _OWN: Final = (
     _Own(
@@ -97,10 +107,23 @@ _OWN: Final = (
         "suta-calib export {} --list names what can be made of it",
         ("export", "view", "validate", "track", "tip-map"),
     ),
-    _Own(_has("landmarks"), "an artefact", _NAMED.format("artefact"), _ROWS),
-    _Own(_has("type", "(corners|squares|markers)"), "a board", _NAMED.format("board"), _ROWS),
-    _Own(_has("camera_matrix"), "a camera", _NAMED.format("camera"), _ROWS),
+    _Own(_has("landmarks"), "an artefact", _NAMED.format("artefact"), _ROWS, (ArtefactError,)),
+    _Own(
+        _has("type", "(corners|squares|markers)"),
+        "a board",
+        _NAMED.format("board"),
+        _ROWS,
+        (BoardError,),
+    ),
+    _Own(_has("camera_matrix"), "a camera", _NAMED.format("camera"), _ROWS, (CameraError,)),
     _Own(_columns("a_x(_mm)?", "a_qx"), "pairs of poses", "suta-calib hand-eye {}", ("hand-eye",)),
+    _Own(
+        _columns("placement", "landmark"),
+        "samples of an arm",
+        _NAMED.format("samples"),
+        _ROWS,
+        (SamplesError,),
+    ),
     _Own(
         _columns("feature", "landmark", "index"),
         "points of a laser tracker on an artefact",
@@ -123,7 +146,7 @@ def recognised_format(path: Path) -> FileFormat | None:
         head = beginning(path)
         for own in _OWN:
             if own.begins(head):
-                return FileFormat(own.name, own.command.format(quoted), own.read_by)
+                return FileFormat(own.name, own.command.format(quoted), own.read_by, own.read_as)
         reader = recognised(path)
         if reader.name == TABLE:
             return None
@@ -141,4 +164,7 @@ def other_format(error: InputError, command: str) -> str:
     if error.file is None:
         return ""
     found = recognised_format(error.file)
-    return "" if found is None or command in found.read_by else found.hint
+    if found is None:
+        return ""
+    right = command in found.read_by and isinstance(error, found.read_as or InputError)
+    return "" if right else found.hint

@@ -51,8 +51,8 @@ _MET: Final = (next(kind for kind in KINDS.values() if finds_places(kind)).kind,
 ARM_GRADES: Final[Mapping[str, ArmGrade]] = {
     grade.name: grade
     for grade in (
-        ArmGrade("printed", "3-D printed parts, servos", "printed", 3, 2, 0.7, _MET, True),
-        ArmGrade("hobby", "a kit, servos", "printed", 3, 2, 0.5, _MET, True),
+        ArmGrade("printed", "3-D printed parts, servos", "printed", 3, 1.5, 0.7, _MET, True),
+        ArmGrade("hobby", "a kit, servos", "printed", 3, 1.5, 0.5, _MET, True),
         ArmGrade("industrial", "machined parts", "machined", 2, 1, 0.3, _TOUCHED),
         ArmGrade("certified", "all dimensions measured", "certified", 0.2, 0.1, 0.05, _TOUCHED),
     )

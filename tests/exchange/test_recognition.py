@@ -32,13 +32,13 @@ JOB = "arm: {urdf: arm.urdf, tip: hand}\nobservations:\n  - {kind: plane, sample
         ("type: chessboard\ncorners: [7, 5]\n", "pivot", "name {} as the key board"),
         ("point,x,y,z,qx,qy,qz,qw\na,0,0,0,0,0,0,1\n", "hand-eye", "suta-calib pivot {}"),
         ("a_x,a_y,a_z,a_qx,a_qy,a_qz,a_qw,b_x\n", "pivot", "suta-calib hand-eye {}"),
+        ("placement,repeat,landmark,j1\n", "calibrate", "name {} as the key samples"),
         ("feature,landmark,index,x,y,z\ntop,A,0,0,0,0\n", "pivot", "suta-calib certify {}"),
     ],
 )
 def test_what_a_file_is(
     text: str, command: str, hint: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = tmp_path / "it is.yaml"
     suffix = ".xml" if text == MJCF else ".yaml"
     path = tmp_path / f"a{suffix}"
     path.write_text(text)
@@ -68,7 +68,12 @@ def test_who_reads_the_format_is_told_nothing_more(
     path.write_text(JOB)
     assert cli("calibrate", path) == 2
     assert "looks like" not in capsys.readouterr().err
-    assert cli("--version") == 0
+    # What a job names as an artefact is read as one; what stands in the job's place is none.
+    sheet = tmp_path / "sheet.yaml"
+    sheet.write_text("landmarks: {A: {position: 1}}\n")
+    for command, file in (("simulate", path), ("calibrate", sheet)):
+        assert cli(command, file, *(("--out", tmp_path / "out") if file == path else ())) == 2
+        assert "looks like" in capsys.readouterr().err
 
 
 def test_a_mujoco_model_in_place_of_a_urdf(

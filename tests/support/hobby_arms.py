@@ -76,8 +76,8 @@ def true_values(arm: ArmModel, rng: np.random.Generator) -> dict[str, float]:
     return truth
 
 
-def sheet(along_x: float = 1.0, along_y: float = 1.0) -> Artefact:
-    """Crosses on A4 paper: as the file says, or as they were printed."""
+def sheet(along_x: float = 1.0, along_y: float = 1.0, ruler: float | None = None) -> Artefact:
+    """Crosses on A4 paper: as the file says, or as they were printed, or measured by a ruler."""
     marks = [
         Landmark(
             f"{row}{k}",
@@ -88,8 +88,8 @@ def sheet(along_x: float = 1.0, along_y: float = 1.0) -> Artefact:
         for n, row in enumerate("ABC")
         for k in range(1, 6)
     ]
-    printed = LengthScale.of_grade("printed")
-    return Artefact("sheet", {mark.name: mark for mark in marks}, printed, printed.std)
+    scale = LengthScale.of_grade("printed") if ruler is None else LengthScale(ruler, "printed")
+    return Artefact("sheet", {mark.name: mark for mark in marks}, scale, scale.std)
 
 
 @dataclass(frozen=True)
@@ -109,8 +109,15 @@ class DeskArm:
     begin: float
 
     @classmethod
-    def made(cls, folder: Path, seed: int) -> DeskArm:
-        """The arm of a seed; only the samples and the artefact are filled in."""
+    def made(cls, folder: Path, seed: int, ruler: float | None = None) -> DeskArm:
+        """The arm of a seed; only the samples and the artefact are filled in.
+
+        Args:
+            folder: of the URDF and of the job.
+            seed: of everything.
+            ruler: relative standard deviation with which the sheet was measured; it was not by
+                default.
+        """
         rng = np.random.default_rng([37, seed])
         folder.mkdir(parents=True)
         urdf = folder / "arm.urdf"
@@ -122,6 +129,9 @@ class DeskArm:
         write_artefact(folder / "job/artefact.yaml", sheet())
         factors = 1 + rng.uniform(0.003, 0.01, 2) * rng.choice((-1.0, 1.0), 2)
         printed = sheet(*factors.tolist())
+        if ruler is not None:
+            read = factors * (1 + ruler * np.random.default_rng([38, seed]).standard_normal(2))
+            write_artefact(folder / "job/artefact.yaml", sheet(*read.tolist(), ruler))
         crosses = {
             name: mark.position + mark.sigma * rng.standard_normal(3)
             for name, mark in printed.landmarks.items()
