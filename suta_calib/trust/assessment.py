@@ -334,6 +334,6 @@ def _with_it(gain: ExtensionGain) -> str:
     """What estimating it as well does to the errors of rows that were left out."""
     before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
     return (
-        "With that estimated too, the error of rows left out of the fit changes from "
-        f"{after} to {before}"
+        "With that estimated too, the error of rows left out of the fit falls from "
+        f"{before} to {after}"
     )

@@ -84,7 +84,9 @@ def test_extend_leaves_a_clean_job_alone(clean: Path) -> None:
 def test_calibrate_offers_it_when_the_residuals_show_it(job: Path, clean: Path) -> None:
     said = " ".join(printed("calibrate", job).split())
     assert "The residuals of joint_3 look like an eccentric encoder" in said
-    assert "the error of rows left out of the fit changes from" in said
+    falls = re.search(r"left out of the fit falls from ([\d.]+) mm to ([\d.]+) mm", said)
+    assert falls is not None
+    assert float(falls[1]) > float(falls[2])
     assert "Run suta-calib extend" in said
     assert "look like" not in printed("calibrate", clean)
 
