@@ -146,7 +146,7 @@ def sound_jobs(
             text = text.replace("starts: 8", f"starts: {starts}")
             used = tuple(file for file in made.files if file.path.split("/")[0] in text)
             # The thesis frees less than is wrong of the arm.
-            says = "times what repeats of the same touch scatter" if name == "calibration" else None
+            says = "times the scatter of repeats" if name == "calibration" else None
             yield Sound(name, text, replace(made, files=used), says)
     for kind in kinds:
         fitted, held_out, row = KINDS[kind]
