@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from cli_job import cli
 from hobby_arms import TIP, DeskArm, urdf_of
 from simulated import arm_named
@@ -17,7 +20,7 @@ from suta_calib.job.new_job import new_job, write_job
 from suta_calib.job.schema import read_job
 from suta_calib.measurements import read_artefact
 from suta_calib.model.parameters import OFFSET, POSITION
-from suta_calib.units import deg, mm
+from suta_calib.units import deg, from_deg, from_mm, mm
 
 FIRST, LAST = "world", "hand"
 
@@ -191,6 +194,52 @@ def test_it_calibrates_hobby_arms_with_printed_sheets(
     # Of 1,440 estimates 4 are off by more than three standard deviations, if these are right.
     assert np.sum(worst > 3.0) <= 4
     assert worst.max() < 4.0
+
+
+def filled_in(folder: Path, arm: ArmModel, data: Path, kinds: Sequence[str] = ()) -> CalibrationJob:
+    """A new job for measurements that are there, from one start."""
+    write_job(new_job(arm, folder, kinds=kinds))
+    for name in ("calibration", "validation", "fixed_point"):
+        if (folder / name).is_dir():
+            shutil.rmtree(folder / name)
+            shutil.copytree(data / name, folder / name)
+    if (data / "artefact.yaml").is_file():
+        shutil.copy(data / "artefact.yaml", folder)
+    job = folder / "calibration.yaml"
+    job.write_text(job.read_text().replace("starts: 8", "starts: 1"))
+    return CalibrationJob.load(job)
+
+
+@pytest.mark.slow
+def test_it_calibrates_a_measured_robot_with_a_laser_tracker(
+    repository: Path, tmp_path: Path
+) -> None:
+    """As well as the example's own job does, which frees all without priors: 0.113 mm."""
+    data = repository / "examples/ur5_laser_tracker"
+    arm = ArmModel.from_urdf(data / "arm.urdf", "reflector")
+    job = filled_in(tmp_path, arm, data, ["tracked_point"])
+    assert job.arm.grade == "machined"
+    metrics = job.run().metrics["validation"]
+    assert mm(metrics["before"].rms) > 0.9
+    assert mm(metrics["after"].rms) == pytest.approx(0.113, abs=5e-4)
+
+
+@pytest.mark.slow
+def test_it_calibrates_the_suta(suta_urdf: Path, tmp_path: Path) -> None:
+    """As well as bounds of 30 mm and 15°, with which the worst estimate was 44 ± off."""
+    data = suta_urdf.parents[1] / "data/suta"
+    job = filled_in(tmp_path, ArmModel.from_urdf(suta_urdf, "tip"), data)
+    listed = yaml.safe_load((data / "truth.yaml").read_text(encoding="utf-8"))["parameters"]
+    truth = {
+        name: from_mm(entry["value_mm"]) if "value_mm" in entry else from_deg(entry["value_deg"])
+        for name, entry in listed.items()
+    }
+    solution = solve(job.problem(), job.options())
+    desk = DeskArm(tmp_path, job.arm, truth, 0.0)
+    assert max(desk.deviations(solution).values()) < 3.0
+    q = np.concatenate([term.poses.samples.q for term in job.validation])
+    assert mm(desk.tip_error(solution.values, q)) < 0.06
+    assert mm(desk.tip_error({}, q)) > 5.0
 
 
 def test_the_rough_place_of_a_sheet_can_be_uncommented(tmp_path: Path) -> None:

@@ -177,9 +177,9 @@ class DeskArm:
         q, reached = self.postures(rng.uniform(lower, upper, (n, 3)), rng)
         return np.asarray(q[reached])
 
-    def tip_error(self, values: Mapping[str, float]) -> float:
-        """RMS distance of the tip from the true one over `workspace`, the base registered, m."""
-        q = self.workspace()
+    def tip_error(self, values: Mapping[str, float], q: FloatArray | None = None) -> float:
+        """RMS distance of the tip from the true one, m, the base registered: over `workspace`."""
+        q = self.workspace() if q is None else q
         true, found = (
             self.arm.at(
                 {name: value for name, value in v.items() if name in self.arm.offered}
