@@ -39,9 +39,14 @@ def with_file(options: dict[str, Any], file: Path | None) -> dict[str, Any]:
     return given if file is None else options_from_file(file) | given
 
 
-def read_poses(path: Path) -> CsvTable:
-    """A poses CSV, or another program's file, of which stderr says what was taken for granted."""
-    table, notes = pose_table(path)
+def read_poses(path: Path, **options: str) -> CsvTable:
+    """A poses CSV, or another program's file, of which stderr says what was taken for granted.
+
+    Args:
+        path: the file.
+        **options: of another program's format, where it has them.
+    """
+    table, notes = pose_table(path, **options)
     for note in notes:
         click.echo(f"{path}: {note}", err=True)
     return table

@@ -78,7 +78,10 @@ def hand_eye(
     """
     _check(corners, board, camera, intrinsics)
     if corners:
-        hand, views = read_hand_poses(read_poses(poses)), _views(corners, board, camera)
+        hand, views = (
+            read_hand_poses(read_poses(poses, setup=setup)),
+            _views(corners, board, camera),
+        )
         with LateProgress("calibrating"):
             pictured = hand_eye_from_pictures(
                 hand,
@@ -93,7 +96,7 @@ def hand_eye(
             robust=not plain, seed=seed, intrinsics=intrinsics
         )
 
-    data = read_pose_pairs(read_poses(poses))
+    data = read_pose_pairs(read_poses(poses, setup=setup))
     with LateProgress("calibrating"):
         calibration = hand_eye_from_pairs(
             data, setup=setup, model=model, robust=not plain, seed=seed

@@ -19,6 +19,7 @@ from suta_calib.exchange.rotations import rotations_from
 from suta_calib.exchange.table_roles import UNIT
 from suta_calib.exchange.tracked_bodies import BODY, PAIR, REFERENCE, Body, Recording
 from suta_calib.units import from_mm
+from suta_calib.words import listed
 
 # What people call the robot's pose, and what the eye sees.
 _OF_HAND: Final = re.compile(
@@ -43,6 +44,12 @@ class PoseSeries:
     numbers: FloatArray
     frames: Sequence[int | str]
     lines: Sequence[int]
+
+    @property
+    def inverted(self) -> PoseSeries:
+        """The poses that lead back."""
+        turned = np.swapaxes(self.numbers[:, :, :3], 1, 2)
+        return replace(self, numbers=np.dstack([turned, -turned @ self.numbers[:, :, 3:]]))
 
     def body(self, path: Path, unit: str) -> Body:
         """In m, with rotations that are some.
@@ -96,11 +103,21 @@ def _check_frames(path: Path, series: Mapping[str, PoseSeries]) -> None:
     first, *others = series.values()
     if any([*of.frames] != [*first.frames] for of in others):
         lengths = " and ".join(f"{len(of.frames)} {name}" for name, of in series.items())
+        everywhere = set.intersection(*(set(of.frames) for of in series.values()))
+        lone = [
+            f"{frame} has a pose of {name} alone"
+            for name, of in series.items()
+            for frame in of.frames
+            if frame not in everywhere
+        ]
+        # All of them say nothing: the series are of other numbers altogether.
+        where = f" (sample {listed(lone, 3)}; samples count from 0)" if everywhere and lone else ""
         raise ForeignFileError(
-            f"poses of other numbers: {lengths}",
+            f"poses of other numbers: {lengths}{where}",
             "the same numbers in each, so that the poses are pairs",
             file=path,
-            hint=f"say {BODY.switch} {next(iter(series))} for one of them",
+            hint=f"complete or delete such a sample: is a number missing in it, or not finite? Or "
+            f"say {BODY.switch} {next(iter(series))} for one of them",
         )
 
 

@@ -11,11 +11,12 @@ from suta_calib.exchange.reader import TABLE, read_foreign, recognised
 from suta_calib.measurements.csv_table import CsvTable, csv_table, read_csv_table
 
 
-def pose_table(path: str | Path) -> tuple[CsvTable, tuple[str, ...]]:
+def pose_table(path: str | Path, **options: str) -> tuple[CsvTable, tuple[str, ...]]:
     """The table of a poses CSV of this package, or of another program's file that is recognised.
 
     Args:
         path: a CSV file, or whatever `read_foreign` reads without options.
+        **options: of another program's format, where it has them.
 
     Returns:
         The table, and what must be known of the file or was taken for granted, a sentence each.
@@ -26,9 +27,11 @@ def pose_table(path: str | Path) -> tuple[CsvTable, tuple[str, ...]]:
 
     """
     path = Path(path)
-    if path.suffix.lower() == ".csv" and recognised(path).name == TABLE:
+    reader = recognised(path)
+    if path.suffix.lower() == ".csv" and reader.name == TABLE:
         return read_csv_table(path), ()
-    rows = read_foreign(path)
+    known = {option.name for option in reader.options}
+    rows = read_foreign(path, reader.name, **{k: v for k, v in options.items() if k in known})
     if not isinstance(rows, ImportedRows):
         hint = "suta-calib import SOURCE --out FILE writes it"
         raise ForeignFileError(rows.sentence, "poses", file=path, hint=hint)

@@ -79,6 +79,8 @@ def _columns(*names: str, at_most: int = 1000) -> Callable[[str], bool]:
     return begins
 
 
+# They read other programs' files directly.
+_POSES: Final = ("hand-eye", "pivot", "register")
 # Of what has no command of its own.
 _NAMED: Final = "name {{}} as the key {} of a row of a job's observations"
 _ROWS: Final = (*_JOB, "simulate", "hand-eye", "detect")
@@ -155,7 +157,7 @@ def recognised_format(path: Path) -> FileFormat | None:
         out = path.with_suffix(suffix[1] if suffix else ".csv").name
         out = out if out != path.name else f"imported_{out}"
         command = f"suta-calib import {quoted} --format {reader.name} --out {shlex.quote(out)}"
-        return FileFormat(reader.summary.partition(":")[0], command, ("import",))
+        return FileFormat(reader.summary.partition(":")[0], command, ("import", *_POSES))
     return None
 
 

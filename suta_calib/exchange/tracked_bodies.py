@@ -134,7 +134,7 @@ class Recording:
             form=form,
             columns=together,
             dropped=dropped,
-            notes=distance_notes(position, self.unit),
+            notes=distance_notes(position, f"lengths {self.unit}"),
             remarks=(f"The pose of {of}; lengths are {self.unit}.",),
         )
 
@@ -144,7 +144,9 @@ class Recording:
         prefixes = self.bodies if set(self.bodies) == set(PAIR) else PAIR
         for prefix, body in zip(prefixes, self.bodies.values(), strict=True):
             columns |= pose_columns(body.position, body.rotation, prefix)
-        asked = [distance_notes(body.position, self.unit) for body in self.bodies.values()]
+        asked = [
+            distance_notes(body.position, f"lengths {self.unit}") for body in self.bodies.values()
+        ]
         notes, remarks = tuple(chain(*asked)), (f"Lengths are {self.unit}.",)
         return ImportedRows(
             source=self.path, form=form, columns=columns, notes=notes, remarks=remarks

@@ -217,7 +217,8 @@ def _poses(
     table: CsvTable, prefix: str = ""
 ) -> tuple[tuple[FloatArray, FloatArray], tuple[str, ...]]:
     position = positions(table, prefix)
-    return (rotations(table, prefix), position), _hint_at_unit(table, position, prefix)
+    notes = _hint_at_unit(table, position, prefix) or _hint_at_other_file(table, position, prefix)
+    return (rotations(table, prefix), position), notes
 
 
 def _hint_at_unit(table: CsvTable, positions: FloatArray, prefix: str = "") -> tuple[str, ...]:
@@ -235,6 +236,19 @@ def _hint_at_unit(table: CsvTable, positions: FloatArray, prefix: str = "") -> t
     note = (
         f"{table.path}:{table.header_line}: column {first!r}: found positions some {guess}: "
         f"name the columns {columns}"
+    )
+    _warn(note)
+    return (f"{note}.",)
+
+
+def _hint_at_other_file(table: CsvTable, positions: FloatArray, prefix: str) -> tuple[str, ...]:
+    """The same of lengths in m that are too small: another program's metres, read as mm."""
+    distance = float(np.median(np.linalg.norm(positions, axis=1)))
+    if f"{prefix}x_mm" in table.columns or not 0.0 < distance < NEAR:
+        return ()
+    note = (
+        f"{table.path}: found positions some {mm(distance):.2g} mm away, nearer than a tracker or "
+        "a camera sees: were metres read as mm? Then multiply the file's positions by 1000"
     )
     _warn(note)
     return (f"{note}.",)

@@ -102,7 +102,8 @@ def read_samples(
         joints: the joints of the chain, base to tip; the order of the columns of ``q``.
         columns: what else is needed; every other column is ignored, but ``JOINT.direction``, where
             all files have it: from which side that joint came; and ``temperature``, °C, which all
-            files have or none.
+            files have or none. A joint's readings may be in degrees or mm where its column says so:
+            ``JOINT_deg``, ``JOINT_mm``.
 
     Warns:
         SutaCalibWarning: quaternions that are more than 1 % away from unit length; readings of a
@@ -222,7 +223,9 @@ def _directions(
 
 def _expected(joint: JointRange) -> str:
     mimics = f", which {', '.join(joint.followers)} mimics" if joint.followers else ""
-    return f"one column per joint of the chain, in {joint.unit}{mimics}"
+    shown = NumberColumn(joint.name, joint.unit).names[-1]
+    also = f" (or {shown})" if shown != joint.name else ""
+    return f"one column per joint of the chain, in {joint.unit}{also}{mimics}"
 
 
 def _everywhere(tables: Sequence[CsvTable], *names: str) -> bool:
@@ -260,10 +263,18 @@ def check_readings(q: FloatArray, joints: Sequence[JointRange], origin: Sequence
 
 def _readings(table: CsvTable, joints: Sequence[JointRange]) -> FloatArray:
     """(n, joints), refused where they can only be degrees, millimetres or whole turns off."""
-    q = np.array([table.numbers(joint.name, _expected(joint)) for joint in joints])
+    q = np.array([_reading(table, joint) for joint in joints])
     for k, row, expected, hint in _unusable(q, joints):
         raise table.refuse(row, joints[k].name, f"{q[k, row]:.6g}", expected, hint)
     return q.reshape(-1, len(table)).T
+
+
+def _reading(table: CsvTable, joint: JointRange) -> FloatArray:
+    """(n,) rad or m, also of a column ``JOINT_deg`` or ``JOINT_mm``."""
+    column = NumberColumn(joint.name, joint.unit)
+    if any(name in table.columns for name in column.names):
+        return numbers(table, column)
+    return table.numbers(joint.name, _expected(joint))
 
 
 def _unusable(q: FloatArray, joints: Sequence[JointRange]) -> Iterator[tuple[int, int, str, str]]:

@@ -173,9 +173,14 @@ class HandEyeCalibration(Displayable, EyePoses, RobustAnswer):
         caution += self.others_found(DepthScale.name)
         bad = self.objections("pairs", self.inliers, self.length)
         if self.inverted != "good":
+            beside = (
+                ""
+                if self.setup != EYE_IN_HAND
+                else ("Does the eye stand beside the robot? Then say --setup eye-to-hand. ")
+            )
             (bad if self.inverted == "bad" else caution).append(
-                f"{self.lengths_told} Are both poses inverted? Then X is what is called Z here: "
-                f"{self.Z_told}."
+                f"{self.lengths_told} {beside}Are both poses inverted? Then X is what is called Z "
+                f"here: {self.Z_told}."
             )
         # A hand may move by millimetres, a target be seen from them: not both.
         (bad if len(self.notes) > 1 else caution).extend(self.notes)

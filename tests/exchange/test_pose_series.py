@@ -95,6 +95,35 @@ def test_roles_are_told_by_names(layout: str, tmp_path: Path) -> None:
     assert found.columns["frame"].tolist() == list(range(8))
 
 
+@pytest.mark.parametrize("layout", ["easy_handeye2", "easy_handeye"])
+def test_easy_handeye_records_the_base_in_the_hand_where_the_camera_is_beside_the_robot(
+    layout: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "samples.json"
+    path.write_text(json.dumps(LAYOUTS[layout], indent=1))
+    beside, back = imported(path, setup="eye-to-hand"), np.linalg.inv(TOOL)
+    check(beside, tmp_path / "o.csv", back[:, :3, :3], back[:, :3, 3], "a_")
+    check(beside, tmp_path / "o.csv", REFERENCE[:, :3, :3], REFERENCE[:, :3, 3], "b_")
+    assert "these poses were inverted" in beside.remarks[-1]
+    table, notes = pose_table(path, setup="eye-to-hand")
+    np.testing.assert_allclose(read_pose_pairs(table).hand[1], back[:, :3, 3], atol=1e-12)
+    assert "were inverted" in notes[-1]
+
+
+def test_other_lists_are_as_they_say_wherever_the_camera_is(tmp_path: Path) -> None:
+    path = tmp_path / "samples.json"
+    path.write_text(json.dumps(LAYOUTS["lists of 4x4, the target first"]))
+    check(imported(path, setup="eye-to-hand"), tmp_path / "o.csv", R, P, "a_")
+
+
+def test_a_sample_without_one_of_its_poses_is_named(tmp_path: Path) -> None:
+    path, samples = tmp_path / "samples.json", LAYOUTS["easy_handeye2"]["samples"]
+    lame = [{**samples[3], "tracking": {**samples[3]["tracking"], "translation": None}}]
+    path.write_text(json.dumps({"samples": samples[:3] + lame + samples[4:]}))
+    with pytest.raises(InputError, match=r"8 robot and 7 tracking \(sample 3 has a pose of robot"):
+        imported(path)
+
+
 def test_names_that_tell_no_roles_are_asked_about(tmp_path: Path) -> None:
     path = tmp_path / "samples.json"
     path.write_text(json.dumps({"first": TOOL.tolist(), "second": REFERENCE.tolist()}))

@@ -334,6 +334,15 @@ def test_lengths_are_questioned_and_never_scaled(tmp_path: Path) -> None:
     check(found, tmp_path / "o.csv", None, 1e3 * P)
 
 
+def test_columns_that_name_degrees_are_joints_whatever_they_are_called(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("No,A1 [deg],A2_deg,X [mm],Y [mm],Z [mm]\n1,90,-45,1,2,3\n2,0,30,1,2,4\n")
+    found = imported(path)
+    assert [*found.columns] == ["No", "A1", "A2", "x", "y", "z"]
+    np.testing.assert_allclose(found.columns["A1"], [np.pi / 2, 0.0])
+    np.testing.assert_allclose(found.columns["A2"], [-np.pi / 4, np.pi / 6])
+
+
 REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "a word": ("x,y,z\n1,2,3\n1,two,3\n", {}, r":3: column 2: found 'two'; expected a finite"),
     "infinity": ("x,y,z\n1,2,3\n1,inf,3\n", {}, r":3: column 2: found 'inf'"),
@@ -357,6 +366,11 @@ REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
         "x,y,z\n1,2,3\n",
         {"unit": "deg"},
         "--unit deg, and no columns of joint .*--j",
+    ),
+    "a unit of columns of any name": (
+        "A1,A2,x,y,z,repeat\n10,20,1,2,3,1\n",
+        {"unit": "deg"},
+        "--joints A1,A2$",
     ),
     "a length of nothing": ("joint_1,v\n1,2\n", {"unit": "mm"}, "--unit mm, and no columns of a p"),
     "lengths in two units": ("x,y,z\n1,2,3\n", {"unit": ("mm", "m")}, "--unit: found mm and m"),

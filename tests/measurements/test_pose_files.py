@@ -107,6 +107,15 @@ def test_an_evident_unit_is_hinted_at(
     np.testing.assert_allclose(found.position, scale * numbers[:, :3], rtol=1e-14)
 
 
+def test_metres_that_a_program_took_for_millimetres(tmp_path: Path) -> None:
+    numbers = pivot_numbers(["left"] * 6)
+    numbers[:, :3] *= 1e-3
+    path = write_csv(tmp_path / "p.csv", POSE, numbers)
+    with pytest.warns(SutaCalibWarning, match="were metres read as mm"):
+        found = read_tool_poses(path)
+    assert found.unit_notes
+
+
 def test_a_single_far_position_is_no_other_unit(tmp_path: Path) -> None:
     numbers = pivot_numbers(["left"] * 6)
     numbers[2, 0] = 1500.0

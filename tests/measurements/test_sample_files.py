@@ -39,6 +39,7 @@ from suta_calib.measurements import (
         (b"j1,point\n0,\xff\n", 2, "not UTF-8"),
         ("j1,point\n0,A\n".encode("utf-16"), 1, "not UTF-8"),
         (b"J1,point\n0,A\n", 1, "column 'j1': found only the columns J1, point.*mean 'J1'"),
+        (b"j1,j1_deg,point\n0,0,A\n", 1, r"columns j1 and j1_deg; expected either j1 \(rad\)"),
         (b"j1,points\n0,A\n", 1, "column 'point': .*this kind needs point; did you mean 'points'"),
         (b"j1,point\n0,A\nhigh,B\n", 3, "column 'j1': found 'high'"),
         (b'j1,point\n"0,5",A\n', 2, "'0,5'; expected a finite number; a decimal comma.*import"),

@@ -78,6 +78,12 @@ def test_positions_in_metres_or_millimetres(tmp_path: Path) -> None:
     np.testing.assert_allclose(positions(metres), [[0.001, 2, -3]], rtol=1e-15)
 
 
+def test_joints_in_degrees_or_millimetres_where_their_columns_say_so(tmp_path: Path) -> None:
+    file = write(tmp_path, "lift_mm,j1_deg,point\n100,90,A\n200,-45,B\n")
+    samples = read_samples(file, [REVOLUTE, PRISMATIC], TOUCHED)
+    np.testing.assert_allclose(samples.q, [[np.pi / 2, 0.1], [-np.pi / 4, 0.2]], rtol=1e-15)
+
+
 def test_quaternions_are_x_y_z_w(tmp_path: Path) -> None:
     table = read_csv_table(write(tmp_path, "qw,qx,qy,qz\n0.70710678,0,0,0.70710678\n"))
     np.testing.assert_allclose(rotations(table)[0] @ [1, 0, 0], [0, 1, 0], atol=1e-7)

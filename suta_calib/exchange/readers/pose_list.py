@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -18,7 +19,7 @@ from suta_calib.arrays import FloatArray
 from suta_calib.errors import ForeignFileError
 from suta_calib.exchange.cells import read_foreign_text
 from suta_calib.exchange.imported import ImportedRows
-from suta_calib.exchange.option import Given
+from suta_calib.exchange.option import Given, Option
 from suta_calib.exchange.pose_series import PoseSeries, imported_series
 from suta_calib.exchange.reader import Reader
 from suta_calib.exchange.rotations import rotations_from
@@ -41,6 +42,14 @@ _PICTURES: Final = ("image", "image_file", "image_path", "img", "file", "filenam
 # Keys that say nothing of what the poses are of.
 _PLAIN: Final = re.compile(r"samples|transforms?|poses?|data|matrix|T|list|values|\d+", re.I)
 _NUMBERED: Final = re.compile(r"(.*?)[_-]?(\d{1,6})")
+BESIDE: Final = "eye-to-hand"
+SETUP: Final = Option(
+    "setup",
+    "Where the camera was: easy_handeye records the base in the hand where it is beside the robot.",
+    choices=("eye-in-hand", BESIDE),
+)
+# The hand's series by that of the target, as easy_handeye2 and easy_handeye call them.
+_EASY_HANDEYE: Final = {"tracking": "robot", "camera_marker_samples": "hand_world_samples"}
 
 
 class _Pose(NamedTuple):
@@ -56,7 +65,7 @@ class PoseListReader(Reader):
     name = "pose-list"
     summary = "YAML or JSON lists of poses: moveit_calibration, easy_handeye, your own 4x4"
     example = "samples.yaml --format pose-list --out pairs.csv"
-    options = (*BODY_OPTIONS, UNIT, COMPLETE)
+    options = (*BODY_OPTIONS, UNIT, SETUP, COMPLETE)
     suffixes = (".yaml", ".yml", ".json", ".samples")
 
     def recognises(self, path: Path, head: str) -> bool:
@@ -96,7 +105,16 @@ class PoseListReader(Reader):
             )
             for name, members in series.items()
         }
-        return imported_series(path, self.name, by_name, given)
+        hand = next((h for t, h in _EASY_HANDEYE.items() if {h, t} == {*by_name}), "")
+        if not hand or given.text(SETUP) != BESIDE:
+            return imported_series(path, self.name, by_name, given)
+        by_name[hand] = by_name[hand].inverted
+        rows = imported_series(path, self.name, by_name, given)
+        told = (
+            "With the camera beside the robot, easy_handeye records the base in the hand as "
+            f"{hand}: these poses were inverted."
+        )
+        return replace(rows, remarks=(*rows.remarks, told))
 
 
 def _document(path: Path, text: str) -> tuple[dict[str, Any], Mapping[KeyPath, int]]:

@@ -39,6 +39,7 @@ from suta_calib.exchange.reader import TABLE, Reader
 from suta_calib.exchange.rotations import NUMBERS, rotations_from
 from suta_calib.exchange.sheet import Sheet
 from suta_calib.exchange.table_roles import (
+    ANGLES,
     GUESS,
     LENGTHS,
     OF_MATRIX,
@@ -337,7 +338,10 @@ class _Columns:
             bare = plain_name(name)[0]
             patterns = patterns_given if JOINTS in self._given else (*JOINT_NAMES, *patterns_given)
             matching = any(fnmatchcase(spelling, p) for p in patterns for spelling in (name, bare))
-            if (matching or name in renamed) and not name.endswith(_DIRECTION):
+            # A column whose name says an angle's unit; not that of an angle's uncertainty.
+            angle = plain_name(name)[1] in ANGLES and "sigma" not in name.lower()
+            angle = angle and JOINTS not in self._given
+            if (matching or angle or name in renamed) and not name.endswith(_DIRECTION):
                 columns.add(k)
         return columns
 
@@ -351,8 +355,19 @@ class _Columns:
             if unit and not used:
                 problem = f"{UNIT.switch} {unit}, and no columns of {what}"
                 expected = "columns that are in this unit"
-                hint = f"say which they are with {where.switch} {where.metavar}"
+                likely = ",".join(self._likely()) if where is JOINTS else ""
+                hint = f"say which they are with {where.switch} {likely or where.metavar}"
                 raise self._sheet.refuse(problem, expected, hint=hint)
+
+    def _likely(self) -> list[str]:
+        """Columns of numbers that are neither a pose nor a label: joint readings, perhaps."""
+        taken = {k for pose in self._poses for k in (*pose.position, *pose.rotation)}
+        labels = {*_labels(), *_CLOCKS}
+        return [
+            name
+            for k, name in enumerate(self._names)
+            if k not in taken and name.lower() not in labels and self._sheet.values[k] is not None
+        ]
 
     def _joint(self, readings: Readings, joint: str, numbers: FloatArray, unit: str) -> FloatArray:
         if unit in LENGTHS:  # a joint that slides
