@@ -9,6 +9,7 @@ import warnings
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
@@ -141,6 +142,18 @@ def read_samples(
     samples = Samples.concatenate(parts)
     _tell_of_slides(samples, joints)
     return samples
+
+
+def has_no_rows(path: Path) -> bool:
+    """Whether a samples file holds a header and no data, as a new job's begin."""
+    if not path.is_file():
+        return False  # a pipe can be read once
+    try:
+        with path.open(encoding="utf-8-sig") as file:
+            lines = list(islice((line for line in file if line.strip()), 2))
+    except (OSError, UnicodeDecodeError):
+        return False
+    return len(lines) == 1 and not lines[0].startswith("#")
 
 
 def _tell_of_slides(samples: Samples, joints: Sequence[JointRange]) -> None:

@@ -12,7 +12,7 @@ from suta_calib.atomic import refuse_inputs
 from suta_calib.errors import OutputError
 from suta_calib.geometry.numbers import homogeneous, quaternion_from_rotation, rpy_from_rotation
 from suta_calib.measurements import write_corners, write_samples, write_text
-from suta_calib.measurements.files import lines_of
+from suta_calib.measurements.sample_files import has_no_rows
 from suta_calib.measurements.yaml_text import yaml_text
 from suta_calib.model.parameters import POSITION
 from suta_calib.simulation.protocol import TruePose
@@ -184,12 +184,9 @@ def still_empty(simulation: Simulation, folder: Path) -> list[Path]:
 
 
 def _is_empty(path: Path, simulation: Simulation) -> bool:
-    try:
-        lines = [line for line in lines_of(path.read_text("utf-8-sig")) if line.strip()]
-    except (OSError, UnicodeDecodeError):
-        return False
-    # A comment may be worth keeping.
-    return len(lines) == 1 and {*simulation.arm.joints} <= {*lines[0].strip().split(",")}
+    # A file of another table may be worth keeping.
+    joints = {*simulation.arm.joints}
+    return has_no_rows(path) and joints <= {*path.read_text("utf-8-sig").strip().split(",")}
 
 
 def _check_strangers(strangers: Sequence[Path]) -> None:
