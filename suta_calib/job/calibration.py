@@ -109,7 +109,7 @@ class CalibrationJob(Displayable):
 
     @classmethod
     def _read(cls, path: Path) -> CalibrationJob:
-        spec = _with_filled_validation(read_job(path))
+        spec = read_job(path)
         arm = spec.arm.model()
         try:
             parameters = arm.select(*spec.parameters)
@@ -118,6 +118,7 @@ class CalibrationJob(Displayable):
         # What was fitted and what is held out touch the same artefact: it is read once.
         read = partial(read_term, arm, job=spec.path, artefact=cache(read_artefact))
         observations = [read(row, fitted=True) for row in spec.observations]
+        spec = _with_filled_validation(spec)
         validation = [read(row) for row in spec.validation]
         return cls(spec, arm, parameters, *held_together(spec, observations, validation))
 
