@@ -278,6 +278,8 @@ def _sighted_samples(
         labels["image"] = np.array([f"{plan.name}-{k:04d}.png" for k in range(n)])
         found = _corners(plan, ideal, displacement, labels["image"], rng)
         corners = f"corners/{plan.name}.csv", found
+        # A camera's samples are its pictures: where the board was is not measured.
+        position, rotation = None, None
     path = f"{plan.name}/{label}.csv"
     samples = Samples.from_arrays(
         arm.joints,
