@@ -30,10 +30,6 @@ TONE: Final[dict[Tone, str]] = {
     "soft": "dim",
 }
 
-# Rows of tables below a verdict that somebody reads without being asked, and the fewest rows that
-# say something of a longer table.
-MOST_ROWS: Final = 18
-FEWEST_ROWS: Final = 5
 # Where a name goes on with its next part, and not a number with its decimals.
 _AFTER_DOT: Final = re.compile(r"(?<=\.)(?=[^\W\d])")
 # `box.SIMPLE_HEAD`, in place of which rich would draw a fence.
@@ -55,16 +51,18 @@ def rendered(answer: document.Document, *, verbose: bool = False) -> RenderableT
     headline = answer.headline if answer.written == "opening" else ""
     parts: list[RenderableType] = [*_verdict(answer.assessment, headline)]
     shown = answer.shown("console", *(("detail", "verbose") if verbose else ()))
-    room, more = math.inf if verbose or answer.whole else MOST_ROWS, list[str]()
+    most = 25
+    room, more = math.inf if verbose or answer.whole else most, list[str]()
     for part in shown:
         if isinstance(part, document.Text):
             parts.append(_paragraph(part))
         elif isinstance(part, listing.Table):
             if len(part.cells) > room:
                 more.append(part.title)
-                if room < FEWEST_ROWS:
+                # The first table's rows are the answer; of another its last may be the outcome.
+                if room < most:
                     continue
-                part = replace(part, cells=part.cells[: int(room)])
+                part = replace(part, cells=part.cells[:most])
             room -= len(part.cells)
             parts.append(Fitted(part))
     if not verbose:
