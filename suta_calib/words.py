@@ -15,13 +15,28 @@ def listed(names: Sequence[str], most: int = MOST_NAMES) -> str:
     return ", ".join(names[:most]) + (f" and {rest} more" if rest > 0 else "")
 
 
+def kept(names: Sequence[str], most: int = 3) -> str:
+    """What must stay as it is: ``joint_2.z keeps its nominal value``; empty where nothing must."""
+    if not names:
+        return ""
+    shown = [*names[:most], *([f"{len(names) - most} more"] if len(names) > most else [])]
+    if len(shown) == 1:
+        return f"{shown[0]} keeps its nominal value"
+    return f"{', '.join(shown[:-1])} and {shown[-1]} keep their nominal values"
+
+
 def combination(direction: Mapping[str, float], held: str = "") -> str:
-    """A combination of parameters as a sum: ``joint_2.y − joint_3.z``, the held one first."""
+    """A combination of parameters as a sum: ``joint_2.y − joint_3.z``, the held one first.
+
+    Factors have two digits.
+    """
     parts = []
     ranked = sorted(direction.items(), key=lambda item: (item[0] != held, -abs(item[1])))
     for name, factor in ranked:
         size = abs(factor)
-        times = "" if math.isclose(size, 1.0, rel_tol=5e-4) else f"{size:.3g}·"
+        # A step of one in the second digit.
+        is_one = math.isclose(size, 1.0, abs_tol=0.05)
+        times = "" if is_one else f"{size:.0f}·" if size >= 10.0 else f"{size:.2g}·"
         sign = "−" if factor < 0 else "+"
         parts.append(f"{sign} {times}{name}")
     return " ".join(parts).removeprefix("+ ")

@@ -10,7 +10,15 @@ from suta_calib.arrays import FloatArray
 from suta_calib.model.arm import ArmModel
 from suta_calib.model.parameters import PLACEMENT, POSITION
 from suta_calib.plotting.look import MOST_LABELLED
-from suta_calib.plotting.scene import Arrows, Part, PlacedPoints, Scene, drawn_rows, magnification
+from suta_calib.plotting.scene import (
+    Arrows,
+    Part,
+    PlacedPoints,
+    Scene,
+    drawn_rows,
+    largest_of_regions,
+    magnification,
+)
 from suta_calib.terms.term import Term
 from suta_calib.trust.tip import tip_displacements
 
@@ -31,8 +39,12 @@ def calibration_scene(
     touched = all(term.medium == "touch" for term in terms)
     word = "where the tip touched" if touched else "where the tip was seen"
     parts: list[Part] = [PlacedPoints(word, "touched", errors[1][0])]
-    parts.append(Arrows("error before", "before", *errors[0], factor))
-    parts.append(Arrows("error after", "after", *errors[1], factor))
+    rows = largest_of_regions(errors[1][0], np.linalg.norm(errors[1][1], axis=1))
+    count = len(errors[1][0])
+    few = f" ({len(rows)} of {count:,}: the largest of each region)" if len(rows) < count else ""
+    before_at, after_at = ((at[rows], off[rows]) for at, off in errors)
+    parts.append(Arrows("error before", "before", *before_at, factor))
+    parts.append(Arrows(f"error after{few}", "after", *after_at, factor))
     for what, places in _places(terms, after).items():
         labels = tuple(places) if len(places) <= MOST_LABELLED else ()
         parts.append(PlacedPoints(what, "place", np.array(list(places.values())), labels))

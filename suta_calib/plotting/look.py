@@ -28,6 +28,8 @@ LARGE: Final = 1.3 * WIDTH  # of one of several panels
 ROW_HEIGHT: Final = 0.19  # of a name in a list, inch
 # Of many samples so many are drawn, evenly spread over their order.
 MOST_DRAWN: Final = 1500
+# Of many arrows so many are drawn: more hide each other.
+MOST_ARROWS: Final = 120
 # Places whose labels stand beside them; of more none does.
 MOST_LABELLED: Final = 12
 # Groups with a box each, worst first.

@@ -12,9 +12,9 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from suta_calib.arrays import FloatArray
+from suta_calib.arrays import FloatArray, IntArray
 from suta_calib.display import Displayable
-from suta_calib.plotting.look import MOST_DRAWN, round_down
+from suta_calib.plotting.look import MOST_ARROWS, MOST_DRAWN, round_down
 
 # What a part stands for: the arm's links, the axes of its joints, its tip, what was touched or
 # seen, a frame or a point that stands outside, an error before and after a calibration; the floor,
@@ -101,6 +101,35 @@ def drawn_rows(count: int) -> slice:
     return slice(None, None, max(1, -(-count // MOST_DRAWN)))
 
 
+def largest_of_regions(places: FloatArray, sizes: FloatArray, most: int = MOST_ARROWS) -> IntArray:
+    """Rows to draw of many arrows, so that each can be followed: the largest of every region.
+
+    Regions are the cells of a grid, as many as leave no more than ``most`` arrows.
+
+    Args:
+        places: (n, 3) where arrows begin, m.
+        sizes: (n,) how large each is.
+        most: rows that are drawn.
+
+    Returns:
+        Row numbers in order; all where there are few.
+    """
+    if len(places) <= most:
+        return np.arange(len(places))
+    finest = 64
+    low, across = places.min(axis=0), max(float(np.ptp(places, axis=0).max()), 1e-9)
+    # The largest comes first: of every cell `unique` finds the first.
+    order = np.argsort(-sizes, kind="stable")
+    chosen = order[:1]
+    for cells in range(1, finest):
+        cell = np.floor((places[order] - low) / across * cells * (1.0 - 1e-9)).astype(int)
+        _, first = np.unique(cell, axis=0, return_index=True)
+        if len(first) > most:
+            break
+        chosen = order[first]
+    return np.sort(chosen)
+
+
 def magnification(vectors: FloatArray, size: float) -> float:
     """How many times arrows are drawn as long as they are, so that they are seen.
 
@@ -114,5 +143,5 @@ def magnification(vectors: FloatArray, size: float) -> float:
     # A few that are far off may leave the picture rather than flatten all others.
     long = float(np.percentile(lengths, 98)) if len(lengths) else 0.0
     # The longest arrow, as a part of the scene's size.
-    longest = 0.15
+    longest = 0.25
     return round_down(longest * size / long) if long > 0 and size > 0 else 1.0

@@ -20,6 +20,7 @@ from suta_calib.job.calibration import Calibration
 from suta_calib.plotting.look import MOST_CORRELATED, MOST_GROUPS
 from suta_calib.report.calibration_tables import (
     ABOUT,
+    COMBINATIONS,
     EXTERNAL_POSES,
     HELD_OUT,
     IN_SHORT,
@@ -57,7 +58,7 @@ from suta_calib.report.errors import (
 )
 from suta_calib.report.listing import Json, Place, csv_of_groups
 from suta_calib.report.observability import (
-    EXPLANATIONS,
+    HELD,
     MANY,
     MOST_SENTENCES,
     PARAMETERS,
@@ -73,6 +74,7 @@ from suta_calib.solver.solution import Solution
 from suta_calib.terms import Term
 from suta_calib.trust.accuracy import TermAccuracy
 from suta_calib.trust.explanation import redundant_names
+from suta_calib.trust.rich_data import LEVER
 from suta_calib.units import text
 from suta_calib.words import combination
 
@@ -174,26 +176,23 @@ def _parameters(result: Calibration) -> Iterator[Part]:
             alone, "The observations' own unknowns that are no poses", place="console"
         )
     yield PARAMETERS.of(every, place="verbose")
-    held = [row for row in arm if row.change is None]
-    yield PARAMETERS.of([row for row in arm if row.change is not None], place="page")
-    for state in dict.fromkeys(state_shown(row) for row in held):
-        names = [row.estimate.name for row in held if state_shown(row) == state]
-        line = f"{state.capitalize()}, so at nominal ({len(names)}): {', '.join(names)}"
-        yield Text(line, bullet=True, place="page")
-    yield PARAMETERS.of(held, f"Parameters at nominal ({len(held)})", folded=True)
-    yield remark(
-        "“redundant”: no data of these kinds could tell it; nominal is a convention. “as drawn”: "
-        "no data of these kinds could tell it either, but the tip is as good as its drawing there. "
-        "“unidentified”: other data would tell it; it stays at nominal. “prior”: mostly known "
-        "beforehand. A value with an entry under “given” has its meaning only relative to the "
-        "parameters named there."
-    )
+    estimated = [row for row in arm if row.change is not None]
+    yield PARAMETERS.of(estimated, place="page")
+    if any(row.state == "prior" for row in estimated):
+        yield remark("“prior”: mostly known beforehand; the data say little about it.")
+    if held := len(arm) - len(estimated):
+        s, keep = ("s", "keep their") if held > 1 else ("", "keeps its")
+        yield remark(
+            f"{held} more parameter{s} {keep} nominal value{s}. The reason is under “What these "
+            "data cannot tell”."
+        )
     if changes := solution.changes:
         yield Figure(
             partial(_svg, "changes_svg", changes, "parameter-changes"),
             "Change from nominal, ± one standard deviation",
         )
-    yield PARAMETERS.of(of_terms, f"The observations' own unknowns ({len(of_terms)})", folded=True)
+    found = [row for row in of_terms if row.change is not None]
+    yield PARAMETERS.of(found, f"The observations' own unknowns ({len(found)})", folded=True)
 
 
 def _largest_changes(arm: Sequence[Outcome]) -> Iterator[str]:
@@ -268,7 +267,7 @@ def _errors(result: Calibration) -> Iterator[Part]:
 def _untold(result: Calibration) -> Iterator[Part]:
     solution = result.solution
     combinations = solution.identification.combinations
-    named = [combination(c.direction, c.fixed) for c in combinations]
+    named = [combination(_that_move(solution, c.direction), c.fixed) for c in combinations]
     if solution.converged:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
@@ -277,25 +276,67 @@ def _untold(result: Calibration) -> Iterator[Part]:
         yield Text("What these data cannot tell", place=place, look="heading")
         yield from explained([e for e in of_arm if not e.failed], "verbose", MOST_SENTENCES)
         yield from explained([e for e in of_arm if e.failed], "console", MOST_SENTENCES)
-        yield from explained(result.explanations, "page")
-        redundant = [e for e in result.explanations if e.reason == "redundant"]
-        yield EXPLANATIONS.of(redundant, f"Why they are redundant ({len(redundant)})", folded=True)
+        yield from explained([e for e in result.explanations if e.reason != "redundant"], "page")
+        yield from _held(result)
         if not result.explanations:
             yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
         several = [name for name, c in zip(named, combinations, strict=True) if not c.alone]
         if several:
-            yield Text(
-                "These combinations change no observation (m and rad, per unit of the parameter "
-                "held):",
-                place="page",
+            yield COMBINATIONS.of(
+                several, f"Combinations that change no observation ({len(several)})", folded=True
             )
-            yield from (Text(name, bullet=True, place="page") for name in several)
     values = solution.identification.singular_values
     if len(values):
         yield Figure(
             partial(_svg, "singular_values_svg", values, 1.0 / WEAK, named, "singular-values"),
             "Singular values: how strongly the data see each direction",
         )
+
+
+def _held(result: Calibration) -> Iterator[Part]:
+    """Parameters at nominal that no sentence above names, each once and with its reason."""
+    every = outcomes(result.examined)
+    why = {e.fixed: e.sentence for e in result.explanations if e.reason == "redundant"}
+    named = {e.fixed for e in result.explanations} - why.keys()
+    rows = []
+    for row in every:
+        name = row.estimate.name
+        if row.change is None and name not in named:
+            # Its name stands in the first column.
+            reason = why.get(name, "fixed in the job").removeprefix(f"{name} ")
+            rows.append((row, reason))
+    if not rows:
+        return
+    # More of them fill a screen.
+    few = 8
+    title, folded = f"{HELD.title} ({len(rows)})", len(rows) > few
+    if not folded:
+        yield Text(f"{title}:", place="page")
+    yield HELD.of(rows, title if folded else "", place="page", folded=folded)
+    states = {state_shown(row) for row, _ in rows}
+    if "redundant" in states:
+        yield remark(
+            "“redundant”: harmless. No data of these kinds can determine it, and it never moves "
+            "the tip: its nominal value is a convention."
+        )
+    if "as drawn" in states:
+        yield remark(
+            "“as drawn”: no data of these kinds can determine it, but the tip depends on it. There "
+            "the tip is only as good as the drawing."
+        )
+
+
+def _that_move(solution: Solution, direction: Mapping[str, float]) -> dict[str, float]:
+    """Of a combination, the factors whose parameters do something at the tip."""
+    # Of the largest motion, a part that is nothing.
+    nothing = 0.01
+    parameters = solution.problem.parameters
+    moves = {
+        name: abs(factor) * (LEVER if parameters[name].unit == "rad" else 1.0)
+        for name, factor in direction.items()
+    }
+    least = nothing * max(moves.values(), default=0.0)
+    return {name: factor for name, factor in direction.items() if moves[name] >= least}
 
 
 def _remaining_errors(result: Calibration) -> Iterator[Part]:

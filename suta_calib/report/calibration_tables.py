@@ -22,7 +22,7 @@ from suta_calib.trust.held_out import PROBABILITIES, HeldOutErrors
 from suta_calib.trust.repeats import TouchRepeatability
 from suta_calib.trust.scale_effects import ScaleEffect
 from suta_calib.units import Unit, text, unit_name
-from suta_calib.words import listed
+from suta_calib.words import kept, listed
 
 
 # ── poses beside the arm ─────────────────────────────────────────────────────────────────────
@@ -59,8 +59,8 @@ EXTERNAL_POSES: Final = Listing[ExternalPose](
     Column("rotation_std", value=lambda pose: pose.std[3:], unit="rad"),
     Column("quaternion_xyzw", value=lambda pose: pose.quaternion),
     Column("quaternion_std"),
-    Column("held", "not told", cell=lambda pose: listed(pose.held, 3), optional=True),
-    Column("given", "given", cell=lambda pose: listed(pose.given, 3), optional=True),
+    Column("held", "not determined", cell=lambda pose: listed(pose.held, 3), optional=True),
+    Column("given", "valid while", cell=lambda pose: kept(pose.given), optional=True),
     key="external_poses",
     named=True,
 )
@@ -75,8 +75,8 @@ IN_SHORT: Final = Listing[ExternalPose](
 )
 NOTE: Final = (
     "A pose is T_within_what, in metres in result.json, where its inverse is too. ± of a turn is "
-    "about the frame's own axes. Where parameters, or a key of the job, are given, it has its "
-    "meaning only relative to them: nothing measured checks these."
+    "about the frame's own axes. Nothing measured checks what “valid while” names, a parameter of "
+    "the arm or a key of the job: if its nominal value is wrong, so is the pose."
 )
 
 
@@ -248,6 +248,11 @@ SCALE: Final = Listing[ScaleEffect](
 )
 ABOUT: Final = Listing[tuple[str, str]](
     "", Column("", "", lambda row: row[0]), Column("", "", lambda row: row[1])
+)
+# Of combinations in words.
+COMBINATIONS: Final = Listing[str](
+    "Combinations that change no observation",
+    Column("", "m and rad, per unit of the parameter that stands first", lambda row: row),
 )
 STARTS: Final = Listing[tuple[int, Minimum]](
     "How it was computed",

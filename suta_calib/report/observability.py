@@ -17,7 +17,7 @@ from suta_calib.trust.calibration_examination import CalibrationExamination
 from suta_calib.trust.explanation import Explanation, as_drawn_names, redundant_names
 from suta_calib.trust.observability import Observability, Prospect
 from suta_calib.units import Unit, text, unit_name
-from suta_calib.words import listed
+from suta_calib.words import kept, listed
 
 NAME: Final = "observability"
 # Of one remedy's explanations, those that a console shows.
@@ -231,15 +231,25 @@ PARAMETERS: Final = Listing[Outcome](
     Column("state", "state", cell=state_shown, tone=lambda row: _tone(row, row.estimate.state)),
     Column(
         "given",
-        "given",
+        "valid while",
         lambda row: row.known("given"),
-        cell=lambda row: listed(row.known("given"), 3),
+        cell=lambda row: kept(row.known("given")),
         optional=True,
     ),
     Column("scale", None, lambda _: 1.0),
     Column("prior", None, lambda row: row.parameter.prior, optional=True),
     Column("bounds", None, _bounds, optional=True),
     named=True,
+)
+# With the reason.
+HELD: Final = Listing[tuple[Outcome, str]](
+    "Parameters that keep their nominal value",
+    *(
+        column.over(lambda row: row[0])
+        for column in PARAMETERS.columns
+        if column.key in ("name", "nominal", "unit", "state")
+    ),
+    Column("", "why", lambda row: row[1]),
 )
 PROSPECTS: Final = Listing[Prospect](
     "What these readings can determine",
@@ -250,7 +260,7 @@ PROSPECTS: Final = Listing[Prospect](
     Column("std", "predicted ± std", unit=_unit, si=True),
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
     Column("state", "state", cell=state_shown, tone=lambda p: _tone(p, p.state)),
-    Column("given", "given", cell=lambda p: listed(p.given, 3), optional=True),
+    Column("given", "valid while", cell=lambda p: kept(p.given), optional=True),
     named=True,
 )
 

@@ -12,6 +12,7 @@ from scipy.special import chdtri
 
 from suta_calib.arrays import BoolArray, FloatArray
 from suta_calib.plotting.look import round_down
+from suta_calib.plotting.scene import largest_of_regions
 from suta_calib.terms import Term
 from suta_calib.trust.assessment import assess_calibration
 from suta_calib.trust.calibration_examination import CalibrationExamination
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 # pales them.
 _BLUE: Final[Colour] = (0, 68, 130)
 _GREEN: Final[Colour] = (0, 100, 72)
-UNSURE: Final[Colour] = (204, 121, 167)
+UNSURE: Final[Colour] = (170, 50, 120)
 COLOURS: Final = {"calibration": _BLUE, "validation": _GREEN}
 
 
@@ -88,11 +89,13 @@ class TipErrors:
 
     @property
     def arrows(self) -> ErrorVectors:
-        """Blue or green, red where they are outlying."""
+        """Blue or green, red where they are outlying; of many the largest of each region."""
         colours = np.tile(np.array(COLOURS[self.group]), (len(self.at), 1))
         colours[self.outlying] = OUTLYING
         name = f"errors/{self.group} {self.term.kind.replace('_', ' ')}"
-        return ErrorVectors(name, self.at, self.vector, colours)
+        rows = largest_of_regions(self.at, self.norm)
+        count = len(self.at) if len(rows) < len(self.at) else 0
+        return ErrorVectors(name, self.at[rows], self.vector[rows], colours[rows], count)
 
 
 def show(examined: CalibrationExamination, port: int = 0) -> Viewer:

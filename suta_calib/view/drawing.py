@@ -26,8 +26,9 @@ from suta_calib.view.scene import (
 if TYPE_CHECKING:
     import viser
 
-_NOMINAL: Final[Colour] = (150, 150, 150)
-_CALIBRATED: Final[Colour] = (40, 70, 120)
+# These stand out on white and on dark.
+NOMINAL: Final[Colour] = (128, 128, 128)
+CALIBRATED: Final[Colour] = (50, 105, 190)
 
 
 def wxyz(rotation: FloatArray) -> FloatArray:
@@ -67,7 +68,7 @@ class ShownArm:
                 f"{self.node(mesh.link)}/shape_{k}",
                 mesh.vertices.astype(np.float32),
                 mesh.faces.astype(np.uint32),
-                color=(colour[0], colour[1], colour[2]) if solid else _NOMINAL,
+                color=(colour[0], colour[1], colour[2]) if solid else NOMINAL,
                 opacity=None if opacity == 1.0 else opacity,
                 flat_shading=True,
             )
@@ -75,7 +76,7 @@ class ShownArm:
         self._bones = api.add_line_segments(
             self.chain,
             np.zeros((len(drawn.bones), 2, 3)),
-            _CALIBRATED if solid else _NOMINAL,
+            CALIBRATED if solid else NOMINAL,
             # That of the other arm lies within.
             thickness=4.0 if solid else 2.0,
             thickness_units="screen",
@@ -111,8 +112,10 @@ def draw_floor(api: viser.SceneApi, scene: ArmScene) -> None:
         position=np.array([middle[0], middle[1], low[2] - 0.01 * size]),
         cell_size=0.1,
         section_size=0.5,
-        cell_color=(238, 238, 238),
-        section_color=(215, 215, 215),
+        cell_color=(190, 190, 190),
+        section_color=(160, 160, 160),
+        cell_thickness=0.4,
+        section_thickness=0.7,
         plane="xy",
     )
 
@@ -144,7 +147,7 @@ def draw(thing: Thing, api: Any, path: str, scene: ArmScene) -> Any:
             api.add_label(f"{path}/label", thing.name.rpartition("/")[2], font_screen_scale=0.9)
             place = {"wxyz": wxyz(thing.rotation), "position": thing.position}
             if isinstance(thing, Frustum):
-                of_screen |= {"scale": thing.size, "thickness": 2.0, "color": _CALIBRATED}
+                of_screen |= {"scale": thing.size, "thickness": 2.0, "color": CALIBRATED}
                 lens = thing.field_of_view, thing.aspect
                 return api.add_camera_frustum(path, *lens, **of_screen, **place)
             axes = {"axes_length": thing.size, "axes_radius": 0.03 * thing.size}

@@ -3,16 +3,30 @@
 from __future__ import annotations
 
 from html import escape
+from pathlib import Path
 
 from suta_calib.plotting.scene import drawn_rows
 from suta_calib.view.scene import ArmScene
-from suta_calib.view.server import EACH_S, Viewer, factors, headline, paragraphs
+from suta_calib.view.server import EACH_S, Viewer, factors, headline, legend, paragraphs
 
-# Over the scene's upper left corner; what is below it can still be turned.
-_STYLE = (
-    "position:fixed;left:0;top:0;z-index:1;max-width:30em;max-height:100vh;overflow:auto;"
-    "background:#fffc;color:#000;font-family:sans-serif;pointer-events:none"
-)
+# Over the scene's upper right corner, for viser's own messages stand in the left one. Where the
+# page is narrow it is folded to one line above the bar that plays.
+_STYLE = """<style>
+#suta-calib { position: fixed; right: 0; top: 0; z-index: 1; width: 24em; max-width: 100vw;
+  max-height: 80vh; overflow: auto; background: #fffd; color: #000; font: 15px sans-serif;
+  border-bottom-left-radius: .4em; }
+#suta-calib summary { padding: .5em 1em; cursor: pointer; overflow-wrap: anywhere;
+  font-weight: 600; }
+@media (max-width: 40em) {
+  #suta-calib { top: auto; bottom: 2.6rem; width: 100vw; max-height: 50vh; } }
+@media (prefers-color-scheme: dark) {
+  #suta-calib { background: #1a1a1aee; color: #e6e6e6; } #suta-calib a { color: #7db8ee; } }
+</style>"""
+_FOLDED = """<script>
+if (innerWidth < 640) document.getElementById("suta-calib").open = false;
+</script>"""
+_LIGHT = "__VISER_EMBED_CONFIG__={darkMode:false}"
+_AS_ASKED = '__VISER_EMBED_CONFIG__={darkMode:matchMedia("(prefers-color-scheme: dark)").matches}'
 
 
 def page(scene: ArmScene) -> bytes:
@@ -30,11 +44,14 @@ def page(scene: ArmScene) -> bytes:
             recording.insert_sleep(EACH_S)
         html = recording.as_html()
     enlarged = ", ".join(f"{what} × {factor:g}" for what, factor in factors(scene))
-    above = headline(scene) + paragraphs([enlarged])
+    above = headline(scene) + legend(scene) + paragraphs([enlarged])
     if scene.assessment is not None and scene.assessment.notes:
         notes = paragraphs(map(escape, scene.assessment.notes))
-        summary = '<summary style="padding:0 1em;font-size:85%">Notes</summary>'
-        above += f'<details style="pointer-events:auto">{summary}{notes}</details>'
+        above += f"<details><summary>Notes</summary>{notes}</details>"
+    word = "" if scene.assessment is None else f": {scene.assessment.word}"
+    summary = f"<summary>{escape(Path(scene.title).name)}{escape(word)}</summary>"
+    panel = f'{_STYLE}<details id="suta-calib" open>{summary}{above}</details>{_FOLDED}'
     html = html.replace("<title>Viser", f"<title>{escape(scene.title)}", 1)
     html = html.replace('"Viser client"', f'"{escape(scene.summary)}"', 1)
-    return html.replace("<noscript>", f'<div style="{_STYLE}">{above}</div><noscript>', 1).encode()
+    html = html.replace(_LIGHT, _AS_ASKED, 1)
+    return html.replace("<noscript>", f"{panel}<noscript>", 1).encode()

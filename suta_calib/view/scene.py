@@ -52,12 +52,15 @@ class ErrorVectors:
         at: (n, 3) where they begin, m.
         vector: (n, 3) as they are, m.
         colours: (n, 3), 0 to 255.
+        count: of all that there are, of which these are the largest of each region; 0 where these
+            are all.
     """
 
     name: str
     at: FloatArray
     vector: FloatArray
     colours: IntArray
+    count: int = 0
 
     def ends(self, factor: float) -> FloatArray:
         """(n, 2, 3) begin and end of every arrow, ``factor`` times as long as the vector, m."""

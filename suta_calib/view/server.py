@@ -20,6 +20,8 @@ from suta_calib.optional_packages import load
 from suta_calib.units import Unit, shown, stored
 from suta_calib.view.access import Access
 from suta_calib.view.drawing import (
+    CALIBRATED,
+    NOMINAL,
     ShownArm,
     camera_view,
     draw,
@@ -28,7 +30,15 @@ from suta_calib.view.drawing import (
     spheres,
     wxyz,
 )
-from suta_calib.view.scene import OUTLYING, ArmScene, Ellipsoids, ErrorVectors
+from suta_calib.view.scene import (
+    OUTLYING,
+    ArmScene,
+    Colour,
+    Ellipsoids,
+    ErrorVectors,
+    Frame,
+    Frustum,
+)
 
 if TYPE_CHECKING:
     import viser
@@ -37,6 +47,7 @@ if TYPE_CHECKING:
 
 # How long a sample is shown, s.
 EACH_S: Final = 0.25
+_SAMPLE: Final[Colour] = (110, 110, 110)
 _LEVELS: Final = {"good": "#009E73", "care": "#B8860B", "bad": "#D55E00"}
 
 
@@ -99,7 +110,10 @@ class Viewer:
     @property
     def mark(self) -> float:
         """Radius of a sample's mark, m."""
-        return 0.003 * float(np.linalg.norm(np.ptp(self.scene.extent, axis=0)))
+        # Many would hide what is between them.
+        many = 300
+        share = 0.003 if len(self.scene.rows) <= many else 0.002
+        return share * float(np.linalg.norm(np.ptp(self.scene.extent, axis=0)))
 
     @property
     def url(self) -> str:
@@ -155,7 +169,7 @@ class Viewer:
     def _draw_rows(self) -> None:
         api, rows = self.server.scene, self.scene.rows
         size = self.mark
-        colours = np.where(rows.outlying[:, None], OUTLYING, (150, 150, 150))
+        colours = np.where(rows.outlying[:, None], OUTLYING, _SAMPLE)
         marks = spheres(api, "/samples", rows.at, np.full(3, size), colours)
         marks.on_click(self._clicked)
         self._chosen = api.add_label("/name of the sample", rows.names[0], position=rows.at[0])
@@ -177,6 +191,8 @@ class Viewer:
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label("suta-calib")
         gui.add_html(headline(scene))
+        with gui.add_folder("Legend"):
+            gui.add_html(legend(scene))
         if scene.assessment is not None and scene.assessment.notes:
             with gui.add_folder("Notes", expand_by_default=False):
                 gui.add_html(paragraphs(map(escape, scene.assessment.notes)))
@@ -276,6 +292,52 @@ def headline(scene: ArmScene) -> str:
         word = f'<b style="color:{_LEVELS[verdict.level]}">{escape(verdict.word)}</b>'
         lines.append(f"{word}: {escape(verdict.sentence)}")
     return paragraphs([*lines, escape(scene.summary)])
+
+
+def legend(scene: ArmScene) -> str:
+    """What each colour of a scene stands for, as HTML."""
+    rows = [
+        f'<span style="color:rgb{_lit(colour)};font-size:130%">{sign}</span> {escape(words)}'
+        for sign, colour, words in _looks(scene)
+    ]
+    if any(isinstance(thing, Frame) and not isinstance(thing, Frustum) for thing in scene.things):
+        axes = zip("xyz", ("#d00", "#0a0", "#24f"), strict=True)
+        signs = " ".join(f'<b style="color:{colour}">{axis}</b>' for axis, colour in axes)
+        rows.append(f"{signs} axes of a frame")
+    return paragraphs(rows)
+
+
+def _lit(colour: Colour) -> Colour:
+    """About how a colour looks in the scene's light."""
+    red, green, blue = (round(255.0 * (part / 255.0) ** 0.6) for part in colour)
+    return red, green, blue
+
+
+def _looks(scene: ArmScene) -> Iterator[tuple[str, Colour, str]]:
+    """A sign, its colour, and what it stands for; each once."""
+    for k, arm in enumerate(scene.arms):
+        yield "━", NOMINAL if k else CALIBRATED, f"{arm.name} arm"
+    named = set[str]()
+    for thing in scene.things:
+        group, _, name = thing.name.partition("/")
+        what = name.partition(" ")[0] if isinstance(thing, ErrorVectors) else group
+        if what in named or isinstance(thing, Frame):
+            continue
+        named.add(what)
+        if isinstance(thing, ErrorVectors):
+            usual = thing.colours[(thing.colours != OUTLYING).any(axis=1)]
+            red, green, blue = map(int, (usual if len(usual) else thing.colours)[0])
+            few = f" ({len(thing.at)} of {thing.count:,}: the largest of each region)"
+            words = f"errors of the {what} data{few if thing.count else ''}"
+            yield "➔", (red, green, blue), words
+        elif isinstance(thing, Ellipsoids):
+            yield "●", thing.colour, "uncertainty of the tip (one standard deviation)"
+        else:
+            yield "●", thing.colour, group.removesuffix("s")
+    if len(scene.rows):
+        yield "●", _SAMPLE, "samples: a click shows the name"
+        if scene.rows.outlying.any():
+            yield "●", OUTLYING, "outlying: larger than chance makes it"
 
 
 def paragraphs(lines: Iterable[str]) -> str:

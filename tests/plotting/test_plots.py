@@ -196,7 +196,7 @@ def test_the_headline_is_the_held_out_rms(result: Calibration) -> None:
 
 def test_arrows_are_as_long_as_can_be_told() -> None:
     vectors = np.array([[0.0, 0.0, 1e-3]] * 50)
-    assert magnification(vectors, 1.0) == 100.0
+    assert magnification(vectors, 1.0) == 200.0
     assert magnification(vectors, 0.0) == 1.0
     assert magnification(np.zeros((0, 3)), 1.0) == 1.0
     assert len(range(10**6)[drawn_rows(10**6)]) <= 1500

@@ -22,7 +22,7 @@ from suta_calib.errors import OutputError
 from suta_calib.job.calibration import Calibration
 from suta_calib.model.arm import ArmModel
 from suta_calib.report import calibration_plots as plots
-from suta_calib.report.calibration import calibration_document
+from suta_calib.report.calibration import _that_move, calibration_document
 from suta_calib.report.console import rendered
 from suta_calib.report.document import Document
 from suta_calib.report.errors import by_kind, groups
@@ -32,7 +32,7 @@ from suta_calib.report.page import page_with
 from suta_calib.report.spatial import WIDTH, projected
 from suta_calib.trust.accuracy import gain_of
 from suta_calib.trust.observability import observe
-from suta_calib.words import combination, listed
+from suta_calib.words import combination, kept, listed
 
 
 @cache
@@ -104,7 +104,7 @@ def test_verdict_is_not_troubled_by_conventions(
     (note,) = result.assessment.notes
     assert "The instrument carries the scale" in note
     assert result.solution.unidentified == ("joint_1.offset",)
-    assert "Redundant, so at nominal by convention: joint_1.offset" in render_report(result)
+    assert "“redundant”: harmless" in render_report(result)
     assert unconverged.assessment.level == "bad"
 
 
@@ -137,8 +137,23 @@ def test_numbers_are_shown_in_mm_and_degrees(
 def test_combinations_read_as_sums() -> None:
     assert combination({"a.z": 1.0, "b.z": -1.0}) == "a.z − b.z"
     assert combination({"a.z": -2.5, "b.z": 1.0}, "b.z") == "b.z − 2.5·a.z"
+    assert combination({"a.z": 0.13612, "b.z": 1.0}, "b.z") == "b.z + 0.14·a.z"
+    assert combination({"a.z": 123.4, "b.z": 1.0}, "b.z") == "b.z + 123·a.z"
     assert units.percent(4.0, 1.0) == "75.0 %"
     assert units.percent(0.0, 1.0) == units.NOTHING
+
+
+def test_what_an_estimate_is_relative_to_is_said_in_words() -> None:
+    assert kept([]) == ""
+    assert kept(["a.z"]) == "a.z keeps its nominal value"
+    assert kept(["a.z", "b.z"]) == "a.z and b.z keep their nominal values"
+    assert kept(list("abcde")) == "a, b, c and 2 more keep their nominal values"
+
+
+def test_factors_that_do_nothing_at_the_tip_are_left_out(result: Calibration) -> None:
+    direction = {"joint_4.offset": 1.0, "joint_4.z": 0.1, "tip.y": 1e-5, "tip.z": -1e-3}
+    left = _that_move(result.solution, direction)
+    assert list(left) == ["joint_4.offset", "joint_4.z"]
 
 
 def test_names_are_listed_and_the_rest_counted() -> None:
@@ -218,7 +233,8 @@ def test_page_stands_alone(page: str) -> None:
     assert seen.found
     assert [r for r in seen.found if not r.startswith("#")] == []
     assert not {"link", "img", "iframe", "object"} & set(seen.tags)
-    assert seen.tags.count("script") == 1
+    # One saves figures, one turns the arm.
+    assert seen.tags.count("script") == 2
     assert "http" not in re.sub(r'xmlns(:\w+)?="[^"]*"', "", page)
     assert len(page.encode()) < 1_000_000
     assert not re.search(r"url\((?!['\"]?#)", page)
@@ -337,10 +353,14 @@ FIRST_SCREEN = (
 )
 
 
-def test_what_is_held_is_one_line_for_each_reason(page: str, result: Calibration) -> None:
-    (line,) = re.findall(r"<li>(Redundant, so at nominal \(1\): .*)</li>", page)
-    assert line.endswith("joint_1.offset")
+def test_what_is_held_stands_once_with_its_reason(page: str, result: Calibration) -> None:
     tree = etree.HTML(page)
+    (row,) = tree.xpath("//main//tr[td[1]='joint_1.offset']")
+    name, nominal, unit, state, why = ("".join(cell.itertext()) for cell in row)
+    assert (name, nominal, unit, state) == ("joint_1.offset", "0.0000", "deg", "redundant")
+    assert why.startswith("turns the whole arm about the base's z axis")
+    (row,) = tree.xpath("//main//tr[td[1]='joint_5.z']")
+    assert "".join(row[-1].itertext()) == "fixed in the job"
     (table,) = tree.xpath("//h2[text()='Parameters']/following-sibling::div[1]//table")
     names = table.xpath(".//tbody/tr/td[1]/text()")
     assert "joint_1.offset" not in names

@@ -22,7 +22,7 @@ from suta_calib.job.calibration import Calibration, CalibrationJob
 from suta_calib.view.calibration import calibration_scene, show
 from suta_calib.view.page import page
 from suta_calib.view.scene import ArmScene, Ellipsoids, ErrorVectors
-from suta_calib.view.server import EACH_S, Viewer
+from suta_calib.view.server import EACH_S, Viewer, legend
 
 pytest.importorskip("viser")
 NAME = "/name of the sample"
@@ -57,6 +57,13 @@ def test_it_needs_no_network_and_says_whether_to_use_it(html: bytes, scene: ArmS
     assert scene.assessment.sentence in text
     assert scene.summary in text
     assert f"errors × {scene.magnification:g}" in text
+    assert legend(scene) in text
+    for what in ("calibrated arm", "nominal arm", "errors of the validation data", "uncertainty"):
+        assert what in legend(scene)
+    # As the reader's system has it: light or dark.
+    assert '{darkMode:matchMedia("(prefers-color-scheme: dark)").matches}' in text
+    (panel,) = re.findall(r'<details id="suta-calib" open><summary>(.*?)</summary>', text)
+    assert panel == f"calibration.yaml: {scene.assessment.word}"
     assert all(note in text for note in map(escape, scene.assessment.notes))
     assert f"<title>{scene.title}</title>" in text
     assert len(html) < 2e6

@@ -16,12 +16,23 @@ from suta_calib.job.calibration import CalibrationJob
 from suta_calib.measurements import Samples, write_samples
 from suta_calib.measurements.samples import joined
 from suta_calib.model.arm import ArmModel
+from suta_calib.plotting.look import MOST_ARROWS
+from suta_calib.plotting.scene import largest_of_regions
 from suta_calib.terms import Term
 from suta_calib.view.calibrated import Calibrated
 from suta_calib.view.calibration import TipErrors, calibration_scene
 from suta_calib.view.drawn_arm import DrawnArm
 from suta_calib.view.meshes import found_file, link_meshes
-from suta_calib.view.scene import Ellipsoids, ErrorVectors, Frustum, Patch, PointCloud, Stroke
+from suta_calib.view.scene import (
+    ArmScene,
+    Ellipsoids,
+    ErrorVectors,
+    Frustum,
+    Patch,
+    PointCloud,
+    Stroke,
+)
+from suta_calib.view.server import legend
 
 
 def shown(term: Term, values: dict[str, float]) -> Calibrated:
@@ -97,6 +108,24 @@ def test_ellipsoids_are_the_covariance_of_the_tip() -> None:
     ]  # fmt: skip
     J = np.array(jacobian).T
     np.testing.assert_allclose(covariance[0], J @ calibrated.covariance @ J.T, atol=1e-13)
+
+
+def test_of_many_errors_the_largest_of_each_region_is_drawn() -> None:
+    rng = np.random.default_rng(0)
+    places, sizes = rng.uniform(0.0, 1.0, (1000, 3)), rng.uniform(0.0, 1.0, 1000)
+    rows = largest_of_regions(places, sizes)
+    assert 30 <= len(rows) <= MOST_ARROWS
+    assert np.argmax(sizes) in rows
+    # Regions are all over, and no two rows are of the same.
+    assert np.ptp(places[rows], axis=0).min() > 0.8
+    assert len(np.unique(rows)) == len(rows)
+    np.testing.assert_array_equal(largest_of_regions(places[:9], sizes[:9]), np.arange(9))
+    assert len(largest_of_regions(np.zeros((1000, 3)), sizes)) == 1
+    few = ErrorVectors(
+        "errors/calibration", places[rows], places[rows], np.zeros((len(rows), 3)), 1000
+    )
+    scene = ArmScene("t", (), np.zeros(0), (few,))
+    assert f"({len(rows)} of 1,000: the largest of each region)" in legend(scene)
 
 
 @pytest.mark.parametrize(
