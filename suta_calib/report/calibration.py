@@ -26,6 +26,7 @@ from suta_calib.report.calibration_tables import (
     IN_SHORT,
     NOISE,
     NOTE,
+    NOTE_GIVEN,
     PRIORS,
     REPEATABILITY,
     SCALE,
@@ -92,13 +93,13 @@ COMPUTED_BY: Final = {
 
 
 def calibration_document(result: Calibration) -> Document:
-    """A calibration to be shown: errors, parameters, what the data cannot tell, and report."""
+    """A calibration to be shown: errors, parameters, what the data cannot determine, and report."""
     parts = [
         *section("the first screen", lambda: _first_screen(result)),
         *section("errors", lambda: _errors(result)),
         *section("parameters", lambda: _parameters(result)),
         *section("external poses", lambda: _external_poses(result)),
-        *section("what these data cannot tell", lambda: _untold(result)),
+        *section("what these data cannot determine", lambda: _untold(result)),
         *section("remaining errors", lambda: _remaining_errors(result)),
         *section("noise and correlations", lambda: _noise_and_correlations(result)),
         *section("how it was computed", lambda: _computation(result)),
@@ -184,7 +185,7 @@ def _parameters(result: Calibration) -> Iterator[Part]:
         s, keep = ("s", "keep their") if held > 1 else ("", "keeps its")
         yield remark(
             f"{held} more parameter{s} {keep} nominal value{s}. The reason is under “What these "
-            "data cannot tell”."
+            "data cannot determine”."
         )
     if changes := solution.changes:
         yield Figure(
@@ -229,7 +230,7 @@ def _external_poses(result: Calibration) -> Iterator[Part]:
         few = 3
         yield IN_SHORT.of(poses, place="console" if len(poses) <= few else "verbose")
         yield EXTERNAL_POSES.of(poses, place="page")
-        yield remark(NOTE)
+        yield remark(f"{NOTE} {NOTE_GIVEN}" if any(pose.given for pose in poses) else NOTE)
 
 
 def _errors(result: Calibration) -> Iterator[Part]:
@@ -267,20 +268,21 @@ def _errors(result: Calibration) -> Iterator[Part]:
 def _untold(result: Calibration) -> Iterator[Part]:
     solution = result.solution
     combinations = solution.identification.combinations
-    named = [combination(_that_move(solution, c.direction), c.fixed) for c in combinations]
+    moving = [_that_move(solution, c.direction) for c in combinations]
+    named = [combination(each, c.fixed) for each, c in zip(moving, combinations, strict=True)]
     if solution.converged:
         arm = set(solution.problem.names[: solution.problem.arm_count])
         of_arm = [e for e in result.explanations if e.fixed in arm or not arm]
         untold = any(e.reason != "redundant" for e in of_arm)
         place: Place = "detail" if untold else "page"
-        yield Text("What these data cannot tell", place=place, look="heading")
+        yield Text("What these data cannot determine", place=place, look="heading")
         yield from explained([e for e in of_arm if not e.failed], "verbose", MOST_SENTENCES)
         yield from explained([e for e in of_arm if e.failed], "console", MOST_SENTENCES)
         yield from explained([e for e in result.explanations if e.reason != "redundant"], "page")
         yield from _held(result)
         if not result.explanations:
             yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
-        several = [name for name, c in zip(named, combinations, strict=True) if not c.alone]
+        several = [name for name, each in zip(named, moving, strict=True) if len(each) > 1]
         if several:
             yield COMBINATIONS.of(
                 several, f"Combinations that change no observation ({len(several)})", folded=True

@@ -66,8 +66,8 @@ def singular_values_svg(
         axes = figure.subplots()
         plain_log(axes.yaxis, axes.set_yscale)
         for chosen, colour, hatch, label in (
-            (by_data, BLUE, "", "told by the data"),
-            (~by_data, ORANGE, "////", "not told by the data alone"),
+            (by_data, BLUE, "", "determined by the data"),
+            (~by_data, ORANGE, "////", "not determined by the data alone"),
         ):
             axes.bar(
                 *(numbers[chosen], heights[chosen] - floor / 2, 0.8, floor / 2),

@@ -75,8 +75,11 @@ IN_SHORT: Final = Listing[ExternalPose](
 )
 NOTE: Final = (
     "A pose is T_within_what, in metres in result.json, where its inverse is too. ± of a turn is "
-    "about the frame's own axes. Nothing measured checks what “valid while” names, a parameter of "
-    "the arm or a key of the job: if its nominal value is wrong, so is the pose."
+    "about the frame's own axes."
+)
+NOTE_GIVEN: Final = (
+    "Nothing measured checks what “valid while” names, a parameter of the arm or a key of the job: "
+    "if its nominal value is wrong, so is the pose."
 )
 
 

@@ -243,7 +243,7 @@ PARAMETERS: Final = Listing[Outcome](
 )
 # With the reason.
 HELD: Final = Listing[tuple[Outcome, str]](
-    "Parameters that keep their nominal value",
+    "Redundant and fixed parameters keep their nominal value",
     *(
         column.over(lambda row: row[0])
         for column in PARAMETERS.columns
