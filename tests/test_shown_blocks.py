@@ -34,6 +34,9 @@ NOT_RUN = {
     "suta-calib hand-eye data/workcell": "what detect wrote; tests of hand-eye --corners",
     "suta-calib view": "needs viser; tests/view",
     "suta-calib init ur.urdf.xacro": "tests/model/test_xacro.py",
+    "suta-calib init my_arm.urdf --tip tool0 --kind height": "tests/test_own_kind.py",
+    "suta-calib simulate gauge.yaml": "the same",
+    "suta-calib calibrate heights": "the same",
     "suta-calib outliers": "7 s; tests/cli/test_outliers.py",
     "suta-calib study": "20 s; tests/cli/test_study.py",
     "suta-calib extend": "13 s; tests/cli/test_nongeometric.py",
@@ -42,6 +45,8 @@ NOT_RUN = {
     "suta-calib calibrate examples": "tests/test_examples.py, tests/test_simulated_examples.py",
     "suta-calib observe examples": "what calibrate asks first; the same",
 }
+# Examples that the pages' commands and lines of Python read.
+KEPT = ("pivot_tool", "ros_hand_eye", "stylus_polaris", "ur5_laser_tracker")
 # Entries of a sequence that are looked at.
 MOST = 30
 PUBLIC = {
@@ -56,7 +61,7 @@ COMMAND_LINES = list(dict.fromkeys(line for block in SHELL for line in block.com
 @pytest.fixture
 def folder(repository: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A copy of what the commands read; the working directory."""
-    examples = (f"examples/{name}" for name in ("pivot_tool", "ros_hand_eye", "stylus_polaris"))
+    examples = (f"examples/{name}" for name in KEPT)
     for name in ("data", "urdf", *examples):
         ignored = shutil.ignore_patterns("results")
         shutil.copytree(repository / name, tmp_path / name, ignore=ignored)
@@ -99,8 +104,8 @@ def lines_of(value: object) -> int:
     return sum(1 + len(line) // 100 for line in repr(value).splitlines())
 
 
-# The solver that this one shows is run by tests/solver/test_own_solver.py.
-OTHERS = {"docs/guides/extend.md"}
+# What these show is run by tests/solver/test_own_solver.py and tests/test_own_kind.py.
+OTHERS = {"docs/guides/extend.md", "docs/tutorials/own_kind.md"}
 PYTHON = sorted({block.page for block in BLOCKS if block.language == "python"} - OTHERS)
 
 
