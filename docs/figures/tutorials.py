@@ -24,6 +24,7 @@ from suta_calib import ArmModel, TrackedPoint, calibrate
 from suta_calib.cli._app import run
 from suta_calib.geometry import register_points, rotation_from_vector
 from suta_calib.measurements import write_text
+from suta_calib.units import mm
 
 FOLDER = Path(__file__).resolve().parent
 ROOT = FOLDER.parents[1]
@@ -87,8 +88,10 @@ def draw_job(page: str, title: str, job: Path, out: Path) -> None:
     with (out / "residuals.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["set"].startswith("validation")]
     rows = [row for row in rows if row["unit"] == rows[0]["unit"]]
-    errors = [np.array([float(row[f"error_{k}"]) for row in rows]) for k in ("before", "after")]
-    draw(page, title, *errors, rows[0]["unit"])
+    before, after = (
+        np.array([float(row[f"error_{k}"]) for row in rows]) for k in ("before", "after")
+    )
+    draw(page, title, before, after, rows[0]["unit"])
 
 
 def draw(page: str, title: str, before: np.ndarray, after: np.ndarray, unit: str) -> None:
@@ -132,8 +135,8 @@ def draw_arrays() -> None:
     x, y, z, *turn = (values[f"base.{k}"] for k in ("x", "y", "z", "rx", "ry", "rz"))
     position = arm.forward(q, values)[1]
     after = position @ rotation_from_vector(turn).T + np.array([x, y, z]) - seen
-    sizes = (1e3 * np.linalg.norm(each, axis=1) for each in (before, after))
-    draw("arrays", "A measured UR5 and a laser tracker", *sizes, "mm")
+    sizes = [mm(np.linalg.norm(each, axis=1)) for each in (before, after)]
+    draw("arrays", "A measured UR5 and a laser tracker", sizes[0], sizes[1], "mm")
 
 
 def draw_heights(scratch: Path) -> None:

@@ -39,16 +39,19 @@ class Height(Term):
     @cached_property
     def own_parameters(self) -> tuple[Parameter, ...]:
         """The plate's distance from the base's origin, and how it leans."""
-        sizes = {"z": ("m", 1.0), "rx": ("rad", 0.1), "ry": ("rad", 0.1)}
-        return tuple(Parameter("plate", k, u, plausible=size) for k, (u, size) in sizes.items())
+        return (
+            Parameter("plate", "z", "m", plausible=1.0),
+            Parameter("plate", "rx", "rad", plausible=0.1),
+            Parameter("plate", "ry", "rad", plausible=0.1),
+        )
 
     @cached_property
     def blocks(self) -> tuple[Block, ...]:
         """One length for each row; every row looks at all three unknowns."""
         samples = self.poses.samples
-        own, data = np.tile([0, 1, 2], (len(self.poses), 1)), samples.numbers["height"][:, None]
-        block = ("height", "m", 1, _difference, own, data, self.noise, samples.origin)
-        return (Block.per_sample(*block),)
+        own, data = np.tile([0, 1, 2], (len(samples), 1)), samples.numbers["height"][:, None]
+        each = Block.per_sample
+        return (each("height", "m", 1, _difference, own, data, self.noise, samples.origin),)
 
     def start(self, rotation: np.ndarray, position: np.ndarray) -> np.ndarray:
         """Of ``uᵀ p - d = height``, which is linear in u and d: by least squares."""
