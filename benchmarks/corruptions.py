@@ -46,7 +46,7 @@ from suta_calib.units import mm
 WRONG: Final = 3.0
 FINEST: Final = 1e-4
 # What is said of parameters that the data cannot tell.
-HELD: Final = re.compile("held at nominal", re.IGNORECASE)
+HELD: Final = re.compile(r"keeps? (?:its|their) URDF value")
 # What any answer rests on is no alarm.
 SCALE: Final = "carries the scale"
 
@@ -182,7 +182,7 @@ def tip_errors(
     for step in steps:
         other = {names[k]: arm[names[k]] + more for k, more in zip(free, step, strict=True)}
         drawn.append(apart(tip(arm | other), found))
-    told = [note for note in notes if HELD.search(note) and "the tip is off by" in note]
+    told = [note for note in notes if HELD.search(note) and "the tip is wrong by" in note]
     moved = dict(arm)
     for held in solution.identification.combinations:
         if any(re.search(rf"\b{re.escape(held.fixed)}\b", note) for note in told):

@@ -60,7 +60,7 @@ class Outcome(NamedTuple):
 
         That a parameter is held, because touches on planes and points have no scale, is true.
         """
-        false = [note for note in self.notes if "held at nominal" not in note]
+        false = [note for note in self.notes if "URDF value" not in note]
         return self.level == "bad" or (self.level == "care" and bool(false))
 
 

@@ -371,7 +371,7 @@ def test_positions_in_mm_are_refused() -> None:
     term = seen(20, 1)
     position = 1e3 * np.asarray(term.poses.samples.position)
     in_mm = TrackedPoint.from_arrays(ARM, term.poses.samples.q, position=position)
-    with pytest.raises(InputError, match="is it another unit"):
+    with pytest.raises(InputError, match="is the unit right"):
         calibrate(ARM, in_mm)
 
 

@@ -150,7 +150,7 @@ def test_a_lambda_as_residual_works_and_is_sent_to_other_processes() -> None:
         (lambda _poses, own, _data: np.arctan2(own[0], 1.0) * {}, "cannot be evaluated on CasADi"),
         (lambda _poses, own: own, "cannot be evaluated on CasADi symbols"),
         (lambda *_: None, "cannot be evaluated on CasADi symbols"),
-        (lambda *_: ca.SX.sym("drift", 2), "symbols of its own: drift_0, drift_1; expected one"),
+        (lambda *_: ca.SX.sym("drift", 2), "unknown symbols: drift_0, drift_1; expected only"),
     ],
     ids=["size", "if", "type", "arguments", "nothing", "symbols"],
 )

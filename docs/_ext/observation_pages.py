@@ -37,7 +37,7 @@ def observations_page() -> Iterator[str]:
         if kind.leaves_open:
             yield "What it leaves open:\n\n"
             for gap, (why, remedy) in kind.leaves_open.items():
-                yield f"* the {gap}: {why}. To know more: {remedy}.\n"
+                yield f"* the {gap}: {why}. To determine it: {remedy}.\n"
             yield "\n"
         if kind.tells:
             told = "; ".join(f"the {gap} ({advice})" for gap, advice in kind.tells.items())

@@ -60,7 +60,7 @@ RESULT_KEYS = {
     "priors": "How wide the job's priors were found to be, by group.",
     "solver": "How it was solved, start by start.",
     "versions": "Of what it was solved with.",
-    "held_out": "Held-out errors of one component against what was predicted for them.",
+    "held_out": "Validation errors per axis: measured and predicted.",
     "verdict": "How far it may be trusted: "
     "[what does this message mean?](../guides/messages.md#the-verdict)",
 }

@@ -52,18 +52,18 @@ from suta_calib.terms.poses import joint_ranges, resolutions, together
 
 # Readings that differ by less, rad or m, no encoder has told apart.
 COPIED: Final = 1e-7
-_SAMPLES: Final = Field("samples", FILES, "The samples CSV files: globs.", required=True)
+_SAMPLES: Final = Field("samples", FILES, "The samples (CSV files, globs).", required=True)
 LENGTHS_KEYS: Final = Fields(
     Field("artefact", FILE, "The calibrated artefact.yaml.", required=True),
     _SAMPLES,
-    Field("bidirectional", FLAG, "Whether lengths were probed from both sides."),
+    Field("bidirectional", FLAG, "true if lengths were probed from both sides."),
 )
 ARTICULATION_KEYS: Final = Fields(
     _SAMPLES,
     Field(
         "probed",
         choice(("seat", "sphere")),
-        "seat (the default), or sphere: the touches' centre counts.",
+        "seat (the default); or sphere: the centre of the touches counts.",
     ),
 )
 PROBING_KEYS: Final = Fields(
@@ -108,8 +108,8 @@ ACCEPTANCE_KEYS: Final = Fields(
     Field(
         "job",
         Value("file"),
-        "A calibration.yaml: arm and measurements are those of its held-out data, in place of the "
-        "keys arm and those of the tests.",
+        "A calibration.yaml: the arm and its validation data are tested, in place of the keys arm "
+        "and those of the tests.",
     ),
     *_TESTS,
     *JUDGED_KEYS,
@@ -119,10 +119,10 @@ _MEASURED: Final = tuple(key.name for key in _TESTS)
 # Keys that tell a calibration.yaml from an acceptance test.
 _CALIBRATION: Final = ("observations", "parameters")
 _NOMINAL: Final = (
-    "This is the job's own URDF, as it was before calibration: give the calibrated one with --urdf."
+    "This is the job's URDF from before the calibration. Give the calibrated one with --urdf."
 )
 _FITTED: Final = (
-    "Some of these data are not held out: the arm may have been fitted to them, and errors "
+    "Some of these data are not validation data: the arm may have been fitted to them, and errors "
     "elsewhere are larger."
 )
 
@@ -235,7 +235,7 @@ def _tested(top: YamlSection, urdf: UrdfFile | None) -> AcceptanceJob:
                 raise top.refuse(f"{key} beside job", "one or the other", at=(key,))
         return _of_calibration(top.existing_file("job"), urdf)
     if not any(key in top for key in _MEASURED):
-        raise top.refuse("nothing that was measured", f"one of {', '.join(_MEASURED)}")
+        raise top.refuse("no measurements", f"one of {', '.join(_MEASURED)}")
     spec = read_arm(top, urdf)
     arm = spec.model()
     sections = {key: top.section(key) for key in _MEASURED if key in top}
@@ -262,8 +262,8 @@ def _without_copies(job: AcceptanceJob) -> AcceptanceJob:
         rows = np.unique(together(samples.q, COPIED), return_index=True)[1]
         if copies := len(samples) - len(rows):
             notes.append(
-                f"{key}: {copies} of {len(samples)} touches read what another does, but for "
-                "digits that no encoder has: they are copies, and left out."
+                f"{key}: {copies} of {len(samples)} touches repeat another touch, except for "
+                "digits finer than any encoder's. They are copies, and left out."
             )
         return np.sort(rows)
 

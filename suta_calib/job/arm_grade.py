@@ -96,7 +96,7 @@ def guessed_grade(arm: ArmModel) -> tuple[ArmGrade, str]:
         return ARM_GRADES["industrial"], listed(industrial)
     if hobby and len(hobby) > len(industrial):
         return ARM_GRADES["hobby"], listed(hobby)
-    return ARM_GRADES["hobby"], "the URDF does not show it, and wide priors are the careful choice"
+    return ARM_GRADES["hobby"], "the URDF does not show it, and wide priors are the safe choice"
 
 
 def _votes(arm: ArmModel) -> Iterator[tuple[str, str]]:

@@ -14,12 +14,12 @@ from suta_calib.model.parameters import POSITION, Selection, coupling_key
 from suta_calib.units import from_mm
 
 TIP_OFFSET_KEYS: Final = Fields(
-    Field("position_mm", XYZ_MM, "About where the tip is.", required=True),
-    Field("bound_mm", LENGTH, "How far from there it may be, at most.", given_attribute="bound"),
+    Field("position_mm", XYZ_MM, "Approximate position of the tip.", required=True),
+    Field("bound_mm", LENGTH, "Largest distance from there.", given_attribute="bound"),
     Field(
         "prior_mm",
         LENGTH,
-        "How far from there it is likely to be: standard deviation.",
+        "Standard deviation of its distance from there.",
         given_attribute="prior",
     ),
 )
@@ -59,7 +59,7 @@ class TipOffset:
         x, y, z = values.pop("position").tolist()
         if not values:
             raise section.refuse(
-                "an offset that is to be found, without a size",
+                "an offset to be estimated, without bound_mm or prior_mm",
                 "bound_mm or prior_mm beside position_mm",
                 hint=f"a known one is {key}: [x, y, z]",
             )
@@ -131,12 +131,14 @@ class Couplings:
             if not possible:
                 joints = dict.fromkeys(arm.offered[n].owner for n in arm.couplings)
                 expected = f"one of {', '.join(joints)}" if joints else "an arm with two joints"
-                raise self.section.refuse("no joint that can be coupled", expected, at=(joint,))
+                raise self.section.refuse(
+                    "no joint that can be coupled to it", expected, at=(joint,)
+                )
             for other in masters:
                 if other not in possible:
                     raise self.section.refuse(
-                        f"no joint whose reading can move {joint} too",
-                        f"one of {', '.join(possible)}: another joint of the chain, which turns "
+                        f"no joint whose reading can also move {joint}",
+                        f"one of {', '.join(possible)}: another joint of the chain that turns "
                         "or slides as this one does",
                         at=(joint, other),
                     )

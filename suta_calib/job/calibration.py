@@ -181,7 +181,7 @@ class CalibrationJob(Displayable):
         held_out = ", ".join(f"{len(term.poses)} {term.kind}" for term in self.validation)
         return (
             f"{self.spec.path.name}, {len(self.parameters)} unknowns from {kinds}; "
-            f"held out: {held_out or 'nothing'}"
+            f"validation: {held_out or 'nothing'}"
         )
 
     def problem(self) -> Problem:
@@ -239,7 +239,7 @@ class CalibrationJob(Displayable):
                 f"a calibration that may not be used ({solution.sentence})",
                 "one that converged",
                 file=self.spec.path,
-                hint="run suta-calib calibrate, and mend what it names",
+                hint="run suta-calib calibrate, and correct what its notes name",
             )
         if not anyway:
             refuse_unusable(result.assessment, self.spec.path)
@@ -339,7 +339,7 @@ class Calibration(Displayable):
 
     @property
     def headline(self) -> str:
-        """``5.60 → 0.93 mm RMS on 1,575 held-out distances``; fitted ones where none are held out.
+        """``5.60 → 0.93 mm RMS on 1,575 validation distances``; fitted ones without any.
 
         Without convergence it says so instead.
         """
@@ -354,7 +354,7 @@ class Calibration(Displayable):
         least = min((abs(f) for f in figures if f > 0), default=1.0)
         places = min(max(1 - math.floor(math.log10(least)), 0), 6)
         was, now = (f"{figure:.{places}f}" for figure in figures)
-        sort = "held-out" if held_out else "fitted"
+        sort = "validation" if held_out else "fitted"
         what = f"{first.name}{'s' * (after.count != 1)}"
         return f"{was} → {now} {unit_name(first.unit)} RMS on {after.count:,} {sort} {what}"
 
@@ -370,7 +370,7 @@ class Calibration(Displayable):
         chosen = data or ("validation" if held_out else "calibration")
         if chosen == "validation":
             if not job.validation:
-                raise JobError("no validation data", "some to draw", file=job.spec.path)
+                raise JobError("no validation data", "validation data to draw", file=job.spec.path)
             values = accuracy.held_out_nominal, accuracy.held_out_values
             return calibration_scene(job.arm, job.validation, *values)
         values = accuracy.nominal_values, self.solution.values
@@ -442,8 +442,9 @@ class Calibration(Displayable):
         notes = [f"The job excludes {row.exclude} from {row.kind}." for row in rows if row.exclude]
         notes += _read_with_fitted(self.job)
         notes += [
-            f"The validation row of {row.kind} has no seating, and the observations of the same "
-            "artefact do: its errors hold what the seating would take away. Give it the same key."
+            f"The validation row of {row.kind} has no seating, but the observations of the same "
+            "artefact have it: the validation errors include the seating error. Write the same key "
+            "seating there."
             for row in spec.validation
             if not row.seating and row.artefact in wide
         ]
@@ -460,7 +461,7 @@ def _read_with_fitted(job: CalibrationJob) -> list[str]:
     if not len(beside) or beside.mean() < not_held_out:
         return []
     return [
-        f"{int(beside.sum())} of {len(beside)} validation rows were read where fitted ones were, "
-        "without moving or back there: what the model gets wrong at those postures they do not "
-        "show."
+        f"{int(beside.sum())} of {len(beside)} validation rows were read in the posture of a "
+        "fitted row, without moving in between. They do not show the errors of the model in other "
+        "postures."
     ]

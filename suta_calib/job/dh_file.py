@@ -88,7 +88,7 @@ def _convention(table: CsvTable) -> Convention:
             "a and alpha of one convention",
             file=table.path,
             line=table.header_line,
-            hint="a_prev and alpha_prev stand before the joint (modified), a and alpha behind it",
+            hint="a_prev, alpha_prev: the link before the joint (modified); a, alpha: the next one",
         )
     return "modified" if modified else "classic"
 

@@ -35,7 +35,9 @@ def terms_over(arm: ArmModel, name: str, terms: Term | Sequence[Term]) -> tuple[
         raise InputError(repr(terms), "terms", where=where) from None
     for term in found:
         if not isinstance(term, Term):
-            hint = "make one with from_arrays of its kind, as TrackedPoint.from_arrays(arm, q, …)"
+            hint = (
+                "make one with from_arrays of its kind, such as TrackedPoint.from_arrays(arm, q, …)"
+            )
             raise InputError(repr(term), "a term", where=where, hint=hint)
         if not isinstance(term.poses, ArmPoses):
             raise InputError(f"{term!r} without an arm", "a term over an arm", where=where)

@@ -116,9 +116,9 @@ class InputsCopy:
                 {str(name): int(value) for name, value in table_of_contents["left_out"].items()},
             )
         except (OSError, ValueError, KeyError, TypeError, AttributeError, zipfile.BadZipFile):
-            raise _damaged(path, "something else, or damaged") from None
+            raise _damaged(path, "another or a damaged file") from None
         if copy.job not in copy.sha256 or not all(map(_stays_inside, copy.sha256)):
-            raise _damaged(path, "names of files that are none of its own")
+            raise _damaged(path, "names of files that do not belong to it")
         return copy
 
     def is_at(self, folder: Path) -> bool:
@@ -144,7 +144,7 @@ class InputsCopy:
 
 
 def _damaged(path: Path, content: str) -> InputError:
-    expected = "the copy of a job's files that calibrate writes"
+    expected = "the copy of the job's files as calibrate wrote it"
     return InputError(content, expected, file=path, hint="calibrate again")
 
 

@@ -110,11 +110,13 @@ def _check_given_alike(
             if name in fitted and given.get(name) != parameter:
                 raise JobError(
                     f"a given pose that differs from that of the observations in {name}",
-                    "one pose for one place",
+                    "one pose per place",
                     file=spec.path,
                     line=row.line,
-                    hint="give it in the row of the observations; or give what stands elsewhere "
-                    "another label",
+                    hint=(
+                        "give it in the row of the observations; or, if it stands elsewhere, give "
+                        "it another label"
+                    ),
                 )
 
 
@@ -142,12 +144,12 @@ def _check_once(spec: JobSpec, terms: Sequence[Term]) -> None:
             few = max(1, min(len(keys), len(theirs)) // 2)
             if both > (few if may_read_alike(term.poses.samples) else 1):
                 raise JobError(
-                    f"{both} samples that stand in observations[{other}] too",
-                    "samples of their own in every row of one kind",
+                    f"{both} samples that are in observations[{other}] too",
+                    "other samples in every row of the same kind",
                     file=spec.path,
                     line=row.line,
                     where=f"observations[{k}].samples",
-                    hint="name every file once, by one path",
+                    hint="name every file only once",
                 )
         rows_by_kind[row.kind].append((k, keys))
 

@@ -25,8 +25,8 @@ from suta_calib.terms import KINDS, Seating, every_grouping
 from suta_calib.terms.given_pose import POSE_KEYS
 from suta_calib.units import Unit, key
 
-_BOUND: Final = "How far from nominal {} may be, at most"
-_PRIOR: Final = "How far from nominal {} is likely to be: standard deviation of a Gaussian prior"
+_BOUND: Final = "Largest difference of {} from nominal"
+_PRIOR: Final = "Standard deviation of a Gaussian prior of {} about nominal"
 # By unit, what a bound or prior is of, and its attribute of `Selection`.
 _SIZES: Final[dict[Unit, tuple[str, str]]] = {
     "m": ("a length", "m"),
@@ -51,19 +51,21 @@ SELECTION_KEYS: Final = Fields(
     Field(
         "select",
         TEXTS,
-        "The parameters that the row is about; the word geometric selects every placement "
-        "parameter of every joint of the chain and of the tip. Later rows win.",
+        "Names of the parameters; the word geometric selects every placement parameter of every "
+        "joint of the chain and of the tip. Later rows win.",
         required=True,
     ),
     *BOUND_AND_PRIOR_KEYS,
     Field(
-        "fixed", FLAG, "Held at nominal; beside a prior: the data have no say in how wide it is."
+        "fixed",
+        FLAG,
+        "true: not estimated, stays nominal; beside a prior: its width is not changed by the data.",
     ),
 )
 
 SEATING_KEYS: Final = Fields(
-    Field("clearance_mm", LENGTH, "How far the tip may sit off the sockets' axes."),
-    Field("rotation_deg", ANGLE, "How far it may be turned about them."),
+    Field("clearance_mm", LENGTH, "Largest distance of the seated tip from the sockets' axes."),
+    Field("rotation_deg", ANGLE, "Largest turn of the seated tip about them."),
 )
 
 
@@ -78,44 +80,50 @@ _EXCLUDED: Final = Value(
 )
 # What every kind has, whether or not it has a use for it.
 COMMON_KEYS: Final = Fields(
-    Field("kind", Value("text"), "Which kind of observation it is.", required=True),
+    Field("kind", Value("text"), "Kind of observation.", required=True),
     Field(
         "samples",
         Value("files"),
-        "The samples CSV files: globs, relative to the job's folder.",
+        "The samples (CSV files, globs), relative to the job's folder.",
         required=True,
     ),
-    Field("artefact", FILE, "The artefact.yaml of what is touched, where the kind needs one."),
-    Field("label", TEXT, "Tells several instruments, cameras or sets of sockets apart."),
-    Field("exclude", _EXCLUDED, "Samples that are left out, by name."),
+    Field("artefact", FILE, "The artefact.yaml of the touched artefact, where the kind needs one."),
+    Field(
+        "label", TEXT, "Label of the instrument, camera or set of sockets, where there are several."
+    ),
+    Field("exclude", _EXCLUDED, "Samples to leave out, by name."),
     Field(
         "huber_mm",
         LENGTH,
-        "Lengths beyond it are believed less; least squares without it. Where the noise is learned "
-        "with priors, or beside another kind's, and is not fixed, the threshold follows it down.",
+        "Robust threshold: rows with larger errors get less weight; least squares without it. "
+        "Where the noise is estimated with priors, or beside another kind's, and is not fixed, "
+        "the threshold follows it down.",
         given_attribute="huber_m",
     ),
-    Field("huber_deg", ANGLE, "The same of angles.", given_attribute="huber_rad"),
+    Field("huber_deg", ANGLE, "The same for angles.", given_attribute="huber_rad"),
     Field(
         "sigma_mm",
         LENGTH,
-        "Standard deviation of a length or coordinate; learned from there.",
+        "Standard deviation of a length or coordinate; the estimate starts there.",
         given_attribute="sigma_m",
     ),
-    Field("sigma_deg", ANGLE, "The same of an angle.", given_attribute="sigma_rad"),
+    Field("sigma_deg", ANGLE, "The same for an angle.", given_attribute="sigma_rad"),
     Field(
-        "fixed", FLAG, "Beside a sigma: the data have no say in it.", given_attribute="sigma_fixed"
+        "fixed",
+        FLAG,
+        "true: the data do not change the sigma beside it.",
+        given_attribute="sigma_fixed",
     ),
     Field(
         "seating",
         Value("mapping", _read_seating, SEATING_KEYS),
-        "What the artefact's sockets leave the tip: how it sits in them is found too.",
+        "Clearance of the artefact's sockets; the seating error is estimated too.",
     ),
     Field(
         "pose",
         Value("mapping, or by label", inside=POSE_KEYS),
-        "What is known of where something stands: the only place there is, or places by label; "
-        "for a kind in which something sees, the pose of what sees in what carries it.",
+        "Known poses of the artefact, instrument or target: one pose, or poses by label. For a "
+        "kind with a camera, its pose on the tip or in the base.",
     ),
     *(
         replace(
@@ -132,7 +140,7 @@ COMMON_KEYS: Final = Fields(
 def _of_frames() -> Iterable[Field]:
     pose = Value("mapping", inside=POSE_KEYS)
     return {
-        frame.key: Field(frame.key, pose, f"What is known of {frame.about}.")
+        frame.key: Field(frame.key, pose, f"Known pose: {frame.about}.")
         for kind in KINDS.values()
         for frame in kind.frames
     }.values()

@@ -41,10 +41,10 @@ _TESTED_BY: Final = {
     "repeatability": "repeatability",
 }
 _PLACES: Final = {
-    "location": "Of the location of one point from several articulations.",
-    "size": "Of the size of a probed sphere.",
-    "form": "Of the form of a probed sphere.",
-    "repeatability": "Of repeated visits of one point.",
+    "location": "For the location of one point from several articulations.",
+    "size": "For the size of a probed sphere.",
+    "form": "For the form of a probed sphere.",
+    "repeatability": "For repeated visits of one point.",
 }
 
 
@@ -76,7 +76,7 @@ class LengthLimit:
         "k",
     )
     largest: float | None = keyed(
-        _micrometres("positive"), "B: at most that, however long.", None, "max_um"
+        _micrometres("positive"), "B: the largest value, however long the length.", None, "max_um"
     )
 
     @classmethod
@@ -114,7 +114,7 @@ class Limits(Displayable):
 
     length: LengthLimit | None = keyed(
         Value("mapping", LengthLimit.read, fields_of(LengthLimit)),
-        "Of a length: A + L/K, at most B.",
+        "For a length: A + L/K, at most B.",
         None,
     )
     location: float | None = _of_place("location", "positive", None)
@@ -135,14 +135,14 @@ class StatedUncertainty:
     Expanded (k = 2), m: fixture, temperature, form of a sphere.
     """
 
-    length: float = keyed(LENGTH_OR_0, "Of a length.", 0.0)
+    length: float = keyed(LENGTH_OR_0, "For a length.", 0.0)
     location: float = _of_place("location", "non-negative", 0.0)
     size: float = _of_place("size", "non-negative", 0.0)
     form: float = _of_place("form", "non-negative", 0.0)
     repeatability: float = _of_place("repeatability", "non-negative", 0.0)
     per_length: float = keyed(
         replace(_micrometres("non-negative"), takes="µm/m"),
-        "Of a length, beside length_mm, by its length.",
+        "For a length, by its length, beside length_mm.",
         0.0,
         "length_um_per_m",
     )
@@ -193,7 +193,7 @@ def _read_limits(top: YamlSection, key: str) -> Limits:
         limit = name if name == "length" else f"{name}_mm"
         if limit in section and "job" not in top and tested not in top:
             raise section.refuse(
-                "a limit for what is not tested", f"a section {tested} in the job", at=(limit,)
+                "a limit without a test", f"a section {tested} in the job", at=(limit,)
             )
     return limits
 
@@ -221,7 +221,7 @@ JUDGED_KEYS: Final = Fields(
     Field(
         "coverage_factor",
         quantity(sign="positive"),
-        "Of the guard band; 2 without it.",
+        "Coverage factor of the guard band; 2 without it.",
         given_attribute="factor",
     ),
 )
@@ -238,6 +238,8 @@ def read_judged(top: YamlSection) -> dict[str, Any]:
     rule = DecisionRule(**{key: judged.pop(key) for key in ("kind", "factor") if key in judged})
     if rule.kind == "simple" and "coverage_factor" in top:
         raise top.refuse(
-            "a guard band for the simple rule", "guarded, or no such key", at=("coverage_factor",)
+            "a guard band for the simple rule",
+            "the rule guarded, or no key coverage_factor",
+            at=("coverage_factor",),
         )
     return {**judged, "rule": rule}

@@ -21,14 +21,14 @@ from suta_calib.model.urdf_tree import read_tree
 from suta_calib.terms import KINDS
 
 _LANDMARKS: Final = """\
-# position_mm: where the tip's origin is when it is seated there, in the artefact's frame.
+# position_mm: place of the seated tip's origin, in the artefact's frame.
 # Optional: rotation_rpy_deg (the tip frame's orientation in the artefact when seated, roll pitch
 # yaw as in URDF) and sigma_mm (standard deviation of each coordinate).
 # grade: certified (by a laboratory), machined or printed. It says how far all lengths may be wrong
-# by one factor, which no residual shows: every ± includes it.
+# by one common factor. No residual shows this factor; every ± includes it.
 """
 _ARTEFACT: Final = f"""\
-# The artefact's landmarks as certified; the numbers below are an example: put in your own.
+# The artefact's landmarks as certified; the numbers below are an example: write yours.
 {_LANDMARKS}name: my artefact
 grade: certified
 landmarks:
@@ -38,13 +38,13 @@ landmarks:
   D: {{position_mm: [90, 110, 20], sigma_mm: 0.01}}
 """
 _SHEET: Final = f"""\
-# The crosses of a printed sheet; the numbers below are an example: put in your own.
+# The crosses of a printed sheet; the numbers below are an example: write yours.
 {_LANDMARKS}name: my sheet
 grade: printed
 # A printer makes a sheet up to 1 % too long or too short, along x and along y by different factors:
 # both are estimated, with a standard deviation of 0.5 %. Measure the sheet along both sides with a
-# steel ruler, put what it says into the positions, and say how good the ruler was: 1000 ppm are
-# 0.2 mm over 200 mm. Nothing else makes the lengths of the arm so much better.
+# steel ruler, write the result into the positions, and state how good the ruler was: 1000 ppm are
+# 0.2 mm over 200 mm. Nothing else improves the lengths of the arm as much.
 stretch: free
 # scale_ppm: 1000
 landmarks:
@@ -194,7 +194,7 @@ def _parameters(arm: ArmModel, grade: ArmGrade) -> Iterator[str]:
         f"  - {{select: geometric, prior_mm: {grade.length_mm:g}, prior_deg: {grade.tilt_deg:g}}}"
     )
     if arm.like_offsets:
-        yield "  # To turn a joint's frame about the joint's axis is what its offset does."
+        yield "  # A turn of a joint's frame about the joint's axis is the same as its offset."
         yield "  - select:"
         yield from (f"      - {_quoted(name)}" for name in arm.like_offsets)
         yield "    fixed: true"
@@ -229,8 +229,8 @@ def _quoted(text: str) -> str:
 
 
 _POSE: Final = """\
-    # Where the artefact lay in the arm's base frame, as a ruler says: without it all but the place
-    # of the base is found. Uncomment it, with your own labels, numbers, and standard deviations.
+    # Pose of the artefact in the arm's base frame, by a ruler. Without it everything is estimated
+    # except the place of the base. Uncomment it, with your labels, numbers and standard deviations.
     # pose:
     #   P1: {position_mm: [170, 0, 0], rotation_rpy_deg: [0, 0, 0], prior_mm: 2, prior_deg: 1}"""
 _JOB: Final = """\
@@ -244,27 +244,27 @@ _JOB: Final = """\
 {joints}
 {grade}
 # suta-calib init --grade writes such a job for another grade. The key grade is that of the parts:
-# it says how far what no row below frees may be from the drawing (certified, machined, printed).
+# it sets the tolerance of all dimensions that are not estimated (certified, machined, printed).
 arm: {{urdf: {urdf}, tip: {tip}{base}, grade: {made}}}
 
-# What is unknown: names or globs; later rows win. The word geometric stands for every placement
-# (x, y, z in m, rx, ry, rz in rad) of every moving joint and of the tip. prior_mm, prior_deg: how
-# far a value is likely to be from nominal (standard deviation), by the grade. They are a guess: the
-# data correct it, unless fixed: true stands beside it. bound_mm, bound_deg: how far it may be.
-# What the data do not determine stays near nominal, and is reported.
+# What is estimated: names or globs; later rows win. The word geometric means every placement
+# (x, y, z in m, rx, ry, rz in rad) of every moving joint and of the tip. prior_mm, prior_deg:
+# standard deviation of a value about nominal, a guess by the grade. The data correct this guess,
+# unless fixed: true is beside it. bound_mm, bound_deg: largest difference from nominal.
+# A parameter that the data do not determine stays near nominal, and is reported.
 parameters:
 {parameters}
 
 # What was measured: any number of rows, of any kinds, solved together. huber_*: errors beyond it
-# are believed less and less; leave it out for plain least squares. Samples tell most where the same
-# place is met in different postures: tilt and turn the tool from one time to the next.
+# get less and less weight; leave it out for plain least squares. Samples determine most if the same
+# place is touched or seen in different postures: tilt and turn the tool between two samples.
 observations:
 {rows}
 
-# Samples that are never fitted: how good the result is on data it has not seen.
+# Samples that are never fitted: they show the error on new data.
 validation:
 {held_out}
 
-# starts: the first is nominal, the others are drawn as the priors say (seed: reproducible).
+# starts: the first is nominal, the others are drawn from the priors (seed: reproducible).
 solver: {{starts: 8, seed: 0}}
 """

@@ -37,7 +37,7 @@ def calibration_scene(
     size = float(np.ptp(scene.extent, axis=0).max())
     factor = magnification(errors[0][1], size)
     touched = all(term.medium == "touch" for term in terms)
-    word = "where the tip touched" if touched else "where the tip was seen"
+    word = "touched places of the tip" if touched else "measured places of the tip"
     parts: list[Part] = [PlacedPoints(word, "touched", errors[1][0])]
     rows = largest_of_regions(errors[1][0], np.linalg.norm(errors[1][1], axis=1))
     count = len(errors[1][0])

@@ -58,25 +58,25 @@ class ArmSpec(Displayable):
     base: str | None = keyed(BASE, "", None)
     tip_offset: TipOffset | None = keyed(
         Value("x, y, z in mm, or a mapping", TipOffset.read, TIP_OFFSET_KEYS),
-        "Where the tip is in that frame, for a probe that the URDF does not know. Three numbers "
-        "are taken as given; with bound_mm or prior_mm the place is to be found.",
+        "Position of the tip in that frame, for a probe that the URDF does not have. Three "
+        "numbers are fixed; with bound_mm or prior_mm the position is estimated.",
         None,
         "tip_offset_mm",
     )
     section: YamlSection | None = field(default=None, repr=False, compare=False)
     couplings: Couplings | None = keyed(
         Value("by joint, numbers by joint", Couplings.read),
-        "Joints that the readings of others move too, as through a parallelogram: {joint_3: "
-        "{joint_2: -1}} turns joint_3 by -1 of what joint_2 reads beside its own. Held there, "
-        "unless a row frees joint_3.coupling[joint_2].",
+        "Joints that the readings of other joints move too, as through a parallelogram: "
+        "{joint_3: {joint_2: -1}} turns joint_3 by -1 times the reading of joint_2 as well. The "
+        "number is fixed, unless a row estimates joint_3.coupling[joint_2].",
         None,
     )
     grade: str = keyed(
         choice(GRADES, "certified, machined or printed"),
-        "How the arm was made. This sets the tolerance of the dimensions that no row frees, and "
-        "that of one scale factor of all lengths. Without it, the errors of the estimated "
-        "dimensions set the tolerance, and it is at least that of machined parts. Every ± that "
-        "depends on held dimensions includes it.",
+        "How the arm was made. This sets the tolerance of the dimensions that are not estimated, "
+        "and that of one scale factor of all lengths. Without it, the errors of the estimated "
+        "dimensions set the tolerance, at least that of machined parts. Every ± that depends on "
+        "such dimensions includes it.",
         "",
     )
 
@@ -150,15 +150,15 @@ class SolverSpec(Displayable):
 
     # What has no minimum by the most has none: 8 starts and 200 iterations are usual.
     starts: int = keyed(
-        whole_number(1, 1000), "How many starts; the first is nominal. 1 without it.", 1
+        whole_number(1, 1000), "Number of starts; the first is nominal. 1 without it.", 1
     )
-    seed: int = keyed(whole_number(0), "Of the random numbers the other starts are drawn with.", 0)
+    seed: int = keyed(whole_number(0), "Seed of the random numbers for the other starts.", 0)
     hessian: Hessian = keyed(
         choice(get_args(Hessian)),
         "gauss-newton (the default), or exact: second derivatives by automatic differentiation.",
         "gauss-newton",
     )
-    max_iterations: int = keyed(whole_number(1, 100_000), "Per start.", 200)
+    max_iterations: int = keyed(whole_number(1, 100_000), "Iterations per start.", 200)
 
 
 @dataclass(frozen=True)
@@ -170,11 +170,11 @@ class EncoderSpec:
     )
     noise_rad: float = keyed(
         ANGLE_OR_0,
-        "Standard deviation of a revolute joint's reading beside the steps.",
+        "Standard deviation of a revolute joint's reading, without the steps.",
         0.0,
         "noise_deg",
     )
-    noise_m: float = keyed(LENGTH_OR_0, "The same of a prismatic joint's.", 0.0, "noise_mm")
+    noise_m: float = keyed(LENGTH_OR_0, "The same for a prismatic joint.", 0.0, "noise_mm")
 
 
 def _selection(row: YamlSection) -> Selection:
@@ -200,9 +200,9 @@ def _observation(row: YamlSection) -> ObservationSpec:
         )
     if "seating" in values and values["seating"].rotation and not kind.has_angles:
         raise row.refuse(
-            f"a key that {kind.kind} has no use for",
+            f"a key that {kind.kind} does not use",
             at=("seating", "rotation_deg"),
-            hint="remove it: distances do not see how far the tip is turned",
+            hint="remove it: distances do not depend on the tip's orientation",
         )
     settings, given = kind.read_settings(row), _given(row, kind)
     return ObservationSpec(
@@ -262,7 +262,7 @@ def _check_keys_of_kind(row: YamlSection, kind: type[Term]) -> None:
             in_file = key in SCALE_KEYS.names and (kind.needs_artefact or "board" in kind.files)
             file = "artefact" if kind.needs_artefact else "board"
             raise row.refuse(
-                f"a key that {kind.kind} has no use for",
+                f"a key that {kind.kind} does not use",
                 at=(key,),
                 hint=f"write it into {file}.yaml" if in_file else "remove it, or check the kind",
             )
@@ -274,30 +274,30 @@ class JobSpec(Displayable):
 
     path: Path
     arm: ArmSpec = keyed(
-        Value("mapping", inside=fields_of(ArmSpec)), "The arm, and the ends of its chain."
+        Value("mapping", inside=fields_of(ArmSpec)), "The arm: its URDF, base and tip."
     )
     parameters: tuple[Selection, ...] = keyed(
         Field(
             "parameters",
             rows(_selection, SELECTION_KEYS),
-            "What is unknown: one row at least, later rows win.",
+            "What is estimated: one row at least, later rows win.",
         )
     )
     observations: tuple[ObservationSpec, ...] = keyed(
         rows(_observation, OBSERVATION_KEYS),
-        "What was measured: any number of rows, of any kinds, solved together.",
+        "What was measured: any number of rows of any kinds, solved together.",
     )
     validation: tuple[ObservationSpec, ...] = keyed(
         replace(rows(_observation, OBSERVATION_KEYS), inside=None),
-        "Samples that are never fitted: how good the result is on data it has not seen. The same "
-        "keys as of observations.",
+        "Samples that are never fitted: they show the error on new data. The same keys as under "
+        "observations.",
         (),
     )
-    solver: SolverSpec = keyed(mapping(SolverSpec), "How it is solved.", SolverSpec())
-    rule: Rule = keyed(mapping(Rule), "When evidence of wrong data is reported.", Rule())
+    solver: SolverSpec = keyed(mapping(SolverSpec), "Options of the solver.", SolverSpec())
+    rule: Rule = keyed(mapping(Rule), "Thresholds for reports of wrong data.", Rule())
     encoders: EncoderSpec | None = keyed(
         mapping(EncoderSpec),
-        "What is known of the encoders' noise: only the error budget asks.",
+        "Noise of the encoders, for the error budget only.",
         None,
     )
 
@@ -318,7 +318,7 @@ def read_job(path: Path) -> JobSpec:
     if "parameters" not in top:
         raise top.refuse(
             "no such key",
-            "a list of rows that say which parameters are unknown",
+            "a list of rows with the parameters to estimate",
             at=("parameters",),
             hint='for example - {select: ["*.offset"], bound_deg: 15}',
         )

@@ -64,8 +64,8 @@ class EyePoses:
         """What makes X and Z look exchanged, as a sentence."""
         X, Z = (mm(float(np.linalg.norm(T[:3, 3]))) for T in (self.X, self.Z))
         return (
-            f"X is {X:.0f} mm long and Z {Z:.0f} mm: what is on the hand lies farther off than "
-            "what stands."
+            f"X is {X:.0f} mm long and Z {Z:.0f} mm: the device on the hand is farther from it "
+            "than the fixed one from the base."
         )
 
     @property

@@ -65,11 +65,11 @@ FEW_PAIRS: Final = 8
 # What X and Z are another by, where it is moved.
 MAY_MOVE: Final[dict[EyeSetup, dict[str, str]]] = {
     EYE_IN_HAND: {
-        EYE: "the eye on the hand (or the hand's tool frame)",
+        EYE: "the camera on the hand (or the hand's tool frame)",
         TARGET: "the target (or the base)",
     },
     EYE_TO_HAND: {
-        EYE: "the eye (or the base)",
+        EYE: "the camera (or the base)",
         TARGET: "the target on the hand (or the hand's tool frame)",
     },
 }
@@ -154,33 +154,33 @@ class HandEyeCalibration(Displayable, EyePoses, RobustAnswer):
         count = int(self.inliers.sum()) - self.copies
         if self.copies:
             rows = "1 pair repeats" if self.copies == 1 else f"{self.copies} pairs repeat"
-            caution.append(f"{rows} another, hand and eye: no measurement of its own.")
+            caution.append(f"{rows} another exactly, hand and target. Measure new poses instead.")
         if count < ENOUGH:
             caution.append(
-                f"Only {count} pairs: the standard deviations are guesses "
-                "themselves, and a wrong pair may not show; take a dozen or more."
+                f"Only {count} pairs: the standard deviations are uncertain, and a wrong pair may "
+                "stay unnoticed. Take a dozen or more."
             )
         if self.far_sight:
             caution.append(
                 f"{self.far_sight.sentence} Without it, ± would be "
-                f"{text(self._std_without_far_sight, 'm')} mm, and a part of the pairs that does "
-                "not show the error states that too."
+                f"{text(self._std_without_far_sight, 'm')} mm, and a part of the pairs without "
+                "this error gives the same."
             )
         if self.moved:
             caution.append(self.moved.sentence)
         elif self.unsure and not self.far_sight:
-            caution.append(f"{self.unsure}: add poses, turned by 30° or more about different axes.")
+            caution.append(f"{self.unsure}. Add poses, turned by 30° or more about different axes.")
         caution += self.others_found(DepthScale.name)
         bad = self.objections("pairs", self.inliers, self.length)
         if self.inverted != "good":
             beside = (
                 ""
                 if self.setup != EYE_IN_HAND
-                else ("Does the eye stand beside the robot? Then say --setup eye-to-hand. ")
+                else ("Is the camera beside the robot? Then use --setup eye-to-hand. ")
             )
             (bad if self.inverted == "bad" else caution).append(
-                f"{self.lengths_told} {beside}Are both poses inverted? Then X is what is called Z "
-                f"here: {self.Z_told}."
+                f"{self.lengths_told} {beside}Are both poses inverted? Then X is the transform that is "
+                f"called Z here: {self.Z_told}."
             )
         # A hand may move by millimetres, a target be seen from them: not both.
         (bad if len(self.notes) > 1 else caution).extend(self.notes)
@@ -235,7 +235,8 @@ def calibrate_hand_eye(
         )
     if len(A[1]) != len(B[1]):
         raise SamplesError(
-            f"{len(A[1])} poses of the hand and {len(B[1])} of the target", "as many of each"
+            f"{len(A[1])} poses of the hand and {len(B[1])} of the target",
+            "the same number of both",
         )
     if len(A[1]) < NEEDED:
         raise SamplesError(

@@ -25,12 +25,12 @@ from suta_calib.units import deg, from_deg, mm
 SUSPICIOUS: Final = 0.01
 TURNED: Final = from_deg(1.0)
 NO_AGREEMENT: Final = from_deg(10.0)
-PAIRS: Final = "poses of a hand and of what its eye saw, pair by pair"
+PAIRS: Final = "poses of a hand and of the target that its camera saw, pair by pair"
 CAUSES: Final = (
-    "do the rows belong together, is the quaternion's order x y z w, is it the right setup, and do "
-    "both poses map in the direction asked for?"
+    "do the rows belong together, is the quaternion's order x y z w, is the setup right, and do "
+    "both poses map in the documented direction?"
 )
-WHOSE: Final = ("a pose of the hand (a_)", "a pose that the eye saw (b_)")
+WHOSE: Final = ("a pose of the hand (a_)", "a pose of the target (b_)")
 
 
 def refuse_constant(hand: Poses, eye: Poses) -> None:
@@ -51,7 +51,7 @@ def refuse_constant(hand: Poses, eye: Poses) -> None:
         raise SamplesError(
             f"{whose} that is the same in {which}, while {other_name} changes by "
             f"{mm(slid):.0f} mm and {deg(turned):.0f}° in them",
-            "both poses of every row, as they were at that moment",
+            "a new pose in every row",
             hint="did the program that wrote them read this pose only once? Record again",
         )
 
@@ -107,7 +107,7 @@ def refuse_misread(
         description, slid, turned = reading
         close = f"{mm(length * slid):.1f} mm and {deg(turned):.2f}°"
         cause = description.format(other=other_setup)
-        raise _disagreement(consensus, length, f"they agree with one to {close} {cause}")
+        raise _disagreement(consensus, length, f"they agree to {close} {cause}")
 
 
 def refuse_strangers(
@@ -140,7 +140,7 @@ def refuse_strangers(
     # Along an axis that nothing turns X is open, and so is what a consensus makes of it.
     if not len(axes_that_stand(hand[fit.inliers], fit.sigmas[1])):
         places = (
-            "the turns of both agree, the positions do not: are both in the same unit, and their "
+            "the rotations agree, but the positions do not: are both in the same unit, and their "
             "columns in the order x y z?"
         )
         raise _disagreement(start, length, places)

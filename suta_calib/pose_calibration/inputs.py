@@ -40,7 +40,7 @@ def checked_poses(
     R, p = _checked(rotation, (3, 3), where), _checked(position, (3,), where)
     if len(R) != len(p):
         raise SamplesError(
-            f"{len(R)} rotations and {len(p)} positions", "as many of each", where=where
+            f"{len(R)} rotations and {len(p)} positions", "the same number of both", where=where
         )
     for row in np.flatnonzero(~are_rotations(R)):
         raise SamplesError(

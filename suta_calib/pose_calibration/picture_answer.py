@@ -224,8 +224,8 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
         return "", "good"
     if camera.same_corners and not camera.held:
         return (
-            "The camera's file was calibrated from these very corners: they are counted once, and "
-            "what it says of its own ± not again.",
+            "The camera's file was calibrated from these same corners. They count once, and the ± "
+            "in the file is not used.",
             "good",
         )
     change = by_pictures.intrinsics - given.intrinsics
@@ -237,9 +237,9 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
             for key, std in zip(("fx", "fy", "cx", "cy"), stds, strict=False)
         ]
         told = (
-            f"The pictures contradict the intrinsics that were held ({', '.join(changes)} px), and "
-            "X follows the camera's file: its ± does not cover that. Let the pictures correct them "
-            f"(--intrinsics free), or correct the file. {COUNTED}"
+            f"The pictures contradict the fixed intrinsics ({', '.join(changes)} px). X follows "
+            "the camera's file, and its ± does not include this error. Let the pictures correct "
+            f"the intrinsics (--intrinsics free), or correct the file. {COUNTED}"
         )
         return (told, "care") if any(off) else ("", "good")
     prior = given.stds if given.stds is not None else CALIBRATED.stds(given)
@@ -251,8 +251,8 @@ def _against_the_file(camera: CameraEstimate) -> tuple[str, Level]:
         return "", "good"
     (u, v), (by_u, by_v) = by_pictures.intrinsics[2:4], stds[2:4]
     return (
-        f"The pictures put the principal point at ({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f}) px, "
-        f"the camera's file at ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px: X "
+        f"The principal point is ({u:.2f} ± {by_u:.2f}, {v:.2f} ± {by_v:.2f}) px by the pictures, "
+        f"but ({given.intrinsics[2]:.2f}, {given.intrinsics[3]:.2f}) px in the camera's file. X "
         f"follows the pictures. {COUNTED}",
         "good",
     )
@@ -268,9 +268,9 @@ def _better_if_held(camera: CameraEstimate) -> str:
     if shift < 1.2 * held_shift and turn < 1.2 * held_turn:
         return ""
     return (
-        "If the ± of the intrinsics in the camera's file is right, --intrinsics fixed gives X "
-        f"to ± {mm(held_shift):.2f} mm and ± {deg(held_turn):.3f}°, that ± included, instead of "
-        f"± {mm(shift):.2f} mm and ± {deg(turn):.3f}°."
+        f"With --intrinsics fixed, X would be known to ± {mm(held_shift):.2f} mm and ± "
+        f"{deg(held_turn):.3f}° instead of ± {mm(shift):.2f} mm and ± {deg(turn):.3f}°, if the ± "
+        "of the intrinsics in the camera's file is right (it is included)."
     )
 
 
@@ -287,7 +287,7 @@ def _contradiction(camera: CameraEstimate, given: Camera) -> str:
         changes.append(f"{key} {before:.1f} → {after:.1f}")
         # No calibration of the same pictures changes a focal length by as much.
         other |= key[0] == "f" and abs(after / before - 1.0) > 0.1
-    what = "is the file of pictures of another size?" if other else "X follows the pictures."
+    what = "is the file for pictures of another size?" if other else "X follows the pictures."
     return f"The pictures contradict the camera's file ({', '.join(changes)} px): {what}"
 
 
@@ -296,33 +296,32 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
     bad, care = list[str](), list[str]()
     fitted, count = int(camera.inliers.sum()), len(camera.inliers)
     if count - fitted > MANY_OUTLIERS * count:
-        bad.append(f"{count - fitted} of {count} pictures do not agree with the rest.")
+        bad.append(f"{count - fitted} of {count} pictures do not agree with the others.")
     if camera.board_scale != 1.0:
         by = camera.board_size.value * camera.board_size.log_std
         sentence = (
             f"The hand moves {camera.board_scale:.3f} ± {by:.3f} times as far as the pictures show "
-            "by the size of the board, and X is as wrong as one of them, by more than its ±: "
-            "measure the squares or markers as they were printed (if they are so many times as "
-            "large, correct board.yaml), and check the unit and scale of the hand's positions."
+            "with the size of the board. One of the two is wrong, and X by as much, beyond its ±. "
+            "Measure the squares or markers as printed (if they are so many times as large, "
+            "correct board.yaml), and check the unit and scale of the hand's positions."
         )
         # X is of no use from this share on.
         (bad if abs(camera.board_scale - 1.0) > 0.05 else care).append(sentence)
     if fitted < ENOUGH:
         care.append(
-            f"Only {fitted} pictures: the standard deviations are guesses themselves, and a wrong "
-            "picture may not show; take a dozen or more."
+            f"Only {fitted} pictures: the standard deviations are uncertain, and a wrong picture "
+            "may stay unnoticed. Take a dozen or more."
         )
     if camera.unsure:
         remedy = "add pictures, turned by 30° or more about different axes, near and far."
         if noise.shared[0] > noise.position.value or noise.shared[1] > noise.rotation.value:
             remedy = (
-                "neighbouring poses of the hand share errors, as of an arm with wrong lengths "
-                "or angles. More pictures alone do not remove them. Calibrate the arm, and "
-                f"{remedy}"
+                "neighbouring poses of the hand share errors, as with wrong lengths or angles of "
+                f"the arm. More pictures do not remove them. Calibrate the arm, and {remedy}"
             )
         care.append(f"{camera.unsure}: {remedy}")
     care += [
-        f"In {listed(list(names), QUOTED)} {TURNED[what]} They are left out."
+        f"In {listed(list(names), QUOTED)} {TURNED[what]} These pictures are left out."
         for what, names in camera.turned.items()
         if names
     ]
@@ -334,6 +333,6 @@ def _judged(camera: CameraEstimate, noise: PictureNoise) -> tuple[list[str], lis
         where = "beside the robot" if camera.setup == EYE_IN_HAND else "on the hand"
         (bad if camera.inverted == "bad" else care).append(
             f"{camera.lengths_told} Are the poses of the hand inverted, or is the camera {where}? "
-            f"Then X would be what is called Z here: {camera.Z_told}."
+            f"Then X would be the transform that is called Z here: {camera.Z_told}."
         )
     return bad, care

@@ -34,8 +34,8 @@ def cause_of_disagreement(
         larger = (hand, (board[0], board[1] * scale))
         if _agrees(*larger, term.setup, seed):
             return (
-                f"a hand that moves {scale:.{0 if scale > 5 else 2}f} times as far as the pictures "
-                "show by the size of the board",
+                f"a hand that moves {scale:.{0 if scale > 5 else 2}f} times as far as the "
+                "pictures show with the size of the board",
                 "columns a_x, a_y, a_z are in m (a_x_mm: mm), and lengths in board.yaml in mm",
             )
     for sentence, read in term.misread:
@@ -57,9 +57,9 @@ def cause_of_disagreement(
         return "", ""
     if _agrees(*usable_poses(replace(term, camera=estimated))[1:], term.setup, seed):
         return (
-            f"pictures of a focal length of some {after:.0f} px, where the camera's file says "
-            f"{before:.0f} px",
-            "the file must be of this camera, focus and size of picture",
+            f"pictures with a focal length of about {after:.0f} px, where the camera's file "
+            f"states {before:.0f} px",
+            "the file must be for this camera, this focus and this size of picture",
         )
     return "", ""
 

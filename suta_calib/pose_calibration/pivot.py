@@ -95,8 +95,8 @@ class PivotCalibration(Displayable, RobustAnswer):
         # What is left of a cone of 24°: whatever the residuals are, the tip is badly determined.
         if self.turn < from_deg(12.0):
             caution.append(
-                f"The tool was turned too little ({deg(self.turn):.0f}° RMS where it "
-                "matters most): the tip is badly determined; turn it by 30° or more to every side."
+                f"The tool was turned too little ({deg(self.turn):.0f}° RMS in the worst "
+                "direction): the tip is badly determined. Turn it by 30° or more to every side."
             )
         if self.moved:
             caution.append(self.moved.sentence)
@@ -108,14 +108,17 @@ class PivotCalibration(Displayable, RobustAnswer):
         # chance in one of 20 sets: no reason for care.
         most = 0.5e-3
         if unsure > most and (self.bent or unsure**2 - self.by_bending**2 > most**2):
-            caution.append(f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D).")
+            caution.append(
+                f"The tip is known to ± {mm(unsure):.2f} mm only (one sigma, 3-D). Turn the "
+                "tool farther, or add poses."
+            )
         bad = self.objections("poses", self.inliers)
         long, away = float(np.linalg.norm(self.tip)), float(np.linalg.norm(self.post))
         if max(long, away) > LARGEST or long > LONGEST_TIP:
             bad.append(
-                f"The tip lies {long:.4g} m from the tool's origin, and the point that it touched "
-                f"{away:.4g} m from the tracker's: are the positions in mm? Then name the columns "
-                "x_mm, y_mm, z_mm."
+                f"The tip is {long:.4g} m from the tool's origin, and the touched point {away:.4g} "
+                "m from the tracker's. Are the positions in mm? Then name the columns x_mm, y_mm, "
+                "z_mm."
             )
         facts = [self.relied_on]
         if self.inverted != "good":
@@ -123,9 +126,9 @@ class PivotCalibration(Displayable, RobustAnswer):
             usual_stylus = 0.4
             doubtful = caution if long > usual_stylus else facts
             (bad if self.inverted == "bad" else doubtful).append(
-                f"The tip lies {mm(long):.0f} mm from the tool's origin, farther than the post "
-                f"from the tracker's ({mm(away):.0f} mm): are the poses T_tool_tracker? "
-                f"Inverted, they give the tip {_place(self.post)} and the post {_place(self.tip)}."
+                f"The tip is {mm(long):.0f} mm from the tool's origin, farther than the post from "
+                f"the tracker's ({mm(away):.0f} mm). Are the poses T_tool_tracker? Inverted, they "
+                f"give the tip {_place(self.post)} and the post {_place(self.tip)}."
             )
         # No tracker sees a tool from millimetres or from tens of metres.
         bad += self.notes
@@ -146,24 +149,23 @@ class PivotCalibration(Displayable, RobustAnswer):
     def relied_on(self) -> str:
         """What no residual shows, as a sentence."""
         sentence = (
-            "No residual shows the tracker's scale. ± takes its standard deviation as "
-            f"{self.scale_ppm:g} ppm (--scale-ppm); an error of 1 % makes the tip "
-            f"{text(0.01 * float(np.linalg.norm(self.tip)), 'm', with_unit=True)} longer or "
-            "shorter"
+            f"No residual shows an error of the tracker's scale. ± includes {self.scale_ppm:g} ppm "
+            "for it (--scale-ppm); an error of 1 % makes the tip "
+            f"{text(0.01 * float(np.linalg.norm(self.tip)), 'm', with_unit=True)} longer or shorter"
         )
         if self.bent or not self.unseen:
             return f"{sentence}."
         by, tilt = self.unseen
         if self.by_bending:
             return (
-                f"{sentence}. Perhaps the tip yields to all sides alike as the tool tilts; the "
+                f"{sentence}. Perhaps the tip bends equally to all sides as the tool tilts; the "
                 f"poses do not prove it. ± includes {text(self.by_bending, 'm', with_unit=True)} "
                 "for it."
             )
         return (
-            f"{sentence}. Nor do the residuals show a tip that yields to all sides alike by less "
-            f"than {text(by, 'm', with_unit=True)} at {deg(tilt):.0f}°; it moves the estimated "
-            f"tip along the tool by {text(by / max(tilt, 1e-9), 'm', with_unit=True)}."
+            f"{sentence}. The residuals do not show a tip that bends equally to all sides by less "
+            f"than {text(by, 'm', with_unit=True)} at {deg(tilt):.0f}°; this would move the "
+            f"estimated tip along the tool by {text(by / max(tilt, 1e-9), 'm', with_unit=True)}."
         )
 
     @property
@@ -247,8 +249,10 @@ def calibrate_pivot(
         raise SamplesError(
             f"poses whose tips scatter by {mm(length * fit.sigmas[0]):.0f} mm per axis",
             "a tool whose tip rests on a point",
-            hint="is it the right file, unit, and order of the quaternion (x y z w)? Are single "
-            "poses grossly wrong, then solve robustly (without --no-robust)",
+            hint=(
+                "is it the right file, unit, and order of the quaternion (x y z w)? If single "
+                "poses are grossly wrong, solve robustly (without --no-robust)"
+            ),
         )
     advice = "turn the tool more while its tip rests on the point"
     refuse_undetermined(fit.solution, "tip", "the tip in the tool", advice)

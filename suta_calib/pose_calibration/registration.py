@@ -80,13 +80,15 @@ class RepeatedPoints:
         rows = "1 row repeats" if self.count == 1 else f"{self.count} rows repeat"
         return (
             f"{rows} another but for {mm(self.within):.1g} mm, where the points scatter by "
-            f"{mm(self.between):.2g} mm: no measurement of its own, counted once."
+            f"{mm(self.between):.2g} mm: no new measurement, so each point counts once."
         )
 
     @property
     def counted(self) -> str:
         """How they count, as the end of a sentence."""
-        return f", counted as {len(self.point) - self.count}: repeats of one point err alike"
+        return (
+            f", counted as {len(self.point) - self.count}: repeats of one point share their error"
+        )
 
     def means(self, rows: FloatArray, inliers: BoolArray) -> FloatArray:
         """(k, 3) mean of each point's rows (n, 3): of those that agree, of all where none does."""
@@ -225,19 +227,24 @@ class Registration(Displayable, RobustAnswer):
         again = self.repeats.count if self.repeats is not None else 0
         if copies := int(np.sum(~self.distinct)) - again:
             rows = "1 row repeats" if copies == 1 else f"{copies} rows repeat"
-            caution.append(f"{rows} another exactly in both sets: no measurement, counted once.")
+            caution.append(
+                f"{rows} another exactly in both sets: no new measurement, so each point "
+                "counts once."
+            )
         if self.repeats is not None and self.repeats.note:
             caution.append(self.repeats.note)
         if np.sum(inliers) <= LEAST_POINTS + 1:
             count = int(np.sum(inliers))
-            caution.append(f"{count} points leave few residuals: an error in one may not show.")
+            caution.append(
+                f"Only {count} points: an error in one of them may stay unnoticed. Use more points."
+            )
         unsure = float(np.sqrt(np.trace(self.covariance[:3, :3])))
         turned = float(np.sqrt(np.trace(self.covariance[3:, 3:])))
         # Standard deviations that deserve a word.
         if unsure > 1e-3 or turned > from_deg(1.0):
             caution.append(
-                f"The points' middle is known to ± {mm(unsure):.2f} mm and the turn to "
-                f"± {deg(turned):.2f}° only (one sigma)."
+                f"The middle of the points is known to ± {mm(unsure):.2f} mm only, and the turn to "
+                f"± {deg(turned):.2f}° (one sigma). Use more points, farther apart."
             )
         statement = (
             f"the middle of the points is known to ± {text(unsure, 'm', with_unit=True)} and the "
@@ -301,11 +308,11 @@ class Registration(Displayable, RobustAnswer):
         by_points = f"the points alone give {self.scale:.5f} ± {self.scale_std:.1g}"
         if self._scale_doubtful:
             return (
-                "The points suggest a scale between the two sets, and ± of targets "
-                f"includes it: {by_points}."
+                "The points suggest a scale between the two sets, and ± of targets includes it: "
+                f"{by_points}."
             )
         return (
-            f"± of targets assumes that lengths of both sets agree to {self.scale_ppm:g} ppm "
+            f"± of targets assumes that the lengths of both sets agree to {self.scale_ppm:g} ppm "
             f"(--scale-ppm); {by_points}."
         )
 

@@ -155,7 +155,7 @@ def check_points(a: FloatArray, b: FloatArray) -> None:
     """Refuse sets that no data could register: sizes, too few, one point, one line."""
     if a.shape != b.shape:
         raise SamplesError(
-            f"{len(a)} points and {len(b)} points", "as many of each, row for row the same"
+            f"{len(a)} points and {len(b)} points", "the same points in both, row for row"
         )
     if len(a) < LEAST_POINTS:
         raise SamplesError(f"{len(a)} points", f"at least {LEAST_POINTS}, not on one line")
@@ -173,18 +173,18 @@ def _check_fit(fit: RobustFit, moved: FloatArray, length: float) -> None:
     # Scatter of the residuals, in units of the points' extent, that unrelated points have.
     if sigma > 0.25:
         raise SamplesError(
-            f"points that stay {mm(length * sigma):.1f} mm per axis apart when they are "
-            f"laid over each other, which themselves lie {mm(length):.1f} mm about their middle",
+            f"points that stay {mm(length * sigma):.1f} mm per axis apart after the best "
+            f"registration; the points scatter by {mm(length):.1f} mm about their middle",
             "the same points, row for row",
-            hint="is the order of the rows the same, and the unit?",
+            hint="do both sets have the same order of rows, and the same unit?",
         )
     spread = np.linalg.svd(moved - moved.mean(axis=0), compute_uv=False)
     held = len(fit.solution.identification.fixed)
     # Extent across a line, in units of the scatter, up to which it is noise.
     if held or spread[1] / np.sqrt(len(moved)) < 2.5 * sigma:
         raise SamplesError(
-            "points that hardly differ from a line, given how they scatter: the turn about it "
-            "is not determined",
+            "points that nearly lie on a line, compared with their scatter: the turn about it is "
+            "not determined",
             _NOT_ON_A_LINE,
         )
 

@@ -105,14 +105,14 @@ class RobustAnswer:
         objections = list[str]()
         if size > LARGEST:
             objections.append(
-                f"The {what} span {size:.0f} m, which no tool, hand or target does: are they in "
+                f"The {what} span {size:.0f} m, more than any tool, hand or target. Are they in "
                 "mm? Then name the columns x_mm, y_mm, z_mm."
             )
         if not self.solution.converged:
             objections.append(f"The solver did not converge: {self.solution.sentence}.")
         share = 1.0 - float(inliers.mean())
         if share > MANY_OUTLIERS:
-            objections.append(f"{share:.0%} of the {what} do not agree with the rest.")
+            objections.append(f"{share:.0%} of the {what} do not agree with the others.")
         return objections
 
     def set_aside(self, what: str, inliers: BoolArray) -> list[str]:
@@ -122,8 +122,8 @@ class RobustAnswer:
         if not 0.3 < lost / len(inliers) <= MANY_OUTLIERS:
             return []
         return [
-            f"{lost} of {len(inliers)} {what} do not agree with the rest and are left out: more "
-            "than mishaps are. Look what they have in common."
+            f"{lost} of {len(inliers)} {what} do not agree with the others and are left out, more "
+            "than is usual. Find out what they have in common."
         ]
 
     def notes_on_rows(self, what: str) -> list[str]:
@@ -133,12 +133,13 @@ class RobustAnswer:
             return []
         if self.all_believed:
             return [
-                f"Of the {what} {rows} (rows from 0) contradict the others and pull at the answer: "
-                "all were to be believed. Solve robustly, or look what happened there."
+                f"Of the {what}, {rows} (rows from 0) contradict the others and make the result "
+                "wrong, because --no-robust uses all rows. Solve robustly, or find out what "
+                "happened in these rows."
             ]
         return [
-            f"Of the {what} {rows} (rows from 0) stand out, but so few others do not prove them "
-            "wrong: they are kept, and ± is wider for it."
+            f"Of the {what}, {rows} (rows from 0) are far from the others. There are too few "
+            "others to prove them wrong: they are used, and ± is wider because of them."
         ]
 
 

@@ -100,14 +100,14 @@ class Agreement:
         # The least that a chance is shown as.
         least = 1e-6
         because = (
-            "points moved, or the σ leave something out; ± is what the residuals show"
+            "points moved, or the σ do not include every error; ± follows the residuals"
             if self.too_large
-            else "the σ are too large, or of errors that all points share; ± is what they say"
+            else "the σ are too large, or include errors that all points share; ± follows the σ"
         )
         chance = f"{max(self.chance, least):.0e}{' or less' if self.chance < least else ''}"
         return (
-            f"The residuals are {self.factor:.2g} times as large as the stated σ have them "
-            f"(chance {chance}): {because}."
+            f"The residuals are {self.factor:.2g} times as large as the stated σ predict "
+            f"(probability {chance} by chance): {because}."
         )
 
 

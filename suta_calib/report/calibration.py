@@ -140,11 +140,15 @@ def _about(result: Calibration) -> Iterator[tuple[str, str]]:
     chain = job.arm.chain
     joints = f"{len(job.arm.joints)} joints from {chain.base} to {chain.tip}"
     yield "arm", f"{chain.robot}, {joints}; {chain.path.name}"
-    for name, terms in (("fitted", job.observations), ("held out", job.validation)):
+    for name, terms in (("fitted", job.observations), ("validation", job.validation)):
         yield name, "; ".join(map(_counted, terms)) or "nothing"
     estimated = sum(e.std is not None for e in solution.arm_estimates.values())
     term_unknowns = len(solution.problem.parameters) - solution.problem.arm_count
-    of_data = f"; {term_unknowns} unknowns of the observations" if term_unknowns else ""
+    of_data = (
+        f"; {term_unknowns} unknowns of the observations (poses and places)"
+        if term_unknowns
+        else ""
+    )
     yield "unknowns", f"{estimated} of {solution.problem.arm_count} of the arm estimated{of_data}"
     yield "made with", " · ".join(f"{name} {number}" for name, number in versions().items())
 
@@ -173,9 +177,7 @@ def _parameters(result: Calibration) -> Iterator[Part]:
     posed = {name for pose in result.examined.external_poses for name in pose.frame.names}
     alone = [row for row in of_terms if row.estimate.name not in posed]
     if len(alone) <= MANY:
-        yield PARAMETERS.of(
-            alone, "The observations' own unknowns that are no poses", place="console"
-        )
+        yield PARAMETERS.of(alone, "Unknowns of the observations, without poses", place="console")
     yield PARAMETERS.of(every, place="verbose")
     estimated = [row for row in arm if row.change is not None]
     yield PARAMETERS.of(estimated, place="page")
@@ -241,17 +243,18 @@ def _errors(result: Calibration) -> Iterator[Part]:
     yield errors_table(sets, place="detail")
     if not result.solution.converged:
         yield Text(
-            "“after” is only where the solver stopped: it has not converged to anything usable."
+            "The fit did not converge: “after” is where the solver stopped, and must not be used."
         )
     yield remark(
-        "Every error counts here, also those a robust fit gave less weight. Improvement is that "
-        "of the RMS."
+        "Every error counts here, also rows to which the robust fit gave less weight. Improvement "
+        "is that of the RMS."
     )
     if result.solution.converged:
         yield HELD_OUT.of(held_out_rows(result), place="detail")
         yield remark(
-            "Predicted: the scatter of the fitted errors, which holds what the model lacks, and "
-            "the covariance of the parameters. As many errors as named should be within."
+            "Predicted: the standard deviation from the scatter of the fitted errors and from the "
+            "covariance of the parameters. About 68 % (95 %) of the errors should lie within 1 (2) "
+            "predicted standard deviations."
         )
         yield REPEATABILITY.of(repeatability_of(result), place="detail")
     # Held-out errors are what a user of the arm will see: they come first.
@@ -281,7 +284,7 @@ def _untold(result: Calibration) -> Iterator[Part]:
         yield from explained([e for e in result.explanations if e.reason != "redundant"], "page")
         yield from _held(result)
         if not result.explanations:
-            yield Text("Nothing that was asked: every parameter could be estimated.", place="page")
+            yield Text("Nothing: every parameter was estimated.", place="page")
         several = [name for name, each in zip(named, moving, strict=True) if len(each) > 1]
         if several:
             yield COMBINATIONS.of(
@@ -291,7 +294,7 @@ def _untold(result: Calibration) -> Iterator[Part]:
     if len(values):
         yield Figure(
             partial(_svg, "singular_values_svg", values, 1.0 / WEAK, named, "singular-values"),
-            "Singular values: how strongly the data see each direction",
+            "Singular values: how well the data determine each combination of parameters",
         )
 
 
@@ -364,23 +367,23 @@ def _noise_and_correlations(result: Calibration) -> Iterator[Part]:
     solution = result.solution
     yield NOISE.of(noise_of(result), place="page")
     yield remark(
-        "Standard deviation of one component. Standard deviations of the parameters follow from "
-        "what was found."
+        "Standard deviation per axis. The standard deviations of the parameters follow from the "
+        "values found here."
     )
     if priors := priors_of(result):
         yield PRIORS.of(priors, place="page")
         yield remark(
-            "How wide priors are is learned with the noise, from the evidence of the data. A "
-            "factor below one draws estimates closer to nominal, but what the data do not tell "
-            "keeps the ± of the prior as given; fixed: true beside a prior or a noise level keeps "
-            "it."
+            "The width of the priors was estimated together with the noise. A factor below one "
+            "pulls estimates closer to nominal; a parameter that the data do not determine keeps "
+            "the ± of its prior as given. fixed: true beside a prior or a noise level keeps it as "
+            "given."
         )
     names, matrix = solution.correlation(arm=True) if solution.converged else ((), np.eye(0))
     if len(names) < 2:
         return
     yield Text("Correlations", place="page", look="heading")
     if (less := len(names) - MOST_CORRELATED) > 0:
-        note = f"{less} parameters that are less correlated are left out; result.json has all."
+        note = f"{less} parameters with weaker correlations are left out; result.json has all."
         yield remark(note)
     yield Figure(partial(_svg, "correlations_svg", names, matrix, "correlations"))
 
@@ -400,10 +403,10 @@ def _computation(result: Calibration) -> Iterator[Part]:
         try:
             job = path.read_text(encoding="utf-8", errors="replace")
         except OSError:
-            job = "(the job file is not there any more)"
+            job = "(the job file no longer exists)"
         yield Text(job, place="page", look="verbatim")
     if not result.assessment.usable:
-        instead = f": {NOT_USABLE} holds what was found" if solution.converged else ""
+        instead = f". The result is in {NOT_USABLE}" if solution.converged else ""
         yield Text(f"No {CALIBRATED} is written{instead}.")
 
 

@@ -81,7 +81,7 @@ def singular_values_svg(
         axes.set_xlim(0.3, len(values) + 0.7)
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         held = "held: " + ", ".join(weak[:4]) + (" …" if len(weak) > 4 else "") if weak else ""
-        what = "direction of the arm's parameters, strongest first"
+        what = "combination of the arm's parameters, best determined first"
         axes.set_xlabel(f"{what}\n{shortened(held, 78)}" if held else what)
         axes.set_ylabel("singular value (no unit)")
         legend_above(axes)

@@ -123,7 +123,7 @@ _HELD_OUT: Final = (
     Column[HeldOutErrors]("each_predicted_std", None, lambda errors: errors.predicted),
 )
 HELD_OUT: Final = Listing[tuple[str, HeldOutErrors]](
-    "Held-out errors, of one component, against what was predicted",
+    "Validation errors per axis: measured and predicted",
     Column("kind", "of", lambda row: row[1].term.kind, cell=lambda row: _of(row[1])),
     Column("label", None, lambda row: row[0]),
     *(column.over(lambda row: row[1]) for column in _HELD_OUT),
@@ -195,7 +195,7 @@ NOISE: Final = Listing[BlockNoise](
 PRIORS: Final = Listing[tuple[str, Learned]](
     "Priors",
     Column("group", "of", lambda row: row[0]),
-    Column("factor", "times what the job gives", lambda row: row[1].value, form=".2f"),
+    Column("factor", "times the job's value", lambda row: row[1].value, form=".2f"),
     Column(
         "interval", "95 %", lambda row: row[1].interval, cell=lambda row: _between(row[1].interval)
     ),
@@ -233,7 +233,7 @@ def priors_of(result: Calibration) -> list[tuple[str, Learned]]:
 
 # ── what is short ────────────────────────────────────────────────────────────────────────────
 REPEATABILITY: Final = Listing[tuple[str, TouchRepeatability]](
-    "Repeatability, mm: the tip about the mean of repeats of the same touch",
+    "Repeatability, mm: distance of the tip from the mean of repeated touches",
     Column("data", "data", lambda row: row[0]),
     Column("rms", "RMS", lambda row: row[1].rms, "m"),
     Column("std", "± std", lambda row: row[1].std, "m"),

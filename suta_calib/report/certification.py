@@ -34,9 +34,9 @@ NAME: Final = "certify"
 _FINE: Final = ".4f"
 _TURN: Final = ".3f"
 _PILLARS: Final = (
-    "flat to: largest distance of a touch from the top's plane; uneven: from the middle of one "
-    "diagonal of the holes to the middle of the other; 0-2, 1-3: their lengths; flats: their "
-    "distance."
+    "flat to: largest distance of a touch from the plane of the top; uneven: distance between the "
+    "middles of the two diagonals of the holes; 0-2, 1-3: lengths of these diagonals; flats: "
+    "distance between the flats."
 )
 MARKERS: Final[tuple[dict[str, Any], ...]] = (
     {"marker": "o", "color": BLUE},
@@ -146,7 +146,7 @@ PILLARS: Final = Listing[Judged](
     Column("", "flats, mm", lambda row: row.mark.flats, "m", form=_FINE),
 )
 DEVIATIONS: Final = Listing[Judged](
-    "Certified less drawn",
+    "Certified minus drawn",
     LANDMARKS.columns[0],
     # Rounded first: a −0.0000 would suggest a direction that is not there.
     *components(
@@ -259,16 +259,16 @@ def _facts(certification: Certification) -> list[str]:
     facts = [
         f"Frame: {frame_sentence(certification)}",
         f"One touched coordinate scatters by {um(certification.noise):.2f} µm "
-        f"({noise_source(certification)}); 95 % intervals are "
-        f"± {certification.coverage_factor:.2f} σ. σ above is the largest of a "
-        "landmark's three, and what artefact.yaml states.",
+        f"({noise_source(certification)}); 95 % intervals are ± "
+        f"{certification.coverage_factor:.2f} σ. The σ above is the largest of a landmark's three "
+        "coordinates; artefact.yaml states the same.",
         f"Ground: {ground.count} touches, {um(ground.rms):.1f} µm RMS, flat to "
         f"{um(ground.flatness):.1f} µm.",
     ]
     if (holes := certification.probing.by_kind.get("hole")) is not None:
         facts[1] += (
-            f" Touches of holes scatter by {um(holes.sigma):.2f} µm, from how far the middles of "
-            f"their diagonals lie apart ({holes.freedom} degrees of freedom)."
+            f" Touches of holes scatter by {um(holes.sigma):.2f} µm, estimated from the distance "
+            f"between the middles of their diagonals ({holes.freedom} degrees of freedom)."
         )
     if certification.side is not None:
         facts[-1] += (
@@ -303,7 +303,7 @@ def _from_above(axes: Axes, certification: Certification) -> None:
     else:
         factor, shortened = _arrows(axes, certification.comparison, places, ~damaged, most)
         cut = "; the longest shortened" * shortened
-        title = f"Certified less drawn, enlarged {factor:g} times{cut}"
+        title = f"Certified minus drawn, enlarged {factor:g} times{cut}"
     _marks(axes, certification, places, damaged)
     # Two lines leave room for the legend.
     axes.set_title("From above\n" + title)
@@ -318,7 +318,7 @@ def _marks(axes: Axes, certification: Certification, places: FloatArray, bad: Bo
     x, y = mm(places[:, 0]), mm(places[:, 1])
     axes.plot(x[~bad], y[~bad], "o", color=BLUE, ms=5, label="landmark")
     if bad.any():
-        axes.plot(x[bad], y[bad], label="damaged, or touched wrongly", **DAMAGED)
+        axes.plot(x[bad], y[bad], label="damaged or badly touched", **DAMAGED)
         axes.legend(loc="lower right", bbox_to_anchor=(1, 1), fontsize=8, borderaxespad=0.2)
     falls = (
         np.zeros(len(x))
@@ -385,7 +385,7 @@ def _by_landmark(axes: Axes, certification: Certification) -> None:
         std = np.array([mark.shape_std for mark in certification.landmarks])
         bars = mm(certification.coverage_factor * std)
         axes.axhline(0.0, color=GREY, lw=1)
-        axes.set_title("Certified less drawn, with 95 % intervals")
+        axes.set_title("Certified minus drawn, with 95 % intervals")
         axes.set_ylabel("deviation, mm")
     for k, (label, marker) in enumerate(zip("xyz", MARKERS, strict=True)):
         axes.errorbar(

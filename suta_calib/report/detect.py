@@ -31,7 +31,7 @@ VIEWS: Final = Listing["SearchedPicture"](
     Column("rms", "RMS, px", unit="px"),
     Column("sigma", "σ, px", lambda view: _board_figure(view, "std"), unit="px"),
     Column("blur", "blur, px", lambda view: _board_figure(view, "blur"), unit="px", form=".2f"),
-    Column("left_out", "left out: what was found", lambda view: view.reason),
+    Column("left_out", "left out because", lambda view: view.reason),
     key="pictures",
 )
 
@@ -103,7 +103,7 @@ def detect_document(detection: Detection, *, pictures: bool = False) -> Document
         title = "Camera, calibrated from these pictures" if detection.fit else "Camera, as given"
         parts += [
             CAMERA.of(intrinsics_of(detection.camera), title),
-            Figure(partial(_plot, detection), "Where corners were seen, and what is left"),
+            Figure(partial(_plot, detection), "Where corners were found, and their errors"),
         ]
     if pictures:
         parts += [
@@ -155,4 +155,4 @@ def _plot(detection: Detection) -> str:
         left.set_title("Reprojection errors")
         left.set_xlabel("along u, px")
         left.set_ylabel("along v, px")
-        return svg_text(figure, NAME, "Corners over the picture, and reprojection errors")
+        return svg_text(figure, NAME, "Corners in the picture, and reprojection errors")

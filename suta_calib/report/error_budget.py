@@ -34,9 +34,9 @@ LOOKS: Final[dict[Source, tuple[str, str]]] = {
 }
 TOGETHER: Final = ("white", "oo")
 CAPTION: Final = (
-    "Mean squares add up, so shares are of the mean square; RMS is its root. Of gross errors: what "
-    "rows beyond the Huber threshold whose repeats do not agree with them, and touches with many "
-    "of those, have more than the others."
+    "Mean squares add up, so shares are of the mean square; RMS is its square root. Gross errors: "
+    "the additional error of rows beyond the Huber threshold that do not agree with their repeats, "
+    "and of touches with many such rows."
 )
 
 
@@ -51,11 +51,11 @@ def _rms(source: str, heading: str) -> Column[TipBudget]:
 
 
 TIP: Final = Listing[TipBudget](
-    "The tip at the postures visited, relative to what the calibration held",
+    "Error of the tip in the measured postures, if the fixed parameters are exact",
     _rms("encoders", "encoders, one reading"),
     _rms("parameters", WORDS["parameters"]),
     _rms("model", WORDS["model"]),
-    Column("total_rms", "total of what has a number", lambda tip: tip.rms, "m"),
+    Column("total_rms", "total of the known parts", lambda tip: tip.rms, "m"),
     key="tip",
 )
 BLOCK: Final = Listing[BlockBudget](
@@ -72,7 +72,7 @@ def budget_document(budget: ErrorBudget) -> Document:
     for block in budget.blocks:
         total = Share((), block.variance)
         parts.append(_shares(block).of((*block.shares, total)))
-    parts += [TIP.facts(budget.tip, ("where it comes from", "RMS", "unit")), Text(CAPTION)]
+    parts += [TIP.facts(budget.tip, ("source", "RMS", "unit")), Text(CAPTION)]
     blocks = [
         {**BLOCK.record(block), "shares": _shares(block).records(block.shares)}
         for block in budget.blocks
@@ -105,7 +105,7 @@ def budget_plot(budget: ErrorBudget) -> str:
         axes.set_yticks(range(len(blocks)), [_name(b) for b in blocks], fontsize=8)
         axes.set_ylim(len(blocks) - 0.5, -0.5)
         axes.set_xlim(0, 100)
-        axes.set_xlabel("share of the mean square, gross errors aside, %")
+        axes.set_xlabel("share of the mean square without gross errors, %")
         figure.legend(loc="outside upper left", ncols=2, fontsize=8)
         return svg_text(figure, NAME, "Shares of the error budget")
 
@@ -127,7 +127,7 @@ def _shares(block: BlockBudget) -> Listing[Share]:
 
     return Listing(
         _name(block),
-        Column("sources", "where it comes from", cell=name),
+        Column("sources", "source", cell=name),
         Column("rms", "RMS", unit=block.unit),
         Column("", "unit", lambda _: unit_name(block.unit)),
         Column("share", "share, %", part, "%"),

@@ -142,14 +142,15 @@ def acceptance_document(test: AcceptanceTest) -> Document:
 def rule_text(test: AcceptanceTest) -> str:
     """How it was decided, in a sentence."""
     if not test.limits.given:
-        return "No limits are given: add mpe to the job to have a decision."
+        return "No limits are given: add mpe to the job for a decision."
     if test.rule.kind == "simple":
-        return "Decision rule: simple; a value up to its limit passes, whatever the uncertainty."
+        return "Decision rule: simple. An error up to its limit passes, whatever its uncertainty."
     return (
         f"Decision rule: guarded (ISO 14253-1), guard band {test.rule.factor:g} standard "
-        "uncertainties: pass below the limit less the guard band, fail above the limit and the "
-        "guard band, undecided between them. U is the test's expanded uncertainty (k = 2): the "
-        "artefact's, and what the job states; where neither says anything there is no guard band."
+        "uncertainties. An error passes below the limit minus the guard band, fails above the "
+        "limit plus the guard band, and is undecided between them. U is the test's expanded "
+        "uncertainty (k = 2), from the artefact and from the job; without either there is no guard "
+        "band."
     )
 
 
@@ -238,7 +239,7 @@ def _lengths(axes: Axes, test: AcceptanceTest, lengths: LengthErrors) -> None:
                 ends = sign * (limit - guard), sign * (limit + guard)
                 axes.fill_between(length, *ends, color=GREY, alpha=0.35, lw=0, label=unproved)
     axes.axhline(0, color=GREY, lw=0.8)
-    axes.set_title("Errors of length, one mark for every pair of landmarks", pad=_ABOVE)
+    axes.set_title("Errors of length, one mark per pair of landmarks", pad=_ABOVE)
     axes.set_xlabel("calibrated length, mm")
     axes.set_ylabel("measured − calibrated, mm")
     axes.grid(axis="y")

@@ -23,8 +23,8 @@ from suta_calib.units import key, shown, text, unit_name
 NAME: Final = "extend"
 TITLE: Final = "Errors beside geometry"
 CAPTION: Final = (
-    "RMS{unit}, each error counted up to the Huber threshold. Change: of the held-out variance "
-    "against the job's model, with its standard error over the folds."
+    "RMS{unit}, each error counted up to the Huber threshold. Change: of the variance of left-out "
+    "rows against the job's model, with its standard error over the folds."
 )
 
 
@@ -50,7 +50,7 @@ ADDED: Final = Listing[Estimate](
     named=True,
 )
 TESTS: Final = Listing[ScoreTest](
-    "What the residuals of the job's model look like: chance of it if there is nothing",
+    "What the residuals of the job's model look like: probability if there is no such error",
     Column("joint", "joint"),
     Column("family", "looks like", cell=_looks_like),
     Column("p", "chance", form=".2g"),
@@ -71,17 +71,20 @@ def model_selection_document(choice: ModelSelection) -> Document:
         models.of(best, title, place="console"),
         models.of(choice.tried, place="page"),
         Text(CAPTION.format(unit=f" in {name}" if (name := unit_name(choice.unit)) else "")),
-        Text(f"Left out each time: {'; '.join(choice.folds)}.", place="page"),
+        Text(f"Left out, one after another: {'; '.join(choice.folds)}.", place="page"),
     ]
     if choice.validated is not None:
         job, chosen = (text(rms, choice.unit, with_unit=True) for rms in choice.validated)
         parts.append(
-            Text(f"On the validation data: RMS {job} with the job's model, {chosen} chosen.")
+            Text(
+                f"On the validation data: RMS {job} with the job's model, {chosen} with the "
+                "chosen one."
+            )
         )
     estimates = choice.solution.estimates
     parts.append(ADDED.of(estimates[name] for name in choice.added))
     if choice.rows:
-        parts.append(Text("Rows for the job's parameters:"))
+        parts.append(Text("Add these rows to the key parameters of the job:"))
         parts += [Text(wrapped(row_text(row))) for row in choice.rows]
     most_tests = 6
     parts.append(TESTS.of(choice.tests[:most_tests], place="page"))
@@ -133,7 +136,7 @@ def models_plot(choice: ModelSelection) -> str:
         axes.set_xlim(left=0)
         axes.set_xlabel(f"RMS, {unit_name(choice.unit)} (arrow: chosen)")
         axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
-        return svg_text(figure, NAME, "Fitted and held-out errors of the models that were tried")
+        return svg_text(figure, NAME, "Errors of fitted and left-out rows for each model")
 
 
 def short(name: str) -> str:

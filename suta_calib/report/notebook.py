@@ -52,7 +52,7 @@ UNKNOWNS: Final = Listing[Parameter](
     "",
     Column("name", "parameter"),
     Column("nominal", "nominal", unit=attrgetter("unit")),
-    shown_as("may be off by ±", lambda p: text(p.plausible, p.unit)),
+    shown_as("may be wrong by ±", lambda p: text(p.plausible, p.unit)),
     shown_as("prior ± std", lambda p: text(p.prior, p.unit)),
     Column("unit", "unit", cell=lambda p: unit_name(p.unit)),
     Column("", "", lambda p: "" if p.free else "fixed"),

@@ -24,7 +24,7 @@ NAME: Final = "observability"
 MOST_SENTENCES: Final = 3
 
 EXPLANATIONS: Final = Listing[Explanation](
-    "Why parameters are held",
+    "Why these parameters keep their URDF values",
     Column("held", "held", lambda row: row.fixed),
     Column("sentence", "why"),
     Column("remedy", "what to do"),
@@ -38,7 +38,7 @@ def observability_document(observability: Observability) -> Document:
     arm = observability.problem.arm_count or len(prospects)
     parts: list[Part] = [
         PROSPECTS.of(prospects[:arm]),
-        PROSPECTS.of(prospects[arm:], "The observations' own unknowns", place="detail"),
+        PROSPECTS.of(prospects[arm:], "Unknowns of the observations", place="detail"),
         Text(conditioning(observability)),
         *section(
             "explanations",
@@ -67,14 +67,14 @@ def conditioning(observability: Observability) -> str:
     """How evenly the identified parameters are determined, in a sentence."""
     identified = len(observability.singular_values)
     if not identified:
-        return "The data alone identify nothing."
+        return "The data alone determine no parameter."
     indices = ", ".join(
         f"{name} {value:.3g}" for name, value in observability.indices.as_dict().items()
     )
     return (
-        f"Of the {identified} that the data identify: condition number "
-        f"{observability.condition:.3g}, {indices} (parameters in plausible ranges, "
-        "residuals in sigmas)."
+        f"Of the {identified} that the data determine: condition number "
+        f"{observability.condition:.3g}, {indices} (parameters in plausible ranges, residuals in "
+        "standard deviations)."
     )
 
 
@@ -106,14 +106,14 @@ def explained(
         parts.append(Text(remedy, place=place, look="remedy"))
     if redundant:
         said_once = (
-            f"Redundant, so at nominal by convention: {listed(redundant)}. No data of these kinds "
-            "could tell them, and nothing but where frames are drawn depends on them."
+            "Redundant parameters keep their URDF values. This is harmless, because they never "
+            f"move the tip: {listed(redundant)}."
         )
         parts.append(Text(said_once, place=place))
     if as_drawn:
         said_once = (
-            f"Held at nominal, and no convention: {listed(as_drawn)}. No data of these kinds "
-            "could tell them, but the tip depends on them: it is as good as its drawing there."
+            "No data of these kinds can determine the following parameters. They keep their URDF "
+            f"values, and an error there moves the tip: {listed(as_drawn)}."
         )
         parts.append(Text(said_once, place=place))
     return parts

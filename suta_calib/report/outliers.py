@@ -32,17 +32,17 @@ NAME: Final = "outliers"
 # Of long levels only the groups with the largest shares are shown.
 MOST_GROUPS_SHOWN: Final = 20
 EXPLAINED: Final = (
-    "Figures are of a fit in which the whole geometry of the arm is free, so that what the arm "
-    "itself gets wrong is blamed on nothing that was touched; those of the job's own fit stand "
-    "in a table of their own. A figure is flagged (!) if it exceeds its threshold and if noise "
-    "alone would do so with a probability of at most {significance:g} anywhere on its level. Three "
-    "flags of four make an outlier: every metric has a blind spot, and none convicts alone."
+    "In this fit the whole geometry of the arm is estimated, so that errors of the arm are not "
+    "blamed on touches; another table has the figures of the job's own fit. A figure is flagged "
+    "(!) if it exceeds its threshold and noise alone would do so anywhere on its level with a "
+    "probability of at most {significance:g}. Three flags of four make an outlier: no single "
+    "metric is enough."
 )
 
 OWN_FIT: Final = (
-    "The two scales differ: what the job's model lacks is in every touch of its own fit, so shares "
-    "and leave-one-out are evened out there and biases hold the arm's errors as well. Thresholds "
-    "belong to the fit of the whole geometry."
+    "The two tables cannot be compared directly. In the job's own fit, errors of the model are in "
+    "every touch: this evens out shares and leave-one-out, and adds the arm's errors to biases. "
+    "Thresholds belong to the fit of the whole geometry."
 )
 
 
@@ -84,7 +84,7 @@ def _held_out(term: TermOutliers) -> Listing[HeldOut]:
 
 def _touches(term: TermOutliers) -> Listing[GrossTouch]:
     return Listing(
-        "Single touches set aside for these figures",
+        "Single touches excluded from these figures",
         Column("row", "row", lambda touch: touch.origin),
         Column("what", "what"),
         Column(
@@ -94,7 +94,7 @@ def _touches(term: TermOutliers) -> Listing[GrossTouch]:
 
 
 MOVES: Final = Listing[Move](
-    "Moved between its rows",
+    "Moved between two rows",
     Column("what", "what"),
     Column("origin", "from row"),
     Column("distance", "mm", unit="m", form=".2f"),
@@ -153,8 +153,8 @@ def advice(outliers: Outliers) -> list[Text]:
                 before = text(effect.before, term.unit)
                 after = text(effect.after, term.unit, with_unit=True)
                 effect_said = (
-                    f"Without {noun} {group.label} the held-out RMS{of_others} goes from {before} "
-                    f"to {after} ({shown(effect.change, '%'):+.1f} %, {term.method})."
+                    f"Without {noun} {group.label} the validation RMS{of_others} changes from "
+                    f"{before} to {after} ({shown(effect.change, '%'):+.1f} %, {term.method})."
                 )
                 texts.append(Text(effect_said, bullet=True))
     return texts
@@ -203,7 +203,7 @@ def _limits_text(level: Level, errors: Unit) -> str:
     )
     rest = len(level.groups) - len(_shown(level))
     more = f"; {rest} more with smaller shares" if rest else ""
-    return f"! beyond threshold ({limits}) and chance{more}"
+    return f"! beyond threshold ({limits}) and not by chance{more}"
 
 
 def _data(outliers: Outliers) -> Json:

@@ -59,14 +59,16 @@ def _by_motion(title: str, key: str, unit: str) -> Listing[MotionQuarter]:
 
 
 SPEEDS: Final = _by_motion(
-    "Distance by speed, mm RMS, a quarter of the rows each", "speed_m_s", "m/s"
+    "Distance by speed, mm RMS, each class a quarter of the rows", "speed_m_s", "m/s"
 )
 ACCELERATIONS: Final = _by_motion(
-    "Distance by acceleration, mm RMS, a quarter of the rows each", "acceleration_m_s2", "m/s²"
+    "Distance by acceleration, mm RMS, each class a quarter of the rows",
+    "acceleration_m_s2",
+    "m/s²",
 )
 # Rate in Hz, and how far the motion gets ahead of the last pose.
 RATES: Final = Listing[tuple[float, float]](
-    "How far this motion gets ahead of the last pose, by update rate",
+    "Distance moved since the last pose, by update rate",
     Column("rate_hz", "Hz", lambda row: row[0], form=".0f"),
     Column("rms", "RMS, mm", lambda row: row[1], "m"),
 )
@@ -88,7 +90,7 @@ def _hysteresis_text(reversals: Reversals) -> str:
 
 
 AXES: Final = Listing[Reversals](
-    "Error where it turns back, mm RMS",
+    "Error at reversals of the motion, mm RMS",
     Column("name", "axis", lambda row: row[0].channel.name),
     Column("count", "times", lambda row: len(row[0].reversals), form="d"),
     Column("error_before", "before", lambda row: row[0].error_before, "m"),
@@ -110,7 +112,7 @@ def _fault_unit(fault: RecordFault) -> Unit:
 
 # Written only: the notes of the assessment tell them.
 FAULTS: Final = Listing[RecordFault](
-    "What the record itself got wrong",
+    "Errors of the record itself",
     *written("kind", "first", "last"),
     *written("since", "until", unit="s"),
     Column("count"),
@@ -231,7 +233,7 @@ def _by_latency(axes: Axes, accuracy: PathAccuracy) -> None:
     axes.set_title(
         f"Latency {ms(alignment.latency):.3f} ± {ms(alignment.latency_std):.3f} ms", pad=24
     )
-    axes.set_xlabel("latency taken out, ms")
+    axes.set_xlabel("latency removed, ms")
     axes.set_ylabel("RMS distance, mm")
     axes.grid()
 
@@ -250,7 +252,7 @@ def _at_reversals(axes: Axes, accuracy: PathAccuracy) -> None:
         axes.plot(places, mm(np.array(values)), mark, color=colour, ms=4.5, label=what)
     axes.margins(y=0.1)
     axes.set_ylim(bottom=0)
-    axes.set_title("Error of the tip where it turns back", pad=24)
+    axes.set_title("Error of the tip at reversals", pad=24)
     axes.set_ylabel("RMS, mm")
     axes.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
     _name(axes, accuracy)

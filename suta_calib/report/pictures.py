@@ -161,14 +161,14 @@ def _predicted(calibration: PictureCalibration) -> str:
     error, model = calibration.errors[calibration.error_model], calibration.error_model
     stands = "the board" if calibration.setup == EYE_IN_HAND else "the camera"
     how = {
-        "hand-errors": "each picture is weighted by the errors of the hand",
-        "mixed": f"X is weighted by the errors of the hand, {100 * model.share:.0f} % of the way "
-        f"to least squares, and {stands} placed where the pixels fit best",
+        "hand-errors": "each picture is weighted by the errors of the hand's poses",
+        "mixed": f"X is weighted by the errors of the hand's poses, {100 * model.share:.0f} % of "
+        f"the way to least squares, and {stands} is placed where the pixels fit best",
         "exact-hand": "the poses of the hand are taken as exact (least squares)",
     }[model.name]
     return (
         f"reprojection rms {error.fitted:.3f} px in the fitted pictures, {error.left_out:.3f} px "
-        f"in pictures left out in turn; {how}. Of left-out pictures, least squares has "
+        f"in pictures left out in turn; {how}. In left-out pictures, least squares gives "
         f"{calibration.errors[MODELS[-1]].left_out:.3f} px and weighting alone "
         f"{calibration.errors[MODELS[0]].left_out:.3f} px"
     )
@@ -202,8 +202,8 @@ def _fit(camera: CameraEstimate) -> Iterator[Part]:
     sentence = f"reprojection rms {camera.rms:.3f} px"
     if camera.alone > 0 and camera.rms > ROBOTS * camera.alone:
         sentence += (
-            f", of which the camera alone leaves {camera.alone:.3f} px: the rest is where the "
-            "robot was against what it reported"
+            f", of which the camera alone causes {camera.alone:.3f} px: the rest are errors of the "
+            "poses that the robot reported"
         )
     yield Text(sentence)
     fitted = f"{count - len(strange)} of {count} pictures fitted"

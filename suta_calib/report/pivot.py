@@ -43,7 +43,7 @@ def pivot_document(calibration: PivotCalibration, data: ToolPoses) -> Document:
     """Tip, posts, fit; with ``residuals.csv``, and ``tip.json`` where the tip may be used."""
     parts: list[Part] = [places_table(calibration, labelled=data.point is not None)]
     if (more := len(calibration.posts) - MOST_POSTS) > 0:
-        parts.append(Text(f"and {more} more posts: --json has them"))
+        parts.append(Text(f"and {more} more posts: use --json"))
     touched = {} if data.point is None else {"point": data.point.tolist()}
     fit = (
         f"rms {text(calibration.rms, 'm', with_unit=True)} (3-D); "

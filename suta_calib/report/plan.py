@@ -39,11 +39,10 @@ TITLE: Final = "Where to measure next"
 MOST_NAMES: Final = 5
 _POSE: Final = ("x_mm", "y_mm", "z_mm", "roll_deg", "pitch_deg", "yaw_deg", "tilt_deg")
 _WHAT: Final = (
-    "Predicted from the Jacobian at the arm as it is known, with the solver's own covariance (rows "
-    "that share a sample are not independent) and the noise that the present residuals show, "
-    "whatever makes them. 'tip' is the 3-D root mean square uncertainty of "
-    "the tip in the region after a rigid registration, with parameters that would be held as far "
-    "off as their bounds say."
+    "Predicted from the Jacobian at the estimated arm, with the solver's own covariance (rows that "
+    "share a sample are not independent) and the noise of the present residuals, whatever causes "
+    "them. 'tip' is the 3-D root mean square uncertainty of the tip in the region after a rigid "
+    "registration; parameters that stay undetermined count with the errors that their bounds allow."
 )
 
 
@@ -125,7 +124,7 @@ def plan_document(plan: Plan) -> Document:
         CHOSEN.of(plan.chosen),
         Figure(partial(bench_drawing, plan), "On the bench"),
         *(Text(sentence, bullet=True) for sentence in _remedy_sentences(plan)),
-        Figure(partial(gain_curve, plan), "What each more would bring"),
+        Figure(partial(gain_curve, plan), "Uncertainty of the tip with each further candidate"),
         *(Text(sentence, bullet=True) for sentence in _sentences(plan)),
         PARAMETERS.of(pairs),
         Text(_WHAT, place="page"),
@@ -189,7 +188,7 @@ def _expected(forecast: Forecast) -> list[Expected]:
     """The parameters and the tip, as rows."""
     tips = (
         ("tip in the region", forecast.tip),
-        ("… if what is held is exact", forecast.tip_estimated),
+        ("… if fixed parameters are exact", forecast.tip_estimated),
     )
     return [*forecast.parameters, *(Expected(name, "m", np.nan, tip) for name, tip in tips)]
 
@@ -271,16 +270,18 @@ def _remedy_sentences(plan: Plan) -> list[str]:
         why = f" ({remedy.why})" if remedy.why else ""
         if remedy.by_all and remedy.candidates:
             sentences.append(
-                f"{remedy.parameter} is open{why}. Determined by a {' or '.join(remedy.sorts)}: "
-                f"{named}; by no other sort of candidate."
+                f"{remedy.parameter} is not determined{why}. These candidates determine it, all of "
+                f"the sort {' or '.join(remedy.sorts)}: {named}."
             )
         elif remedy.by_all:
             together = "only several candidates together determine it."
-            sentences.append(f"{remedy.parameter} is open{why}; {together}")
+            sentences.append(f"{remedy.parameter} is not determined{why}; {together}")
     never = [r for r in plan.remedies if not r.by_all]
     for advice, group in groupby(sorted(never, key=lambda r: r.advice), key=lambda r: r.advice):
         names = ", ".join(r.parameter for r in group)
-        sentences.append(f"No candidate can determine {names}: {advice or 'all leave it open'}.")
+        sentences.append(
+            f"No candidate can determine {names}: {advice or 'add another kind of observation'}."
+        )
     return sentences
 
 
@@ -292,14 +293,14 @@ def _efficiency(plan: Plan) -> str:
     ]
     if best.tip >= best.present:
         return (
-            "The present data tell more of the tip than as many samples at the best of these "
-            f"candidates would ({text(best.present, 'm')} mm against {text(best.tip, 'm')} mm)."
+            "The present data determine the tip better than the same number of samples at the best "
+            f"of these candidates ({text(best.present, 'm')} mm, not {text(best.tip, 'm')} mm)."
         )
     return (
-        f"As many samples as there are now, at the best {best.count} candidates "
-        f"({listed(best.names, MOST_NAMES)}), would give {text(best.tip, 'm')} mm instead of "
+        f"The same number of samples at the best {best.count} candidates "
+        f"({listed(best.names, MOST_NAMES)}) would give {text(best.tip, 'm')} mm instead of "
         f"{text(best.present, 'm')} mm: the present data are {shares[0]} efficient for the tip, "
-        f"{shares[1]} for the parameters as a whole."
+        f"{shares[1]} for all parameters together."
     )
 
 
@@ -319,12 +320,12 @@ def _stop(plan: Plan) -> str:
     stop, ahead = plan.stop, len(plan.stop.tips) - 1
     percent = f"{shown(stop.least_gain, '%'):.0f} %"
     if stop.worthwhile is None:
-        sentence = f"Each of {ahead} further candidates lessens the tip's uncertainty by {percent}."
+        sentence = f"Each of {ahead} further candidates reduces the tip's uncertainty by {percent}."
     elif stop.worthwhile == 0:
-        sentence = f"Even the first lessens the tip's uncertainty by less than {percent}: stop now."
+        sentence = f"Even the first reduces the tip's uncertainty by less than {percent}: stop now."
     else:
         sentence = (
-            f"After {stop.worthwhile} more, the next one lessens the tip's uncertainty by less "
+            f"After {stop.worthwhile} more, the next one reduces the tip's uncertainty by less "
             f"than {percent}: stop there."
         )
     if stop.target is None:
@@ -339,7 +340,7 @@ def bench_drawing(plan: Plan, name: str = "plan_bench") -> str:
     """An SVG element: the arm, what was measured, and what to measure next; mm in the base."""
     with picture(name, (1.25 * WIDTH, 5.0)) as figure:
         draw_bench(figure, plan)
-        return svg_text(figure, name, "Placements and points to measure next, about the arm")
+        return svg_text(figure, name, "Placements and points to measure next, around the arm")
 
 
 def gain_curve(plan: Plan, name: str = "plan_gain") -> str:

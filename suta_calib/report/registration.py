@@ -95,8 +95,8 @@ def register_document(
     )
     if registration.stated is not None and registration.agreement is not None:
         fit += (
-            f"; residuals {registration.agreement.factor:.2g} times as large as the stated σ, "
-            f"typically {text(registration.stated, 'm', with_unit=True)}, have them"
+            f"; residuals {registration.agreement.factor:.2g} times the stated σ (typically "
+            f"{text(registration.stated, 'm', with_unit=True)})"
         )
     lines = {"line_a": a.lines, "line_b": b.lines}
     parts: list[Part] = [
@@ -108,7 +108,7 @@ def register_document(
     ]
     if at:
         more = len(at) - most_targets
-        left = f"; and {more} more: --json has them" if more > 0 else ""
+        left = f"; and {more} more: use --json" if more > 0 else ""
         parts.append(Text(f"error: target registration error to expect (RMS, 3-D){left}"))
     data: Json = {
         "T_b_a": registration.matrix,

@@ -31,20 +31,20 @@ from suta_calib.units import NOTHING, Unit, shown, text, thousandths, unit_name
 
 NAME: Final = "repeatability"
 _HOW: Final = (
-    "RP is the mean distance of the visits to their barycentre plus three standard deviations "
-    "(ISO 9283:1998, 7.2.2). Intervals are those of a jackknife on the logarithm."
+    "RP is the mean distance of the visits from their barycentre plus three standard deviations "
+    "(ISO 9283:1998, 7.2.2). The intervals are from a jackknife of the logarithm."
 )
 _PUSH: Final = (
-    "A joint gives if, for other directions of the push, its reading moves out of step with the "
-    "others' (its play) by more than permuted labels would make any joint's. Means: how far apart "
-    "the readings' means are whatever the others do, most of which may be the seat's clearance. "
-    "Tip: what the play moves the tip. A joint that gives with a question mark has another that "
-    "would explain it nearly as well."
+    "A joint gives if, when pushed in other directions, its reading moves out of step with the "
+    "others' (its play) by more than chance allows (permuted labels, all joints). Means: distance "
+    "between the mean readings, whatever the other joints do; most of it may be the clearance of "
+    "the seat. Tip: motion of the tip by this play. A question mark: another joint would explain "
+    "it nearly as well."
 )
 _REST: Final = (
-    "Allan deviation: how much two successive averages over a time differ. Averaging longer than "
-    "to its minimum gains nothing (+: still falling where the record ends). Drift: with half its "
-    "95 % interval, correlated noise accounted for."
+    "Allan deviation: difference between two successive averages over a time. Averaging for longer "
+    "than to its minimum gains nothing (+: still falling at the end of the record). Drift: ± half "
+    "of its 95 % interval, with correlated noise."
 )
 
 
@@ -368,7 +368,7 @@ def _visits_parts(repeatability: Repeatability) -> list[Part]:
         ),
     ]
     if (pushed := repeatability.directions) is not None:
-        shift = f"the tip shifts by {text(pushed.tip_shift, 'm', with_unit=True)}"
+        shift = f"the tip moves by {text(pushed.tip_shift, 'm', with_unit=True)}"
         title = f"{PUSHES.title}, {unit}: {shift} (p = {pushed.tip_p_value:.2g})"
         parts += [PUSHES.of(pushed.joints, title), Text(_PUSH, place="page")]
     return parts

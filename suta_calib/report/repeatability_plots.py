@@ -52,7 +52,7 @@ def visits_plot(repeatability: Repeatability) -> str:
         _joints(
             panels["bars"], repeatability.protocol_joints or {"all visits": repeatability.joints}
         )
-        return svg_text(figure, name, "Visits about their barycentre, in mm, and in their order")
+        return svg_text(figure, name, "Visits relative to their barycentre, mm, and in order")
 
 
 def _cloud(axes: Axes, repeatability: Repeatability, across: int, up: int) -> None:
@@ -123,7 +123,7 @@ def _joints(axes: Axes, named: Mapping[str, Sequence[JointSpread]]) -> None:
     axes.margins(y=0.15)
     axes.set_xticks(places, [joint.joint for joint in chain])
     axes.set_title(
-        f"Scatter of each joint: bars what it alone moves the tip by, numbers in {units}"
+        f"Scatter of each joint: bars: motion of the tip by this joint alone; numbers: {units}"
     )
     axes.set_ylabel("at the tip, mm")
     axes.grid(axis="y")
@@ -138,7 +138,7 @@ def _pushes(axes: Axes, force: DirectionalForce) -> None:
     axes.bar(places - 0.2, mm(play), 0.38, color=BLUE, label="play between directions")
     axes.bar(
         places + 0.2, mm(np.array(chance)), 0.38,
-        color="white", edgecolor="black", hatch="////", label="by chance, once in twenty",
+        color="white", edgecolor="black", hatch="////", label="by chance in one of twenty cases",
     )  # fmt: skip
     for place, joint in zip(places, force.joints, strict=True):
         if joint.has_backlash:
@@ -147,7 +147,7 @@ def _pushes(axes: Axes, force: DirectionalForce) -> None:
             )
     axes.margins(y=0.15)
     axes.set_xticks(places, [joint.joint for joint in force.joints])
-    axes.set_title("What each joint does out of step with the others when pushed another way")
+    axes.set_title("Play of each joint when pushed in other directions")
     axes.set_ylabel("at the tip, mm")
     axes.grid(axis="y")
     axes.legend(fontsize=8)

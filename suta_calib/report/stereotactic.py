@@ -61,7 +61,7 @@ SIZES: Final = (
     Column[FloatArray]("count", "count", len, form="d"),
 )
 READINGS: Final = Listing[tuple[str, FloatArray]](
-    "EM markers, distance from where they were, mm",
+    "EM markers, distance from their true places, mm",
     Column("", "readings", lambda row: row[0]),
     *(column.over(lambda row: row[1]) for column in SIZES),
 )
@@ -100,7 +100,7 @@ class ComparedOutput:
 
 
 COMPARISON: Final = Listing[ComparedOutput](
-    "Against the output files given, mm",
+    "Difference to the given output files, mm",
     Column("", "distance of", lambda row: row.name),
     Column("", "mean", lambda row: row.sizes.mean(), "m", form=".4f"),
     Column(
@@ -169,7 +169,7 @@ def check_given(answer: Document, folder: Path, inputs: Path) -> None:
         path = folder / part.name
         if path.exists() and path.read_bytes() != part.as_bytes():
             raise OutputError(
-                f"{path}: not written: found another answer beside the inputs, perhaps the one "
+                f"{path}: not written: found another result beside the inputs, perhaps the one "
                 "that came with them; choose another folder with --out"
             )
 
@@ -288,7 +288,7 @@ def _effect(axes: Axes, before: FloatArray, correction: DistortionCorrection) ->
         axes.hist(clipped, bins.tolist(), histtype="stepfilled", facecolor=face, **look)
     plain_log(axes.xaxis, axes.set_xscale)
     axes.set_title("EM markers", pad=22)
-    axes.set_xlabel("distance from where the optical tracker says, mm")
+    axes.set_xlabel("distance from the optical tracker's measurement, mm")
     axes.set_ylabel("markers")
     axes.legend(ncols=2, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1))
 

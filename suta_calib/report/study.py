@@ -31,7 +31,7 @@ from suta_calib.words import listed
 TITLES: Final[dict[Kind, str]] = {
     "size": "How many measurement sets are enough",
     "bootstrap": "Bootstrap: how the estimates scatter",
-    "monte-carlo": "Monte-Carlo: do estimates scatter as predicted",
+    "monte-carlo": "Monte-Carlo: do estimates scatter as predicted?",
 }
 
 
@@ -186,8 +186,8 @@ def _drawn(study: Study) -> str:
     seed = f"seed {plan.data.seed}"
     if plan.data.kind == "monte-carlo":
         return (
-            f"{plan.trials} simulated repetitions of the whole measurement, {seed}: the solution "
-            "taken for the truth, normal noise as found in the residuals."
+            f"{plan.trials} simulated repetitions of the whole measurement, {seed}: the estimate "
+            "is taken as the truth, with normal noise as large as the residuals."
         )
     how = "with replacement" if plan.data.kind == "bootstrap" else "without replacement"
     what = described(plan.data.sets.unit)
@@ -207,8 +207,8 @@ def _errors(study: SizeStudy) -> str:
             low, high = text(chosen.range[0], unit), text(chosen.range[1], unit, with_unit=True)
             sentence += f" With {chosen.size}, single calibrations reach {low} to {high}."
     return (
-        f"{sentence} The scatter is between subsets of the same sets, which overlap the more the "
-        "larger they are."
+        f"{sentence} The scatter is between subsets of the same sets; the larger the subsets, the "
+        "more they overlap."
     )
 
 
@@ -217,15 +217,15 @@ def _scatter(study: SpreadStudy) -> list[str]:
     predicted = "of the calibration with all data" if bootstrap else "root mean square over trials"
     sentences = [
         f"Predicted: standard deviation {predicted}. Spread: standard deviation between trials "
-        "that told the parameter, relative to the same held ones."
+        "that determined the parameter, with the same fixed parameters."
     ]
     silent = [n for n, p in study.parameters.items() if p.estimate.state not in ESTIMATED]
     if silent:
-        sentences.append(f"Not estimated with all data either: {listed(silent)}.")
+        sentences.append(f"Not determined by all data together either: {listed(silent)}.")
     if any(p.priors and p.ratio < 1 for p in study.parameters.values()):
         sentences.append(
-            "The job has priors, which are not drawn anew: what rests on them scatters less than "
-            "its standard deviation says."
+            "The job has priors, which are the same in every trial: estimates that rest on them "
+            "scatter less than their standard deviation."
         )
     # A calibration whose model lacks something is less sure than its noise alone makes it.
     told = [p for p in study.parameters.values() if p.predicted > 0]
@@ -234,7 +234,7 @@ def _scatter(study: SpreadStudy) -> list[str]:
     if not bootstrap and larger >= 1.25:
         sentences.append(
             f"The calibration's own standard deviations are up to {larger:.1f} times as large: "
-            "they count what the model lacks as well, which simulated noise does not contain."
+            "they include errors of the model, which simulated noise does not contain."
         )
     if study.validation.enough:
         unit = _unit_of(study)
@@ -261,13 +261,13 @@ def size_plot(study: SizeStudy) -> str:
             axes.plot(
                 chosen.size, shown(chosen.mean, unit), "D", mfc="none", mec="black", mew=1.6, ms=11
             )
-        axes.set_title("Error on held-out data by number of sets", pad=38)
+        axes.set_title("Validation error by number of sets", pad=38)
         axes.set_xlabel(f"{study.plan.data.sets.unit}s calibrated with")
         axes.set_ylabel(_error_label(study))
         axes.xaxis.set_major_locator(MaxNLocator(integer=True))
         axes.grid(axis="y")
         axes.legend(ncols=3, fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
-        return svg_text(figure, name, "Held-out error by number of measurement sets")
+        return svg_text(figure, name, "Validation error by number of measurement sets")
 
 
 def spread_plot(study: SpreadStudy) -> str:
@@ -347,14 +347,14 @@ def _error_histogram(axes: Axes, study: SpreadStudy) -> None:
             shown(study.full_rms, unit), color=ORANGE, ls="--", lw=1.8, label="with all data"
         )
         axes.legend(fontsize=8, loc="lower left", bbox_to_anchor=(0, 1), borderaxespad=0.2)
-    axes.set_title("Error on held-out data", pad=38)
+    axes.set_title("Validation error", pad=38)
     axes.set_xlabel(_error_label(study))
     axes.set_ylabel("trials")
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
 
 
 POINTS: Final = Listing[DriftPoint](
-    "Held-out errors as parameters walk",
+    "Validation errors while parameters drift",
     Column("days", "days", form=".3g"),
     Column("rms", "RMS", unit="m"),
     Column("low", "5 % below", unit="m"),
@@ -369,9 +369,9 @@ def drift_document(study: DriftStudy) -> Document:
     """
     options = study.options
     rates = (
-        f"{options.trials} walks of every estimated parameter: "
-        f"{text(options.angle_rate, 'rad')} deg and {text(options.length_rate, 'm')} mm after one "
-        "day, growing with the root of time."
+        f"{options.trials} random walks of every estimated parameter: "
+        f"{text(options.angle_rate, 'rad')} deg and {text(options.length_rate, 'm')} mm (standard "
+        "deviation) after one day, growing with the square root of time."
     )
     interval = study.interval
     data = {
@@ -403,6 +403,6 @@ def drift_plot(study: DriftStudy) -> str:
         axes.axhline(mm(study.limit), color=GREY, ls="--", lw=1.2, label="limit")
         axes.set_ylim(bottom=0)
         axes.set_xlabel("days since the calibration")
-        axes.set_ylabel("held-out RMS, mm")
+        axes.set_ylabel("validation RMS, mm")
         axes.legend(fontsize=8)
-        return svg_text(figure, "drift", "Held-out error as parameters walk")
+        return svg_text(figure, "drift", "Validation error while parameters drift")

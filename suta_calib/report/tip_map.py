@@ -16,20 +16,20 @@ from suta_calib.report.svg import picture, svg_text
 from suta_calib.units import mm, shown
 
 NAME: Final = "tip_map"
-TITLE: Final = "How sure the tip is"
+TITLE: Final = "Uncertainty of the tip"
 # Figures of other instruments, mm, as the field quotes them; each is of another kind.
 FIELD: Final = (
     ("optical tracking", 0.30, "RMS often quoted for optical navigation; not measured here"),
     ("electromagnetic tracking", 0.48, "RMS often quoted for EM navigation; not measured here"),
     ("mechanical CMM arm", 0.024, "maximum permissible error (ISO 10360-12): a limit, no spread"),
 )
-OURS: Final = "predicted 3-D RMS, this calibration's part only, after registration"
+OURS: Final = "predicted 3-D RMS after registration, from this calibration only"
 _WHAT: Final = (
-    "Standard uncertainty of the tip's position in three dimensions that the calibration's "
-    "covariance gives. Not in it: encoder noise, seating, compliance, what the registration's own "
-    "touches scatter, and what the model lacks. Registered: after a rigid registration at the "
-    "place named ('plan' fits over its whole region instead); absolute: in the base frame, with "
-    "held parameters taken as exact."
+    "Standard uncertainty of the tip's position in three dimensions, from the calibration's "
+    "covariance. It does not include encoder noise, seating, compliance, the scatter of the "
+    "registration's touches, and errors of the model. Registered: after a rigid registration at "
+    "the place named ('plan' registers over its whole region); absolute: in the base frame, if "
+    "fixed parameters are exact."
 )
 
 
@@ -57,7 +57,7 @@ BOTH: Final = Listing[tuple[str, Figures]](
     *(c.over(lambda row: row[1]) for c in FIGURES.columns),
 )
 OTHER_ARMS: Final = Listing[tuple[str, float, str]](
-    "Beside others: figures of different kinds",
+    "Compared with other systems: figures of different kinds",
     Column("what", "", lambda row: row[0]),
     Column("value_mm", "mm", lambda row: row[1], form=".3g"),
     Column("kind", "what the figure is", lambda row: row[2]),

@@ -28,7 +28,7 @@ def zero_offsets_document(offsets: ZeroOffsets, written: Path | None = None) -> 
     """The branches that fit, with residuals, the chosen one, and the URDF that holds it, if any."""
     parts: list[Part] = [_branches(offsets).of(offsets.branches)]
     if written is not None:
-        parts.append(Text(f"Written to {written}: raw readings are its joint positions."))
+        parts.append(Text(f"Written to {written}. Its joint positions are raw readings."))
     parameters = offsets.arm.parameters
     std = dict(zip(offsets.names, plain(offsets.chosen.std), strict=True))
     data: Json = {

@@ -346,7 +346,7 @@ def residual_value(
         raise SamplesError(
             f"a residual that cannot be evaluated on CasADi symbols ({type(problem).__name__}: "
             f"{reason})",
-            "sums, products and functions of casadi, such as casadi.sin, and no if",
+            "sums, products and functions of casadi, such as casadi.sin, without if",
             where=name,
         ) from problem
     if value.shape != (size, 1):
@@ -357,8 +357,8 @@ def residual_value(
     inputs = {symbol.element_hash() for symbol in ca.symvar(given)}
     if free := [s.name() for s in ca.symvar(value) if s.element_hash() not in inputs]:
         raise SamplesError(
-            f"a residual with symbols of its own: {', '.join(free)}",
-            "one of the poses, the own unknowns and the data that it is given",
+            f"a residual with unknown symbols: {', '.join(free)}",
+            "only symbols of the poses, the term's unknowns and the data that it is given",
             where=name,
         )
     return value

@@ -229,7 +229,8 @@ def _weak_directions(matrices: list[FloatArray], prior: FloatArray) -> FloatArra
     curvature, variance, noise_induced = matrices
     if not np.isfinite(curvature).all():
         raise ParameterError(
-            "a Jacobian that is not finite", "finite readings and parameter values at the start"
+            "a Jacobian with values that are not finite",
+            "finite readings and parameter values at the start",
         )
     values, vectors = np.linalg.eigh(curvature + np.diag(prior))
     floor = ROUNDING * max(float(values[-1]), 1e-300)

@@ -80,7 +80,7 @@ class SolverOptions(Displayable):
         """
         if self.solver is not None:
             if not isinstance(self.solver, Solver):
-                raise ParameterError(repr(self.solver), "a solver: an object of a class of Solver")
+                raise ParameterError(repr(self.solver), "an object of a subclass of Solver")
             return self.solver
         if self.hessian == "exact":
             return Ipopt(exact=True, max_iterations=self.max_iterations)

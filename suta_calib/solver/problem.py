@@ -228,14 +228,14 @@ def _own_parameters(terms: Sequence[Term]) -> dict[str, Parameter]:
                 raise ParameterError(
                     f"{parameter.name} of {subject} and of {term.subject}",
                     "one name for one thing",
-                    hint="give the placements of one of them other labels",
+                    hint="give the placements of one of the two other labels",
                 )
             before = parameters.get(parameter.name, parameter)
             given = [p for p in (before, parameter) if p.prior is not None or not p.free]
             if len(given) == 2 and given[0] != given[1]:
                 raise ParameterError(
                     f"two given poses that differ in {parameter.name}",
-                    "one pose for one place",
+                    "one pose per place",
                     hint="give it in one row of the observations",
                 )
             parameters[parameter.name] = given[0] if given else parameter

@@ -145,14 +145,13 @@ class Solution(Displayable):
         """One sentence on whether the values may be used."""
         if self.minimum.converged and self.swamped:
             return (
-                "not usable: the residuals are so large that most of what these data could "
-                "determine is lost in them; look for a wrong unit, a wrong artefact, or a joint "
-                "that turns the other way"
+                "not usable: the residuals are so large that these data determine almost nothing; "
+                "look for a wrong unit, a wrong artefact, or a joint that turns the other way"
             )
         if not self.converged:
             stopped = f"{self.minimum.solver} said {self.minimum.status}"
             if self.minimum.status == STALLED:
-                stopped = "the cost fell no further, nor did its slope vanish,"
+                stopped = "no step lowered the cost, although it is not at a minimum,"
             return (
                 f"not converged: {stopped} after "
                 f"{self.minimum.iterations} iterations; look at the residuals for a wrong unit or "

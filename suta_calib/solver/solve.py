@@ -196,10 +196,10 @@ def _check_determined(problem: Problem, verdict: Identification) -> None:
     if np.any(asked < problem.arm_count) and not np.any(free < problem.arm_count):
         equations = sum(term.equations() for term in problem.terms)
         raise SamplesError(
-            f"{equations} independent equations, which determine none of the arm's unknowns",
+            f"{equations} independent equations, which determine no unknown of the arm",
             "data that determine at least one of them",
             where="observations",
-            hint=f"{MORE_DATA}; 'observe' says what is missing",
+            hint=f"{MORE_DATA}; suta-calib observe shows what is missing",
         )
     _check_redundant(problem, free)
 

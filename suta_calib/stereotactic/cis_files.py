@@ -193,7 +193,7 @@ class StereotacticData(Displayable):
                 "no such file",
                 "a file that exists",
                 file=calbody,
-                hint="PREFIX is what stands before -calbody.txt",
+                hint="PREFIX is the part of the name before -calbody.txt",
             )
         body = read_calibration_body(calbody)
         path = path_of(prefix, "calreadings")
@@ -250,7 +250,7 @@ def same_size(path: Path, points: FloatArray, other: Path, expected: FloatArray)
     if OTHER_UNIT[0] < max(ratio, 1 / ratio if ratio else 1.0) < OTHER_UNIT[1]:
         raise SamplesError(
             f"markers {ratio:.4g} times as far apart as those of the same body in {other}",
-            "the same distances in both, in mm",
+            "the same distances in both files, in mm",
             file=path,
             hint="one of the files is in another unit",
         )
@@ -303,7 +303,7 @@ def _read(
         counts_text = ", ".join(map("{} = {}".format, names, counts))
         raise SamplesError(
             f"{len(rows)} rows of points",
-            f"{row_count}, for the header says {counts_text}",
+            f"{row_count}, as the header states {counts_text}",
             file=path,
             line=min(len(rows), row_count) + 2,
             hint="the file was cut off" if len(rows) < row_count else "delete the surplus rows",

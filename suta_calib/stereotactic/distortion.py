@@ -160,7 +160,7 @@ def _fit_inside(
     if len(measured) < 2:
         raise SamplesError(
             f"{len(measured)} frame of calibration readings",
-            "two or more to correct distortion, so that one can test what the others say",
+            "two or more to correct distortion, so that each can be checked by the others",
         )
     measured, expected = np.asarray(measured, dtype=float), np.asarray(expected, dtype=float)
     hull, lower, upper = _hull(measured), measured.min(axis=(0, 1)), measured.max(axis=(0, 1))

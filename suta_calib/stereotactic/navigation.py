@@ -60,8 +60,9 @@ class Navigation:
             return ""
         residuals = np.where(fitted, np.linalg.norm(registration.residuals, axis=1), 0.0)
         return (
-            f"The fiducials lie {mm(registration.rms):.2f} mm RMS off where each other puts them, "
-            f"and the readings of the probe explain {mm(explained):.2f} mm: one was touched "
-            "elsewhere, has moved or is off in CT, where ± does not hold. Fiducial "
-            f"{int(np.argmax(residuals)) + 1} is off most, by {mm(residuals.max()):.2f} mm."
+            f"The fiducials are {mm(registration.rms):.2f} mm RMS from the places that the other "
+            f"fiducials predict; the readings of the probe explain {mm(explained):.2f} mm. One "
+            "fiducial was touched elsewhere, has moved, or is wrong in CT, and ± does not include "
+            f"that. Fiducial {int(np.argmax(residuals)) + 1} has the largest error, "
+            f"{mm(residuals.max()):.2f} mm."
         )

@@ -130,8 +130,8 @@ def _misshapen(shape: GivenShape) -> str:
     if rms.max() <= MISSHAPEN * extent(body.cloud.markers):
         return ""
     return (
-        f"{shape.file}: {shape.letter} markers of frame {int(np.argmax(rms)) + 1} stay "
-        f"{mm(rms.max()):.2f} mm RMS from calbody's: look for another unit or order, or for a "
+        f"{shape.file}: {shape.letter} markers of frame {int(np.argmax(rms)) + 1} are "
+        f"{mm(rms.max()):.2f} mm RMS from calbody's. Look for another unit or order, or for a "
         "wrong marker."
     )
 
@@ -225,11 +225,11 @@ def _deviation_sentence(shape: GivenShape, deviation: _Deviation) -> str:
     if deviation.marker is not None:
         marker, off = deviation.marker
         return (
-            f"have not calbody's shape, in all frames alike: marker {marker + 1} is {mm(off):.2f} "
-            f"mm off where the others put it, and {scatter}."
+            f"do not have calbody's shape, the same in all frames: marker {marker + 1} is "
+            f"{mm(off):.2f} mm from the place that the others predict, and {scatter}."
         )
     rms = mm(rms_length(deviation.common))
-    return f"stay {rms:.2f} mm RMS from calbody's, in all frames alike, and {scatter}."
+    return f"are {rms:.2f} mm RMS from calbody's shape, the same in all frames, and {scatter}."
 
 
 def _beside(
@@ -240,8 +240,8 @@ def _beside(
         if other is shape or other.letter != shape.letter:
             continue
         if rms_length(deviation.common - its.common) < EXPLAINED * rms_length(deviation.common):
-            return f"So they do in {other.file}: look for a mistake in calbody."
-        how = "lie otherwise" if its.significant else "have it"
+            return f"The same is true in {other.file}: look for a mistake in calbody."
+        how = "have yet another shape" if its.significant else "have that shape"
         return f"In {other.file} they {how}: a marker was moved, or is read wrongly."
     if shape.bent and deviation.factor is None and deviation.marker is None:
         return "Look for a mistake in calbody, or for frames in which something else was moved."
@@ -262,9 +262,10 @@ def _standing_out(shape: GivenShape, deviation: _Deviation, robust: bool) -> lis
     frames = [str(frame + 1) for frame in np.flatnonzero(far.any(axis=1))]
     leave = "" if robust or sizes.shape[1] < ENOUGH_TO_JUDGE else " --robust leaves them out."
     return [
-        f"{shape.file}: {shape.letter} markers stay up to {mm(sizes.max()):.2f} mm off where they "
-        f"are in the body in other frames (frame {listed(frames, MOST_FRAMES)}), and scatter by "
-        f"{mm(sigma * np.sqrt(DIMENSION)):.3f} mm RMS: they pull at the poses there.{leave}"
+        f"{shape.file}: {shape.letter} markers are up to {mm(sizes.max()):.2f} mm from their "
+        f"places in the body in other frames (frame {listed(frames, MOST_FRAMES)}), where "
+        f"{mm(sigma * np.sqrt(DIMENSION)):.3f} mm RMS are usual. The poses in these frames are "
+        f"wrong by a part of that.{leave}"
     ]
 
 
@@ -313,8 +314,8 @@ def on_probe(probe: ObservedProbe) -> tuple[list[str], list[str]]:
             continue
         frame = int(np.argmax(np.where(rms > limit, rms, 0.0)))
         sentence = (
-            f"{kind}: the probe's markers of frame {frame + 1} stay {mm(rms[frame]):.2f} mm RMS "
-            f"from their shape in {pivot}, where {mm(usual):.3f} mm are usual: look for another "
+            f"{kind}: the probe's markers of frame {frame + 1} are {mm(rms[frame]):.2f} mm RMS "
+            f"from their shape in {pivot}, where {mm(usual):.3f} mm are usual. Look for another "
             "unit or order, or for a wrong marker."
         )
         effect, stated = lever * rms, probe.stated.get(kind)
@@ -378,10 +379,10 @@ def on_late_base(
     if gain.mean() < SEVERAL * std or best > EXPLAINED * before.mean():
         return nothing
     sentence = (
-        f"The EM markers are where the optical tracker says to {mm(np.sqrt(best)):.2f} mm RMS, not "
+        f"The EM markers agree with the optical tracker to {mm(np.sqrt(best)):.2f} mm RMS, not "
         f"{mm(np.sqrt(before.mean())):.2f} mm, if each frame of calreadings has the D markers of "
-        f"the one {'after' if lag > 0 else 'before'} it: they seem one frame "
-        f"{'late' if lag > 0 else 'early'}. The expected EM markers are off by "
-        f"{mm(off):.2f} mm RMS for it."
+        f"the one {'after' if lag > 0 else 'before'} it: they seem to be one frame "
+        f"{'late' if lag > 0 else 'early'}. This makes the expected EM markers wrong by "
+        f"{mm(off):.2f} mm RMS."
     )
     return ([sentence], []) if off > SEVERAL * np.sqrt(best) else ([], [sentence])

@@ -300,7 +300,10 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
     # Misfit of EM readings that asks for a reason, as part of the markers' extent.
     if off <= 0.05 * extent(body):
         return []
-    sentence = f"The EM markers are read {mm(off):.1f} mm RMS from where the optical tracker says"
+    sentence = (
+        f"The EM markers are read {mm(off):.1f} mm RMS from the places that the optical tracker "
+        "measured"
+    )
     read, there = (v.reshape(-1, 3) - v.mean(axis=(0, 1)) for v in (measured, expected))
     affine = np.linalg.lstsq(there, read, rcond=None)[0]
     # A field bends by less than half; what is turned or stretched by more is in other axes or
@@ -319,7 +322,10 @@ def _on_em_markers(result: StereotacticResult) -> list[str]:
         by_place = off
     if by_place < EXPLAINED * off and (frames < 2 or by_place < rms_length(left_out)):
         return []
-    return [f"{sentence}: not as distortion does; look for another unit or order of the C markers."]
+    return [
+        f"{sentence}. Distortion does not look like this: look for another unit or order of "
+        "the C markers."
+    ]
 
 
 def _on_bodies(result: StereotacticResult, *, misread: bool) -> tuple[list[str], list[str]]:
@@ -368,18 +374,19 @@ def _on_distortion(result: StereotacticResult) -> list[str]:
         if not result.bent:
             return []
         return [
-            f"The EM tracker's readings are {mm(rms_length(result.em_error)):.2f} mm off where "
-            "the optical tracker says, most of it distortion: --dewarp corrects it."
+            f"The EM tracker's readings are {mm(rms_length(result.em_error)):.2f} mm from the "
+            "places that the optical tracker measured, and most of this is distortion. Use "
+            "--dewarp to correct it."
         ]
     notes = list[str]()
     far = far_off(correction.residuals)
     if far.any() and "calreadings" not in result.outliers:
         frames, sizes = np.flatnonzero(far.any(axis=1)) + 1, correction.residuals[far]
         notes.append(
-            f"calreadings: {int(far.sum())} of {far.size} EM markers stay up to "
-            f"{mm(np.linalg.norm(sizes, axis=1).max()):.2f} mm off what the others say of their "
-            f"place (frame {listed([str(frame) for frame in frames], MOST_FRAMES)}): they bend the "
-            "correction there. --robust leaves them out."
+            f"calreadings: {int(far.sum())} of {far.size} EM markers are up to "
+            f"{mm(np.linalg.norm(sizes, axis=1).max()):.2f} mm from the places that the other "
+            f"frames predict (frame {listed([str(frame) for frame in frames], MOST_FRAMES)}). They "
+            "make the correction wrong near these places. Use --robust to leave them out."
         )
     for use, points in result.data.em_uses.items():
         error = correction.extrapolation_error(points)

@@ -99,8 +99,8 @@ def _angles(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 MIRRORED: Final = (
-    "The board is seen from behind: its corners are numbered mirrored (columns and rows exchanged, "
-    "or y upwards)."
+    "The board is seen from behind: its corners are numbered in mirror image (columns and rows "
+    "exchanged, or y upwards)."
 )
 # Pictures that a sentence names.
 QUOTED: Final = 5
@@ -108,8 +108,9 @@ QUOTED: Final = 5
 ROUNDING: Final = 1e-9
 # By what is turned: how pictures are told of which the others say that they are upside down.
 TURNED: Final = {
-    "board": "the board is turned by half a turn: its corners are numbered from the other end.",
-    "picture": "the picture is turned by half a turn: the camera was, or what wrote its file.",
+    "board": "the board is turned by half a turn: its corners are numbered from the opposite end.",
+    "picture": "the picture is turned by half a turn: the camera was, or the program that "
+    "wrote the file turned it.",
 }
 
 
@@ -218,7 +219,7 @@ class BoardPictures:
         orientation = self.poses[0][self.posed]
         turned = np.zeros(len(self.pixels), dtype=np.bool_)
         turned[self.posed] = half_turned(hand[0][self.posed], orientation, orientation @ HALF_TURN)
-        most = "most pictures, by the turns of the hand between them"
+        most = "most pictures, judged by the rotations of the hand between them"
         return self._the_other_way(turned, names, source, most)
 
     def numbered_as(
@@ -237,7 +238,7 @@ class BoardPictures:
         )
         turned[self.posed] = from_other_end(*mine, theirs, same_eye=same)
         return self._the_other_way(
-            turned, names, None, "the pictures of a row before, by its place"
+            turned, names, None, "the pictures of an earlier row, judged by their place"
         )
 
     def _the_other_way(
@@ -247,9 +248,9 @@ class BoardPictures:
         if not turned.any():
             return self.pixels
         warnings.warn(
-            f"{source or 'corners'}: the board looks the same after half a turn; in "
-            f"{listed(np.array(names)[turned].tolist(), QUOTED)} its corners are numbered from the "
-            f"other end than in {than}: they are taken the other way round there",
+            f"{source or 'corners'}: the board looks the same after half a turn. In "
+            f"{listed(np.array(names)[turned].tolist(), QUOTED)} its corners are numbered from "
+            f"the opposite end than in {than}. They are renumbered there",
             SutaCalibWarning,
             stacklevel=2,
         )

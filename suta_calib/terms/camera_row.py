@@ -19,7 +19,7 @@ from suta_calib.terms.poses import PoseSource
 from suta_calib.words import listed
 
 CAMERA_KEYS: Final = (
-    Field("corners", FILE, "Where the corners are in the pictures: corners.csv.", True),
+    Field("corners", FILE, "Corners in the pictures: corners.csv.", True),
     Field(
         "board",
         Value("file", lambda row, key: read_board(row.existing_file(key))),
@@ -29,7 +29,7 @@ CAMERA_KEYS: Final = (
     Field(
         "camera",
         Value("file", lambda row, key: read_camera(row.existing_file(key))),
-        "The camera.yaml; without it the camera is estimated from nothing.",
+        "The camera.yaml; without it the camera is estimated from the pictures alone.",
     ),
     Field(
         "setup",
@@ -41,16 +41,20 @@ CAMERA_KEYS: Final = (
         choice(("fixed", "free")),
         "fixed (the default beside a camera), or free: the camera is estimated too.",
     ),
-    Field("target", TEXT, "Tells several boards apart."),
+    Field("target", TEXT, "Label of the board, where there are several."),
     Field("sigma_px", quantity("px", "positive"), "Standard deviation of a corner's coordinate."),
-    Field("huber_px", quantity("px", "positive"), "Corners farther off are believed less."),
+    Field(
+        "huber_px",
+        quantity("px", "positive"),
+        "Robust threshold: corners with larger errors get less weight.",
+    ),
 )
 # What such a row may name, as they look.
 CAMERA_FILES: Final[Mapping[str, str]] = {
     "corners.csv": "image,point,u,v\n",
     "board.yaml": "# Inner corners: columns, rows. Other types: charuco, markers.\n"
     "type: chessboard\ncorners: [7, 5]\nsquare_mm: 30\n",
-    "camera.yaml": "# As ROS or OpenCV calibrated it.\nimage_width: 1280\nimage_height: 960\n"
+    "camera.yaml": "# As written by ROS or OpenCV.\nimage_width: 1280\nimage_height: 960\n"
     "camera_matrix: {rows: 3, cols: 3, data: [1000, 0, 639.5, 0, 1000, 479.5, 0, 0, 1]}\n"
     "distortion_model: plumb_bob\n"
     "distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}\n",

@@ -204,8 +204,8 @@ def closed_form_camera(corners: Corners, board: Board) -> Camera:
     closed_form = closed_form_intrinsics(boards, pictures)
     if closed_form is None:
         raise SamplesError(
-            "pictures that do not tell the focal length",
-            "a board that is seen at a slant, in several directions",
+            "pictures that do not determine the focal length",
+            "pictures of a board that is tilted in several directions",
             file=corners.path,
             hint="or give the camera's file",
         )
@@ -234,7 +234,7 @@ def _check_board(pictures: Sequence[Corners], board: Board) -> None:
     if other is not None and _off_plane(pictures, other) <= no_plane:
         raise columns_exchanged()
     raise SamplesError(
-        f"corners that are {off:.0%} of the board's extent off from where a plane board has them",
+        f"corners that differ from a flat board by {off:.0%} of its size",
         f"corners of this board ({board.type}), by their numbers",
         hint="does board.yaml have the right numbers of columns and rows?",
     )

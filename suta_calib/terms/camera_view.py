@@ -97,9 +97,9 @@ class CameraView(FramedTerm):
     kind = "camera_view"
     order = 9
     about = (
-        "a camera on the tip saw a board, or one beside the arm a board on the tip (setup: "
-        "eye-to-hand): where its corners are in the pictures, as suta-calib detect finds them; "
-        "intrinsics: free corrects the camera too"
+        "a camera on the tip saw a board (or a camera beside the arm saw a board on the tip, with "
+        "setup: eye-to-hand): the corners in the pictures, as suta-calib detect finds them; "
+        "intrinsics: free also corrects the camera"
     )
     columns = SampleColumns(
         labels=("image",), pixels=True, about={"image": "The picture that was taken there."}
@@ -127,10 +127,10 @@ class CameraView(FramedTerm):
     assumptions_key = "intrinsics: free"
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "tool": (
-            "moves the tip in the last link, and with it nothing that the camera sees: the "
-            "unknown pose of what is on the tip makes up for it",
-            "touch one fixed point from several directions (fixed_point), or leave it at nominal "
-            "if only the camera matters",
+            "moves the tip in the last link. The camera does not see this, because the unknown "
+            "pose of the camera or board on the tip cancels it",
+            "touch one fixed point from several directions (fixed_point); not needed if only the "
+            "camera matters",
         )
     }
 
@@ -166,7 +166,7 @@ class CameraView(FramedTerm):
         """Build it from arrays, as from files: ``noise`` is in px; no camera means to find one."""
         board, noise = given.get("board"), given.get("noise")
         if board is None:
-            raise cls.refuse("no board", "board: what was seen")
+            raise cls.refuse("no board", "the key board: the file of the board that was seen")
         pixels, images = poses.samples.pixels, poses.samples.labels["image"]
         assert pixels is not None
         if pixels.shape[1] != len(board.points):
@@ -452,7 +452,7 @@ class CameraView(FramedTerm):
         located = int(self.pictures.posed.sum())
         if located < FEWEST:
             raise self.refuse(
-                f"{located} pictures that tell where the board is",
+                f"{located} pictures from which the pose of the board follows",
                 f"at least {FEWEST}, each with {PLANAR} corners or more that are not on a line",
             )
         check_files(self.pictures)
@@ -464,10 +464,10 @@ class CameraView(FramedTerm):
         for (key, whose, name), statement in other._stated.items():
             if self._stated.get((key, whose, name), statement) != statement:
                 raise SamplesError(
-                    f"another {key} than in a row before, of the same {whose} {name!r}",
-                    "one camera as it is, and one board",
+                    f"another {key} than in an earlier row with the same {whose} {name!r}",
+                    "one camera and one board per label",
                     where=f"{self.kind}.{key}",
-                    hint=f"say the same in both rows; or give another one another {whose}",
+                    hint=f"write the same in both rows, or give the second one another {whose}",
                 )
 
     @property

@@ -35,13 +35,13 @@ def check_unit(
     # A tip that moves by less, m, lies on the axes that were turned about, if anything moved.
     if moved < 1e-7:
         raise term.refuse(
-            f"a tip that the arm's readings move by {mm(moved):.2g} mm",
-            "readings that differ, and a tip off the axes of the joints that turn",
+            f"readings that move the tip by only {mm(moved):.2g} mm",
+            "different readings, and a tip that is not on the axes of the joints",
         )
     if not moved / OTHER_UNIT <= size <= moved * OTHER_UNIT:
         raise term.refuse(
-            f"{what} {mm(size):.4g} mm about their middle, where the arm's readings move the tip "
-            f"by {mm(moved):.4g} mm",
+            f"{what} that scatter by {mm(size):.4g} mm about their middle, where the arm's "
+            f"readings move the tip by {mm(moved):.4g} mm",
             expected,
             hint=hint + (_or_a_length(term, size, extent) if 0.0 < size < moved else ""),
         )

@@ -53,7 +53,7 @@ class FixedPoint(PlaceTerm):
 
     kind = "fixed_point"
     order = 3
-    about = "one unknown point, touched from many directions: finds the tool's length"
+    about = "one unknown point, touched from many directions: determines the tool's length"
     columns = SampleColumns(labels=("point",), about={"point": "Which point was touched."})
     place = "point"
     place_unknown = "fixed_point"

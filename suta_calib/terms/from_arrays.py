@@ -57,7 +57,7 @@ def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
     columns = {name: ArrayColumn(_LABELS, named, about.get(name, "")) for name in kind.labels}
     if kind.pixels:
         about_column = (
-            "Where the board's points were seen, in the order of its numbers; NaN where not."
+            "Pixels of the board's points, in the order of their numbers; NaN where not seen."
         )
         columns["pixels"] = ArrayColumn("(n, points, 2) in px", True, about_column)
     if kind.position:
@@ -76,7 +76,7 @@ def columns_of(kind: SampleColumns) -> dict[str, ArrayColumn]:
         columns[number.name] = ArrayColumn(takes, number.required, about.get(number.name, ""))
     more = (*kind.common_labels, *kind.optional_labels)
     columns |= {name: ArrayColumn(_LABELS, about=about.get(name, "")) for name in more}
-    side = "1 (it came from smaller readings), -1 (from larger ones) or 0, of each joint's reading"
+    side = "1 (the joint came from smaller readings), -1 (from larger ones) or 0 (unknown)"
     return columns | {
         "direction": ArrayColumn(f"(n, joints) of {side}"),
         "temperature": ArrayColumn("(n,) in °C, or one for all", about="Of the arm."),

@@ -98,7 +98,7 @@ class GivenPlaces(ABC):
         if not self.place_turns and pose.rotation is not None:
             raise SamplesError(
                 f"rotation_rpy_deg of {self.place} {label}".strip(),
-                "position_mm alone: it is a point",
+                "only position_mm, because it is a point",
                 where=where,
             )
         by_name = self.prior_from_pose(label, pose)
@@ -114,7 +114,7 @@ class GivenPlaces(ABC):
                 f"a pose of {self.place} {label}".strip(),
                 "none",
                 where=where,
-                hint=f"{self.kind} does not see where it stands",
+                hint=f"{self.kind} does not measure where it stands",
             )
         return by_name
 
@@ -149,7 +149,7 @@ def _check_in_mm(term: GivenPlaces, label: str, by_name: Mapping[str, PriorValue
     in_metres = (700.0, 1400.0)
     if in_metres[0] * near < far < in_metres[1] * near:
         raise SamplesError(
-            f"position_mm {label} of {mm(near):.4g} mm, which the nominal arm finds "
+            f"position_mm {label} of {mm(near):.4g} mm, which by the nominal arm is "
             f"{mm(far):.4g} mm away".replace("  ", " "),
             "a position in mm",
             where=f"{term.kind}: pose",

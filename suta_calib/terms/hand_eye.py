@@ -100,8 +100,8 @@ class HandEye(InstrumentTerm):
         position=True,
         orientation="required",
         about={
-            "x, y, z": "Where the camera saw the target.",
-            "qx, qy, qz, qw": "How the target was turned in the camera.",
+            "x, y, z": "Position of the target in the camera.",
+            "qx, qy, qz, qw": "Orientation of the target in the camera.",
         },
     )
     medium = "camera"
@@ -111,10 +111,10 @@ class HandEye(InstrumentTerm):
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "tool": (
-            "moves the tip in the last link, and with it nothing that the camera sees: the "
-            "camera's unknown pose on the tip makes up for it",
-            "touch one fixed point from several directions (fixed_point), or leave it at nominal "
-            "if only the camera matters",
+            "moves the tip in the last link. The camera does not see this, because its unknown "
+            "pose on the tip cancels it",
+            "touch one fixed point from several directions (fixed_point); not needed if only the "
+            "camera matters",
         )
     }
 

@@ -16,7 +16,7 @@ from suta_calib.terms.term import Term
 
 # What says the unit of what is seen.
 SEEN_UNIT: Final = (
-    "columns x, y, z are in m, and x_mm, y_mm, z_mm in mm: is it another unit, or another arm?"
+    "columns x, y, z are in m, and x_mm, y_mm, z_mm in mm: is the unit right, and the arm?"
 )
 
 
@@ -50,10 +50,11 @@ class FramedTerm(Term):
         partly = pose.rotation is None or (pose.position_std is None) != (pose.rotation_std is None)
         if not label and self.frames[0].seen_from and partly:
             raise SamplesError(
-                f"a pose of the {self.medium} that is known in part",
-                "position_mm and rotation_rpy_deg, and both of prior_mm and prior_deg or none",
+                f"a pose of the {self.medium} that is only partly known",
+                "position_mm and rotation_rpy_deg, with both prior_mm and prior_deg or "
+                "with neither",
                 where=where,
-                hint=f"or give {self.frames[0].key}, each part of which may be left out",
+                hint=f"or give {self.frames[0].key}, where each part may be left out",
             )
         priors = self.prior_from_pose(label, pose)
         if not set(priors) & {p.name for p in self.own_parameters}:

@@ -40,8 +40,8 @@ from suta_calib.terms.term import Term
 ARTEFACT_COLUMNS: Final = SampleColumns(
     labels=("placement", "repeat", "landmark"),
     about={
-        "placement": "Where the artefact stood: one label for each place.",
-        "repeat": "Which time the artefact was gone through there.",
+        "placement": "Label of the place where the artefact stood.",
+        "repeat": "Number of the pass over the artefact at that place.",
         "landmark": "Which landmark of the artefact was touched.",
     },
 )
@@ -97,7 +97,9 @@ class TouchedLandmark(Term):
 
     kind = "landmark"
     order = 2
-    about = "the landmarks themselves; each placement's pose is unknown and is found too"
+    about = (
+        "touched landmarks of an artefact; the pose of each placement is unknown and estimated too"
+    )
     columns = ARTEFACT_COLUMNS
     needs_artefact = True
     place = "placement"
@@ -222,7 +224,8 @@ class TouchedLandmark(Term):
             raise self.refuse(
                 f"only landmark {marks[first[k]]} at placement {names[k]}",
                 "at least two different landmarks at every placement",
-                hint="its pose is six unknowns; use fixed_point for one point touched often",
+                hint="the pose of a placement has six unknowns; use fixed_point for one point "
+                "touched often",
             )
         check_artefact_unit(self, self._certified, placement)
 
@@ -311,7 +314,7 @@ def check_artefact_unit(term: Term, certified: FloatArray, groups: IntArray) -> 
 
     if (extent := size(certified)) > 0.0:  # else each landmark stands alone
         expected = "landmarks as far apart as the arm touched them"
-        hint = "position_mm of the artefact is in mm: is it another unit, or another artefact?"
+        hint = "position_mm of the artefact is in mm: is the unit right, and the artefact?"
         check_unit(term, "landmarks", extent, size, expected, hint)
 
 

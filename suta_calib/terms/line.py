@@ -160,5 +160,5 @@ class TouchedLine(PlaceTerm):
                 raise self.refuse(
                     f"all touches of line {name} at one point",
                     "touches all along the line",
-                    hint="touches at one point do not say which way the line goes",
+                    hint="touches at one point do not determine the direction of the line",
                 )

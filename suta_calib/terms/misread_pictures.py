@@ -47,10 +47,10 @@ def check_files(pictures: BoardPictures) -> None:
         raise cause
     if pictures.misfit > NO_BOARD:
         raise SamplesError(
-            f"corners that are more than {NO_BOARD:.0%} of the board's extent off from where "
-            "any pose of it has them",
+            f"corners that differ from the board in any pose by more than {NO_BOARD:.0%} of its "
+            "size",
             f"corners of this board ({pictures.board.type}), by their numbers",
-            hint="corners, board.yaml and camera.yaml belong together",
+            hint="are corners, board.yaml and camera.yaml of the same board and camera?",
         )
 
 
@@ -89,7 +89,7 @@ def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesErr
                 SamplesError(
                     f"corners that are numbered along rows of {other.columns}",
                     "corners of the board as its file has it",
-                    hint="corners and board.yaml belong together; it counts inner corners: "
+                    hint="is board.yaml of this board? It counts inner corners: "
                     "columns first, then rows",
                 ),
             )
@@ -105,7 +105,7 @@ def _others(pictures: BoardPictures) -> Iterator[tuple[BoardPictures, SamplesErr
         yield (
             replace(pictures, camera=camera),
             SamplesError(
-                f"corners of pictures of some {camera.width} x {camera.height} px",
+                f"corners of pictures of about {camera.width} x {camera.height} px",
                 f"of {pictures.camera.width} x {pictures.camera.height} px, as the camera's file "
                 "says",
                 hint="calibrate the camera on pictures of the same size, or scale its file",
@@ -130,10 +130,11 @@ def _other_markers(pictures: BoardPictures) -> tuple[BoardPictures, SamplesError
     )
     factor = float(np.exp(best.x))
     return resized(factor), SamplesError(
-        f"corners of markers {factor:.3f} times as large, by the ways between them, as the "
-        "board's file says",
-        "markers of the size that they were printed in, and at their places",
-        hint="measure markers and the ways between them; correct size_mm, or all position_mm",
+        f"corners of markers that are {factor:.3f} times as large, compared with the distances "
+        "between them, as the board's file states",
+        "the printed size of the markers, and their places",
+        hint="measure the markers and the distances between them; correct size_mm, or all "
+        "position_mm",
     )
 
 
@@ -155,10 +156,10 @@ def other_size(pictures: BoardPictures) -> str:
     if not small.any() or (pixels + 0.5 > full_size)[:, small].any():
         return ""
     return (
-        f"The camera's file says {camera.width} x {camera.height} px, but its principal point "
-        f"({middle[0]:.1f}, {middle[1]:.1f}) px is the middle of some {full_size[0]:.0f} x "
-        f"{full_size[1]:.0f} px, and no corner is beyond: image_width and image_height, or "
-        "camera_matrix, are of pictures of another size."
+        f"The camera's file states {camera.width} x {camera.height} px, but its principal point "
+        f"({middle[0]:.1f}, {middle[1]:.1f}) px is the middle of about {full_size[0]:.0f} x "
+        f"{full_size[1]:.0f} px, and no corner is outside that. Either image_width and "
+        "image_height, or camera_matrix, are for pictures of another size."
     )
 
 
@@ -195,7 +196,7 @@ def doubts(
     for what, rows in pictures.upside_down(hand).items():
         if rows.any():
             turned = listed(np.array(names)[rows].tolist(), QUOTED)
-            levels[f"In {turned} {TURNED[what]} Leave them out (exclude)."] = "bad"
+            levels[f"In {turned} {TURNED[what]} Leave these pictures out (exclude)."] = "bad"
     return levels
 
 
@@ -214,8 +215,8 @@ def _strange(pictures: BoardPictures, names: Sequence[str]) -> list[str]:
         what = "" if nowhere[k] else _blunder(pictures, k, limit)
         how_far = "" if nowhere[k] else f" {off[k]:.0f} px"
         sentences.append(
-            f"In {names[k]} {what or f'the corners are{how_far}'} off where the board has them "
-            "in any pose: leave the picture out (exclude)."
+            f"In {names[k]} {what or f'the corners are{how_far}'} from the places that the board "
+            "has in any pose. Leave this picture out (exclude)."
         )
     return sentences
 

@@ -88,8 +88,8 @@ class PairwiseDistance(Term):
     kind = "pairwise_distance"
     order = 1
     about = (
-        "distances between landmarks of an artefact, seated by the tip at any number of placements "
-        "(at least two landmarks with the same placement and repeat)"
+        "distances between landmarks of an artefact that the tip is seated in, at any number of "
+        "placements (at least two landmarks with the same placement and repeat)"
     )
     columns = ARTEFACT_COLUMNS
     needs_artefact = True
@@ -173,9 +173,9 @@ class PairwiseDistance(Term):
         if possible <= MOST_PAIRS:
             return ()
         return (
-            f"{len(self.poses):,} touches make up to {possible:,} pairs within their placements: "
-            f"{len(self.blocks[0]):,} of them are looked at, each touch with some of the others. "
-            "The answer is hardly less sure, and ± allows for it.",
+            f"{len(self.poses):,} touches make up to {possible:,} pairs within their placements. "
+            f"Only {len(self.blocks[0]):,} of them are used, each touch with some of the others. "
+            "This hardly changes the result, and ± includes it.",
         )
 
     @cached_property

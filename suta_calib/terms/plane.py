@@ -68,14 +68,14 @@ class TouchedPlane(PlaceTerm):
     order = 4
     about = (
         "an unknown plane, touched anywhere and from several directions; with a ball at the tip, "
-        "say probe_radius_mm: the centre of the ball is the tip"
+        "set probe_radius_mm: the tip is then the centre of the ball"
     )
     columns = SampleColumns(labels=("plane",), about={"plane": "Which plane was touched."})
     keys = (
         Field(
             "probe_radius_mm",
             LENGTH_OR_0,
-            "Radius of the ball at the tip; 0, a point, without it.",
+            "Radius of the ball at the tip; 0 (a point) without it.",
             given_attribute="radius",
         ),
     )
@@ -192,5 +192,5 @@ class TouchedPlane(PlaceTerm):
                 raise self.refuse(
                     f"all touches of plane {name} on one line",
                     "touches all over the plane",
-                    hint="touches on a line do not say how the plane turns about it",
+                    hint="touches on a line do not determine the turn of the plane about it",
                 )

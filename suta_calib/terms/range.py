@@ -48,16 +48,16 @@ class MeasuredRange(PlaceTerm):
     kind = "range"
     order = 6
     about = (
-        "the distance of the tip from a fixed point that is unknown (draw-wire sensor, ball bar): "
-        "column length in m, or length_mm; without it all distances from one anchor are one "
-        "unknown radius"
+        "distance of the tip from a fixed point of unknown place (draw-wire sensor, ball bar): "
+        "column length in m, or length_mm; without the column, all distances from one anchor are "
+        "one unknown radius"
     )
     columns = SampleColumns(
         labels=("anchor",),
         numbers=(NumberColumn("length", "m", required=False, positive=True),),
         about={
-            "anchor": "From which point the distance was measured.",
-            "length": "The distance; without the column all from one anchor are one unknown.",
+            "anchor": "Label of the point from which the distance was measured.",
+            "length": "The distance; without it, all distances from one anchor are one unknown.",
         },
     )
     place = "anchor"
@@ -70,7 +70,7 @@ class MeasuredRange(PlaceTerm):
         Field(
             "length_mm",
             Value("mm, or from, to in mm"),
-            "The lengths that are measured; or the one that nobody measured.",
+            "Range of the measured lengths; or the one length that was not measured.",
         ),
     )
 
@@ -174,8 +174,8 @@ class MeasuredRange(PlaceTerm):
             if len(tips) <= unknowns:
                 raise self.refuse(
                     f"anchor {name} ranged {len(tips)} times",
-                    f"every anchor ranged at least {unknowns + 1} times: its unknowns alone are "
-                    f"{unknowns}",
+                    f"every anchor ranged at least {unknowns + 1} times, because each has "
+                    f"{unknowns} unknowns",
                     hint="" if len(tips) > 1 else "is its label misspelt?",
                 )
             singular = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)
@@ -183,7 +183,8 @@ class MeasuredRange(PlaceTerm):
                 raise self.refuse(
                     f"all tips on one line where anchor {name} was ranged",
                     "tips on several sides of it",
-                    hint="distances from a line do not say how the anchor turns about it",
+                    hint="distances from points on a line do not determine where the anchor is "
+                    "around it",
                 )
             if self._lengths is not None and isinstance(self.poses, ArmPoses):
                 self._check_unit(name, self._lengths[rows], extent(tips))
@@ -195,8 +196,7 @@ class MeasuredRange(PlaceTerm):
                 f"lengths from {mm(lengths.min()):.4g} to {mm(lengths.max()):.4g} mm at anchor "
                 f"{name}, where the arm's readings move the tip by {mm(moved):.4g} mm",
                 "distances of the tip from the anchor",
-                hint="column length is in m, and length_mm in mm: is it another unit, or another "
-                "arm?",
+                hint="column length is in m, and length_mm in mm: is the unit right, and the arm?",
             )
 
 

@@ -62,7 +62,7 @@ class Seating:
         if min(sizes) < 0 or not max(sizes) > 0 or not all(map(math.isfinite, sizes)):
             raise ParameterError(
                 f"a clearance of {mm(self.clearance):g} mm and {deg(self.rotation):g} deg",
-                "one of them positive, neither negative",
+                "at least one of them positive, neither negative",
                 where="seating",
             )
 
@@ -94,7 +94,7 @@ def seat_axes(artefact: Artefact, names: Iterable[str]) -> FloatArray:
         if seat is None:
             raise ArtefactError(
                 f"no rotation_rpy_deg of landmark '{name}'",
-                "the seated tip's orientation, with which the seating's shift turns",
+                "the orientation of the seated tip, because the seating error turns with it",
                 where="seating",
                 hint=f"add it to the artefact '{artefact.name}', or leave out the key seating",
             )

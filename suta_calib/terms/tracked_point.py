@@ -87,9 +87,10 @@ class TrackedPoint(InstrumentTerm):
     kind = "tracked_point"
     order = 7
     about = (
-        "an external instrument saw the tip at x, y, z (m; columns qx, qy, qz, qw may be added); "
-        "where the instrument stands is found too; with a column target, what was seen is a "
-        "reflector of that name, which sits anywhere on the tip's link and is found as well"
+        "an external instrument measured the tip at x, y, z (m; columns qx, qy, qz, qw may be "
+        "added). The pose of the instrument is estimated too. With a column target, the measured "
+        "point is the reflector of that name: it is anywhere on the tip's link, and its place is "
+        "estimated too"
     )
     columns = SampleColumns(
         position=True,
@@ -97,11 +98,11 @@ class TrackedPoint(InstrumentTerm):
         orientation="optional",
         common_labels=("target",),
         about={
-            "x, y, z": "Where the instrument saw it.",
+            "x, y, z": "Position that the instrument measured.",
             "sigma_x, sigma_y, sigma_z": "Standard deviation of each, or one sigma of all three "
             "(m, or mm with _mm): how rows weigh against each other.",
-            "qx, qy, qz, qw": "How it was turned.",
-            "target": "Which reflector was seen; without the column, the tip itself.",
+            "qx, qy, qz, qw": "Orientation that the instrument measured.",
+            "target": "Name of the measured reflector; without the column, the tip itself.",
         },
     )
     medium = "instrument"
@@ -118,18 +119,19 @@ class TrackedPoint(InstrumentTerm):
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "base": (
-            "the unknown pose of the instrument makes up for it",
-            "choose it by convention (leave it at nominal), or survey the base with the instrument",
+            "the unknown pose of the instrument cancels it",
+            "nothing to do if the arm's base is only a convention; otherwise measure the base "
+            "with the instrument",
         ),
         "tool": (
-            "moves the tip in its link, and with it nothing that the instrument sees: the unknown "
-            "places of the targets on that link make up for it",
-            "leave it at nominal: the targets are found relative to it",
+            "moves the tip in its link. The instrument does not see this, because the unknown "
+            "places of the targets on that link cancel it",
+            "nothing to do: the targets are estimated relative to the tip",
         ),
     }
     tells: ClassVar[Mapping[Gap, str]] = {
-        "base": "see the tip with an external instrument (tracked_point)",
-        "place": "see the tip with an external instrument (tracked_point)",
+        "base": "measure the tip with an external instrument (tracked_point)",
+        "place": "measure the tip with an external instrument (tracked_point)",
     }
 
     typical_sigma: float | None = None
@@ -224,14 +226,15 @@ class TrackedPoint(InstrumentTerm):
         if len(self.poses) < 3:
             raise self.refuse(
                 f"{len(self.poses)} samples",
-                "at least 3: the pose of the instrument alone is six unknowns",
+                "at least 3, because the pose of the instrument alone has six unknowns",
             )
         names, target = self._targets
         for name, rows in zip(names, np.bincount(target), strict=False):
             if rows < 2:
                 raise self.refuse(
                     f"target {name} seen once",
-                    "every target seen at least twice: where it sits on the link is unknown",
+                    "every target measured at least twice, because its place on the link is "
+                    "unknown",
                     hint="is its label misspelt?",
                 )
         if not isinstance(self.poses, ArmPoses):
@@ -312,11 +315,11 @@ class TrackedPoint(InstrumentTerm):
             return None
         samples = self.poses.samples
         labels = {**samples.labels, self.mark: np.full(len(samples), "body")}
-        what = "a reflector that sits somewhere else on the tip's link"
+        what = "a reflector at another place on the tip's link"
         if samples.rotation is not None:
-            what = "a body that is screwed onto the tip's link at an unknown place and turn"
+            what = "a body that is fixed to the tip's link with an unknown position and orientation"
         marked = self.over_poses(self.poses.with_samples(replace(samples, labels=labels)))
-        return f"the instrument sees {what}: name it in a column {self.mark}", marked
+        return f"the instrument measures {what}: give its name in a column {self.mark}", marked
 
 
 def _target_named(values: Mapping[str, float], label: str, *, turned: bool) -> Poses:

@@ -40,8 +40,11 @@ def assess_calibration(examined: CalibrationExamination) -> Assessment:
     named = judge("the model", lambda: _named_cause(fewer, accuracy, alone=not cause), failed)
     # What explains residuals that are far too large is said before them.
     first = named if any(item.bad for item in contradicting) else []
-    worse = "The calibrated arm is worse than the nominal one on the validation data."
-    fitted_only = "There are no validation data: the errors shown are those of the fitted data."
+    worse = "The calibrated arm is worse than the nominal arm on the validation data."
+    fitted_only = (
+        "There are no validation data. The errors shown are those of the fitted data, and errors "
+        "elsewhere are larger."
+    )
     nothing = PriorNotes()
     priors = attempt("judged: priors", lambda: examined.priors, nothing, failed)
     beliefs = judge("priors that rows state", lambda: fewer.contradicted_beliefs, failed)
@@ -123,8 +126,8 @@ def _on_gain(accuracy: Accuracy) -> list[str]:
         return []
     before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
     return [
-        f"The validation data cannot tell the calibrated arm ({after}) from the nominal one "
-        f"({before}): it may have been right before."
+        f"On the validation data the calibrated arm ({after}) is not clearly better than the "
+        f"nominal arm ({before}). The nominal arm may have been right already."
     ]
 
 
@@ -135,16 +138,16 @@ def _on_parameters(examined: CalibrationExamination) -> list[str]:
     for explanation in examined.explanations:
         if explanation.reason != "redundant":
             by_remedy.setdefault((explanation.reason, explanation.remedy), []).append(explanation)
-    how = {"untold": "do not tell", "badly told": "tell too little to estimate"}
+    how = {"untold": "determined", "badly told": "determined well enough"}
     notes = [
-        f"These data {how[reason]} {listed([item.fixed for item in held])}: held at nominal"
-        f"{_at_stake(solution, held)}. To know more: {remedy}."
+        f"{listed([item.fixed for item in held])} could not be {how[reason]} and "
+        f"{_keep_nominal(held)}.{_at_stake(solution, held)} To determine more: {remedy}."
         for (reason, remedy), held in by_remedy.items()
     ]
     if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
         notes.append(
-            f"{listed(bounded)} ended at a bound: widen it, or look for the wrong unit or "
-            "the wrong artefact."
+            f"{listed(bounded)} ended at a bound. Look for a wrong unit or a wrong artefact; if "
+            "there is none, widen the bound."
         )
     return notes
 
@@ -155,9 +158,9 @@ def _as_drawn(examined: CalibrationExamination) -> list[str]:
     if not held:
         return []
     return [
-        "Held at nominal, because observations of these kinds cannot tell: "
-        f"{listed([item.fixed for item in held])}. The tip is as good as its drawing there, and "
-        f"no ± of this answer includes that{_at_stake(examined.solution, held)}."
+        f"Observations of these kinds cannot determine {listed([item.fixed for item in held])}, "
+        f"which {_keep_nominal(held)}. No ± includes an error there."
+        f"{_at_stake(examined.solution, held)}"
     ]
 
 
@@ -173,9 +176,8 @@ def _on_widening(solution: Solution) -> list[str]:
     if solution.widening <= 1.0:
         return []
     return [
-        "The validation errors are larger than the noise and the fitted rows explain. Every ± "
-        f"is therefore {solution.widening:.1f} times as wide as from the fitted rows alone, and "
-        "now agrees with these errors."
+        "The validation errors are larger than the noise and the covariance predict. Every ± was "
+        f"therefore multiplied by {solution.widening:.1f}, and now agrees with these errors."
     ]
 
 
@@ -187,11 +189,17 @@ def _at_stake(solution: Solution, held: Sequence[Explanation]) -> str:
         if each.moves:
             worst[parameters[each.fixed].unit] = each
     losses = [
-        f"with {value.fixed} off by 1 {unit_name(unit)}, the tip is off by "
-        f"{text(value.moves * stored(1.0, unit), 'm', with_unit=True)} in other postures"
+        f" If {value.fixed if len(held) > 1 else 'that'} is wrong by 1 {unit_name(unit)}, the tip "
+        f"is wrong by {text(value.moves * stored(1.0, unit), 'm', with_unit=True)} in other "
+        "postures."
         for unit, value in worst.items()
     ]
-    return f" ({'; '.join(losses)})" if losses else ""
+    return "".join(losses)
+
+
+def _keep_nominal(held: Sequence[Explanation]) -> str:
+    """The predicate of parameters that the data leave as they were."""
+    return "keeps its URDF value" if len(held) == 1 else "keep their URDF values"
 
 
 def _on_redundancy(examined: CalibrationExamination) -> list[str]:
@@ -202,8 +210,8 @@ def _on_redundancy(examined: CalibrationExamination) -> list[str]:
     if equations - examined.effective_unknowns >= 6:
         return []
     return [
-        f"{equations} independent equations for {len(solution.free)} unknowns: so few to spare "
-        "tell little of the noise, and every ± may be several times too small. Measure more."
+        f"{equations} independent equations for {len(solution.free)} unknowns: too few to estimate "
+        "the noise well. Every ± may be several times too small. Measure more."
     ]
 
 
@@ -269,9 +277,9 @@ def _beside_geometry(
     beside = () if arm is None else arm.nongeometric
     if held := [n for n, e in solution.arm_estimates.items() if e.value and n in beside]:
         notes.append(
-            f"A URDF cannot hold {listed(held)}: calibrated.urdf is the geometry only, and its tip "
-            "is right only with the corrections in result.json (track and validate apply them "
-            "with --result)."
+            f"A URDF cannot hold {listed(held)}. calibrated.urdf has the geometry only, and is not "
+            "accurate alone: use it with the corrections in result.json (track and validate apply "
+            "them with --result)."
         )
     if named:
         return notes
@@ -294,10 +302,10 @@ def _like_an_error(fewer: CalibrationExamination, accuracy: Accuracy) -> list[st
         return []
     in_it = [test for test in suspects if set(test.names) & set(gain.names)]
     worst, *further = in_it
-    more = f" (and {len(further)} more such errors)" if further else ""
+    more = f" (and {len(further)} more errors of this sort)" if further else ""
     return [
         f"The residuals of {worst.joint} look like {LOOKS_LIKE[worst.family]}{more}. "
-        f"{_with_it(gain)}. Run suta-calib extend, which says what to add to the job."
+        f"{_with_it(gain)}. Run suta-calib extend: it prints what to add to the job."
     ]
 
 
@@ -322,9 +330,9 @@ def _like_geometry(examined: CalibrationExamination, fewer: CalibrationExaminati
         " ".join(
             [
                 *repeats,
-                "The residuals look like errors of the geometry that the job holds as drawn.",
+                "The residuals look like errors of dimensions that the job fixes.",
                 f"{_with_it(gain)}.",
-                "Estimate it (select: geometric, with prior_mm and prior_deg).",
+                "Estimate these dimensions (select: geometric, with prior_mm and prior_deg).",
             ]
         )
     ]
@@ -334,6 +342,6 @@ def _with_it(gain: ExtensionGain) -> str:
     """What estimating it as well does to the errors of rows that were left out."""
     before, after = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
     return (
-        "With that estimated too, the error of rows left out of the fit falls from "
-        f"{before} to {after}"
+        f"If this is estimated too, the error of rows left out of the fit falls from {before} to "
+        f"{after}"
     )

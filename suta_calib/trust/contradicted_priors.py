@@ -82,9 +82,9 @@ class ContradictedBelief:
             for p, value, std in zip(self.told, self.values, self.stds, strict=True)
         )
         return (
-            f"The data contradict what was held of {self.told[0].owner} ({changes}), and what was "
-            f"fitted follows it: no ± covers that. Let it be estimated ({self.remedy}); or free "
-            "more of the arm, if that may be what is wrong."
+            f"The data contradict the fixed values of {self.told[0].owner} ({changes}). The result "
+            "follows the fixed values, and no ± includes this error. Estimate them "
+            f"({self.remedy}); or estimate more of the arm, if the arm may be what is wrong."
         )
 
 

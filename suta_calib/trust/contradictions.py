@@ -72,8 +72,8 @@ def contradictions(
     same, tried = solution.agreeing, len(solution.attempts)
     if tried > 1 and same < 0.5 * tried:
         sentence = (
-            f"Only {same} of {tried} starts ended in this minimum: there may be a better one, or "
-            "the data fit none well. Tighten the bounds, or raise solver.starts."
+            f"Only {same} of {tried} starts reached this minimum. There may be a better one, or "
+            "the data do not fit the model. Tighten the bounds, or raise solver.starts."
         )
         disagreements.append(Contradiction(False, sentence))
     return tuple(sorted(disagreements, key=lambda item: not item.bad))
@@ -94,8 +94,8 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
         if given and times > RESIDUAL_CARE:
             yield Contradiction(
                 times > RESIDUAL,
-                f"The {block.name} residuals are {scatter} per axis, {times:.0f} times the "
-                f"{stated} that the job states: the data do not fit this arm. If the instrument "
+                f"The {block.name} residuals are {scatter} per axis, {times:.0f} times the noise "
+                f"that the job states ({stated}): the data do not fit this arm. If the instrument "
                 f"really has so much noise, state it (sigma_{unit}).",
             )
         elif not given and times > RESIDUAL_CARE:
@@ -104,8 +104,8 @@ def _residuals(solution: Solution) -> Iterator[Contradiction]:
             yield Contradiction(
                 False,
                 f"The {block.name} residuals are {text(learnt, block.unit, with_unit=True)} per "
-                f"axis, far less than the {stated} that the job states: it lets priors weigh too "
-                "much.",
+                f"axis, far less than the noise that the job states ({stated}). Priors then pull "
+                f"the estimates too much. State a smaller sigma_{unit}.",
             )
         if level > 1e-9:
             yield from _gross(line, unit)
@@ -130,9 +130,9 @@ def _unstated(solution: Solution, k: int, times: float, unit: str) -> Iterator[C
         )
     elif math.isnan(rows.noise):
         cause = (
-            "no row repeats another, so the data do not show whether that is noise. If the "
-            f"instrument has so much noise, state it (sigma_{unit}). If not, measure some "
-            "postures twice"
+            "no posture was measured twice, so it is unknown whether this is noise. If the "
+            f"instrument has so much noise, state it (sigma_{unit}). If not, measure some postures "
+            "twice"
         )
     else:
         noise = text(rows.noise, rows.unit, with_unit=True)
@@ -183,8 +183,8 @@ def _gross(line: Linearised, unit: str) -> Iterator[Contradiction]:
             f"{how_many} {block.name} residuals are more than "
             f"{times:.0f} times as large as most"
             + (f", {100 * weight:.0f} % of the sum of squares" if decided else "")
-            + ": run suta-calib outliers, which says what they have in common"
-            + (f", and give huber_{unit}, so that they are believed less." if plain else "."),
+            + ". Run suta-calib outliers, which shows what these rows have in common"
+            + (f", and set huber_{unit} to give such rows less weight." if plain else "."),
         )
 
 
@@ -199,27 +199,29 @@ def _held_out(solution: Solution, errors: Sequence[HeldOutErrors]) -> Iterator[C
         if e.ratio * HELD_OUT < 1.0:
             yield Contradiction(
                 False,
-                f"Held-out {e.name} errors of {e.term.kind.replace('_', ' ')} are "
-                f"{text(e.level, e.unit, with_unit=True)} per axis, {1.0 / e.ratio:.1f} "
-                f"times smaller than those of the fitted rows explain "
-                f"({text(e.fitted, e.unit, with_unit=True)}): something is wrong in the "
-                "fitted rows that is not in these, such as labels, and the answer follows it.",
+                f"The {e.name} validation errors of {e.term.kind.replace('_', ' ')} are "
+                f"{text(e.level, e.unit, with_unit=True)} per axis, {1.0 / e.ratio:.1f} times "
+                "smaller than the fitted rows predict "
+                f"({text(e.fitted, e.unit, with_unit=True)}). Something is wrong in the fitted "
+                "rows, such as labels, and the result follows it. Run suta-calib outliers.",
             )
         if e.ratio < HELD_OUT_CARE:
             continue
         moved = e.placed_anew < e.level / HELD_OUT
         cause = (
-            "fitting where the instrument or the artefact stood to the held-out rows alone removes "
-            "them: it was moved; give these rows another label or placement"
+            "the instrument or the artefact was moved, because these errors vanish if its pose is "
+            "fitted to the validation rows alone. Give these rows another label or placement"
             if moved
-            else "another unit or day, other conditions, or unknowns that only fit the fitted rows"
+            else (
+                "look for another unit, another day or other conditions; or the unknowns are too "
+                "many, and fit only the fitted rows"
+            )
         )
         yield Contradiction(
             e.ratio > HELD_OUT,
-            f"Held-out {e.name} errors of {e.term.kind.replace('_', ' ')} are "
-            f"{text(e.level, e.unit, with_unit=True)} per axis, {e.ratio:.1f} times what "
-            f"noise and the covariance explain (fitted: "
-            f"{text(e.fitted, e.unit, with_unit=True)}): {cause}.",
+            f"The {e.name} validation errors of {e.term.kind.replace('_', ' ')} are "
+            f"{text(e.level, e.unit, with_unit=True)} per axis, {e.ratio:.1f} times what noise "
+            f"and covariance predict (fitted: {text(e.fitted, e.unit, with_unit=True)}): {cause}.",
         )
 
 
@@ -260,7 +262,7 @@ def _scales(solution: Solution) -> Iterator[Contradiction]:
         yield Contradiction(
             # Half a per cent moves a tip at arm's length by millimetres.
             size > 5e-3 and not of_arm and not weak,
-            f"{sentence}: check the scale and the certificate of what was measured with, and "
+            f"{sentence}. Check the scale and the certificate of the artefact or instrument, and "
             "whether the URDF is of another arm.",
         )
     beyond = None if named else beyond_drawing(solution)
@@ -274,9 +276,9 @@ def _on_one_alone(solution: Solution, name: str, off: float) -> Contradiction:
     by, prior = (text(v, p.unit, with_unit=True) for v in (off, p.prior or 0.0))
     return Contradiction(
         False,
-        f"{name} alone is {by} off its nominal value, but its prior is {prior}. The prior keeps "
-        "it from moving so far, and other parameters absorb the rest. Correct this value in the "
-        "URDF, or widen its prior.",
+        f"{name} differs from its nominal value by {by}, but its prior is {prior}. The prior "
+        "keeps it too close to nominal, and other parameters absorb the rest. Correct this value "
+        "in the URDF, or widen its prior.",
     )
 
 
@@ -293,7 +295,7 @@ def _on_drawing(solution: Solution, scale: CommonScale) -> Iterator[Contradictio
             f"All lengths of the arm came out {100 * abs(scale.value):.2f} % "
             f"{'longer' if scale.value > 0 else 'shorter'} than nominal. That is {drawn} "
             f"({100 * scale.std:.2g} %, one standard deviation). Check the scale and the "
-            "certificate of what was measured with, and whether the URDF is of another arm.",
+            "certificate of the artefact or instrument, and whether the URDF is of another arm.",
         )
 
 
@@ -316,12 +318,12 @@ def _priors(solution: Solution) -> Iterator[Contradiction]:
     p = parameters[name]
     more = f" and {len(far) - 1} more" if len(far) > 1 else ""
     stated = [pull for pull, n in far if not parameters[n].prior_assumed]
-    says = "is usual" if p.prior_assumed else "the priors say"
+    says = "usual values" if p.prior_assumed else "its prior"
     yield Contradiction(
         any(pull > PULL for pull in stated),
-        f"{name}{more} ended {worst:.0f} standard deviations from what {says} (by "
+        f"{name}{more} ended {worst:.0f} standard deviations from {says} (by "
         f"{text(values[name] - p.nominal, p.unit, with_unit=True)}, prior "
-        f"{text(p.prior, p.unit, with_unit=True)}): the prior is wrong, or the data are.",
+        f"{text(p.prior, p.unit, with_unit=True)}): either the prior or the data are wrong.",
     )
 
 
@@ -331,5 +333,5 @@ def _repeated(solution: Solution, validation: Sequence[Term]) -> Iterator[Contra
         yield Contradiction(
             False,
             f"{again} of {len(same)} validation rows were fitted too: "
-            + ("nothing was held out." if again == len(same) else "they were not held out."),
+            + ("no row was held out." if again == len(same) else "these were not held out."),
         )

@@ -107,17 +107,17 @@ class _Case:
         direction = self.directions[:, 0] / self.parameter.plausible
         moves = 0.0 if self.motion.vanishes else self.rich.registered(direction)
         if self.redundant:
-            to_know = f"; to know it, {' or '.join(good)}" if good else ""
+            to_know = f"; to determine it, {' or '.join(good)}" if good else ""
             needed = (
-                "none needed as far as the tip is as drawn"
+                "nothing to do if the tip is as in its drawing"
                 if moves
-                else "none needed: a convention, and nominal is one"
+                else "nothing to do: this parameter never moves the tip"
             )
             return Explanation(self.fixed, sentence, f"{needed}{to_know}", "redundant", moves)
         if not good:
             kinds = [kind.kind for kind in KINDS.values() if self._told_by(self._any(kind))]
             good = [f"add {' or '.join(kinds)}"] if kinds else []
-        remedy = " or ".join(good[:3]) or "hold it by a prior"
+        remedy = " or ".join(good[:3]) or "give it a prior"
         reason: HeldReason = "badly told" if self.spread < self.parameter.plausible else "untold"
         return Explanation(self.fixed, sentence, remedy, reason, moves)
 
@@ -139,9 +139,9 @@ class _Case:
             (f"{words} ({kind.kind})", partial(self.rich.tells, kind, True))
             for kind in KINDS.values()
             for words in (
-                ["certify how the tip sits, rotation_rpy_deg"]
+                ["certify the orientation of the seated tip, rotation_rpy_deg"]
                 if kind.needs_artefact and kind.has_angles
-                else ["see its orientation too"]
+                else ["measure its orientation too"]
                 if kind.columns.orientation == "optional"
                 else []
             )
@@ -198,7 +198,7 @@ def _of_arm(
         if explanation is not None:
             return explanation
     sentence = " ".join([f"{fixed} is not determined by these data.", *notes])
-    return Explanation(fixed, sentence, "hold it by a prior", failed=True)
+    return Explanation(fixed, sentence, "give it a prior", failed=True)
 
 
 def _explained(case: _Case) -> Explanation:
@@ -274,7 +274,7 @@ def _of_term(problem: Problem, combination: Combination) -> Explanation:
     together = [name for name in combination.direction if name != fixed]
     subject = f"{fixed} together with {', '.join(together)}" if together else fixed
     does = f"changes {label} in a way that its samples hardly show"
-    remedy = "to know it too, spread its samples wider"
+    remedy = "to determine it, spread its samples wider"
     if any(
         kind.needs_artefact and label.startswith(f"{kind.place_unknown}[")
         for kind in KINDS.values()
@@ -283,9 +283,9 @@ def _of_term(problem: Problem, combination: Combination) -> Explanation:
             f"turns the artefact about a line through the landmarks touched at {label}, which "
             "moves none of them"
         )
-        remedy = "to know this pose too, touch a landmark off that line"
+        remedy = "to determine this pose, touch a landmark off that line"
     reason: HeldReason = "redundant" if problem.arm_count else "untold"
-    return Explanation(fixed, f"{subject} {does}", f"none needed for the arm; {remedy}", reason)
+    return Explanation(fixed, f"{subject} {does}", f"nothing to do for the arm; {remedy}", reason)
 
 
 def _beside_geometry(case: _Case) -> Explanation | None:
@@ -295,20 +295,21 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         return None
     columns = {
         BACKLASH: (
-            "nothing says that the joint came from both sides",
-            f"come from both sides, and say so in the column {parameter.owner}.direction",
+            "the samples do not say from which side the joint came",
+            f"approach from both sides, and state it in the column {parameter.owner}.direction",
         ),
         EXPANSION: (
-            "nothing says that the arm was warm at some samples and cold at others",
-            "measure while it is warm and while it is cold, and say so in the column temperature",
+            "the samples do not say when the arm was warm and when it was cold",
+            "measure while the arm is warm and while it is cold, and state it in the column "
+            "temperature",
         ),
     }
     if parameter.key in columns:
         why, remedy = columns[parameter.key]
         reason: HeldReason = "redundant" if case.redundant else "untold"
-        return Explanation(case.fixed, f"{case.fixed} cannot be told: {why}", remedy, reason)
+        return Explanation(case.fixed, f"{case.fixed} cannot be determined: {why}", remedy, reason)
     if case.partners:
-        does = f"does the same as {case.partners} at the readings visited"
+        does = f"has the same effect as {case.partners} at these readings"
         arm = case.problem.arm
         assert arm is not None
         joint = arm.couplings.get(case.fixed, arm.read_from[parameter.owner])
@@ -316,7 +317,7 @@ def _beside_geometry(case: _Case) -> Explanation | None:
         return case.explained(f"{case.fixed} {does}", advice)
     if parameter.key != COMPLIANCE:
         return None
-    does = "does nothing at the postures visited: gravity has no torque about its axis"
+    does = "has no effect in these postures: gravity has no torque about its axis"
     return case.explained(f"{case.fixed} {does}", case.more("tilt its axis"))
 
 
@@ -325,11 +326,11 @@ def _same_thing(case: _Case) -> Explanation | None:
         return None
     keys = {case.problem.parameters[name].key for name in case.motion.main}
     if keys <= set(POSITION):
-        does = "does the same as {others}: together they slide a joint's frame along its own axis"
+        does = "has the same effect as {others}: together they slide a joint's frame along its axis"
     elif not keys & set(POSITION):
-        does = "does the same as {others}: together they turn a joint's frame about its own axis"
+        does = "has the same effect as {others}: together they turn a joint's frame about its axis"
     else:
-        does = "makes up for {others}: together they move a joint's frame, not the tip"
+        does = "cancels {others}: together they move a joint's frame, not the tip"
     return case.explained(
         f"{case.fixed} {does.format(others=case.partners or 'another parameter')}"
     )
@@ -338,9 +339,9 @@ def _same_thing(case: _Case) -> Explanation | None:
 def _turns_tip(case: _Case) -> Explanation | None:
     if not case.motion.turns_in_place:
         return None
-    why = "no observation looks at the tip's orientation"
+    why = "no observation measures the tip's orientation"
     if any(block.unit == "rad" for block in case.problem.blocks):
-        why = "unknowns of the observations make up for it"
+        why = "other unknowns of the observations can cancel it"
     return case.says(f"turns the tip without moving it, and {why}", *case.oriented())
 
 
@@ -367,8 +368,8 @@ def _rigid(case: _Case) -> Explanation | None:
             else f"shifts the whole arm along the base's {_axis(v_base)}"
         )
         gauge = (
-            "measurements relative to an artefact or a point that stands anywhere cannot see where "
-            "the arm stands (base gauge)"
+            "measurements relative to an artefact or a point of unknown place cannot show where "
+            "the arm stands"
         )
         return case.says(f"{does}: {why or gauge}", *case.kinds("base"))
     if not in_tool:
@@ -378,14 +379,14 @@ def _rigid(case: _Case) -> Explanation | None:
         return case.says(does, *case.kinds("tool"), *case.oriented())
     if float(np.linalg.norm(w_tool)) * LEVER <= NOISE * case.motion.size:
         return case.says(
-            f"changes the tool's length along the tip's {_axis(v_tool)}: this cancels out of every "
+            f"changes the tool's length along the tip's {_axis(v_tool)}: this cancels in every "
             "distance because the tool always has the same direction relative to the artefact",
             *case.kinds("tool"),
             case.more("tilt the tool against the artefact"),
         )
     return case.says(
         f"redefines the tip frame (a turn about the tip's {_axis(w_tool)}), and every observation "
-        "fits as well",
+        "fits as well as before",
         *case.oriented(),
         case.more("tilt the tool in more directions"),
     )
@@ -395,8 +396,8 @@ def _per_placement(case: _Case) -> Explanation | None:
     if case.motion.rigid_per_group(placement_groups(case.problem)) > NOISE:
         return None
     return case.says(
-        "moves all points touched at one place together, and the unknown pose of that place makes "
-        "up for it",
+        "moves all points touched at one place together, and the unknown pose of that place "
+        "cancels it",
         case.more("touch points farther apart within each placement"),
         *case.kinds("place"),
     )
@@ -406,9 +407,9 @@ def _hardly(case: _Case) -> Explanation:
     parameter = case.parameter
     plausible = _amount(parameter.plausible, parameter.unit)
     would = (
-        f"predicted ±{_amount(case.spread, parameter.unit)} against ±{plausible} plausible"
+        f"predicted ±{_amount(case.spread, parameter.unit)}, but ±{plausible} is known beforehand"
         if math.isfinite(case.spread)
-        else f"±{plausible} plausible, and nothing measured changes with it"
+        else f"it may be off by ±{plausible}, and no measured value changes"
     )
     assert case.problem.arm is not None
     # The moving joint whose excitation would tell: the last one at or before the parameter.
@@ -420,9 +421,9 @@ def _hardly(case: _Case) -> Explanation:
     else:
         joint = arm.joints[0]
     return case.says(
-        f"hardly changes anything measured at the visited poses ({would})",
-        (f"visit poses that differ more in {joint}", lambda: case.rich.varied(joint)),
-        case.more("visit poses all over the range of every joint"),
+        f"hardly changes any measured value in these postures ({would})",
+        (f"measure in postures that differ more in {joint}", lambda: case.rich.varied(joint)),
+        case.more("measure all over the range of every joint"),
     )
 
 

@@ -22,11 +22,11 @@ from suta_calib.solver.solution import Solution
 LOOKS_LIKE: Final[dict[Family, str]] = {
     "ecc_1": "an eccentric encoder",
     "ecc_2": "an eccentric encoder",
-    "compliance": "a joint that yields to gravity",
-    "gain": "a reading of the wrong scale",
-    "backlash": "play that the joint is on either side of",
-    "expansion": "lengths that grow with warmth",
-    COUPLING: "a joint that another one's motor moves too",
+    "compliance": "a joint that bends under gravity",
+    "gain": "a reading with a wrong scale factor",
+    "backlash": "backlash",
+    "expansion": "thermal expansion",
+    COUPLING: "a joint that another joint's motor moves too",
 }
 
 

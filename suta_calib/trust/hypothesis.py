@@ -159,9 +159,7 @@ class Reinterpretation(Hypothesis):
             text(value, evidence.unit, with_unit=True)
             for value in (evidence.before, evidence.after)
         )
-        return (
-            f"The data agree far better ({after} in place of {before}) if {evidence.description}."
-        )
+        return f"The data agree far better ({after} instead of {before}) if {evidence.description}."
 
 
 class Pattern(Hypothesis):

@@ -109,7 +109,7 @@ class ChangeInTime:
     def sentence(self) -> str:
         """What it is, and what to look at; and what these data cannot tell from it."""
         first = self.hypothesis.statement(self)
-        return " Or, which these data cannot tell from it: ".join([first, *self.instead])
+        return " These data fit another cause as well: ".join([first, *self.instead])
 
 
 class InTime(AddedVariable):
@@ -298,17 +298,17 @@ class FrameInTime(InTime):
         """From where to where, by how much."""
         if not self.at_once:
             return (
-                f"The {self.what} crept by {change.amount} while the rows were measured: "
-                "let it warm up, fix it."
+                f"The {self.what} crept by {change.amount} while the rows were measured. Let it "
+                "warm up, or fix it, and measure again."
             )
         if change.until:
             return (
-                f"The {self.what} was elsewhere by {change.amount} from {change.since} to "
-                f"{change.until}: give these rows another label."
+                f"The {self.what} was at another place, by {change.amount}, from {change.since} to "
+                f"{change.until}. Give these rows another label."
             )
         return (
-            f"The {self.what} was moved by {change.amount} at {change.since}: give the rows "
-            "after it another label."
+            f"The {self.what} was moved by {change.amount} at {change.since}. Give the rows after "
+            "it another label."
         )
 
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
@@ -323,7 +323,7 @@ class FrameInTime(InTime):
 class BaseInTime(FrameInTime):
     """A base, an instrument or an artefact."""
 
-    what = "base, or what it met,"
+    what = "base, or what it measures,"
 
     def axes(self, rotation: FloatArray) -> FloatArray:
         """Those of the base."""
@@ -339,7 +339,7 @@ class BaseInTime(FrameInTime):
 class TipInTime(FrameInTime):
     """A tool, or what is on it; it turns about the tip."""
 
-    what = "tool, or what is on it,"
+    what = "tool, or the target on it,"
 
     def axes(self, rotation: FloatArray) -> FloatArray:
         """Those of the tip."""

@@ -37,8 +37,8 @@ def judge_priors(solution: Solution) -> PriorNotes:
     if not narrow:
         return PriorNotes(bad, care)
     sentence = (
-        f"The errors of the arm are larger than the job's priors say: {_listed(narrow)} times. "
-        "The fit has widened the priors by these factors, and every ± includes it."
+        f"The errors of the arm are larger than the job's priors: {_listed(narrow)} times. The fit "
+        "has widened the priors by these factors, and every ± includes it."
     )
     # Factor on priors that the fit has widened from which on it is no guess but another unit.
     if max(factor.value for factor in narrow.values()) > 30.0:
@@ -61,9 +61,9 @@ def _held(solution: Solution) -> tuple[tuple[str, ...], tuple[str, ...]]:
     if not narrow:
         return (), ()
     sentence = (
-        "The job holds its priors (fixed: true), but the errors of the arm are larger than they "
-        f"say: {_listed(narrow)} times. The part that the priors do not allow stays in the "
-        "residuals, and no ± includes it. State wider priors, or leave out fixed: true."
+        "The priors are fixed (fixed: true), but the errors of the arm are larger than they state: "
+        f"{_listed(narrow)} times. The part that the priors do not allow stays in the residuals, "
+        "and no ± includes it. State wider priors, or leave out fixed: true."
     )
     # Factor on held priors from which on the answer is wrong: simulated arms were then off by more
     # than five of their standard deviations.

@@ -39,7 +39,7 @@ class Rule:
     )
     far_better: float = keyed(
         quantity("1", "positive"),
-        "Times less misfit that data must have when they are read in another way.",
+        "Factor by which the misfit must fall before the data are read in another way.",
         2.0,
     )
     times_std: float = keyed(

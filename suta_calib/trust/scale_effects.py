@@ -52,23 +52,23 @@ class ScaleEffect:
         """That it carries the scale, how well it is known, and what that is at the tip."""
         if self.what == HELD:
             return (
-                f"No observation measures a length: {self.name}, which is held at nominal, "
-                "carries the scale of the arm's lengths. The standard deviation of this scale "
-                f"({self.scale.sentence}) is {text(self.tip, 'm', with_unit=True)} at the tip, "
-                "and every ± includes it. State how good the drawing is (arm: {grade: …}), "
+                f"No observation measures a length. All lengths of the arm depend on {self.name}, "
+                "which keeps its URDF value and carries the scale. The standard deviation of this "
+                f"scale ({self.scale.sentence}) is {text(self.tip, 'm', with_unit=True)} at the "
+                f"tip, and every ± includes it. State how good the drawing is (arm: {{grade: …}}), "
                 "estimate this length with prior_mm, or measure a length."
             )
         if self.bends:
             return (
-                f"The estimated parameters follow the scale of the {self.what}, although the "
-                "arm's long lengths do not. Residuals hardly show an error of this scale. Its "
-                f"standard deviation ({self.scale.sentence}) is "
-                f"{text(self.tip, 'm', with_unit=True)} at the tip, and every ± includes it; an "
-                f"error of 1 % is {text(self.tip / self.scale.std / 100, 'm')} mm."
+                f"The estimated parameters follow the scale of the {self.what}, although the arm's "
+                "long lengths do not. Residuals hardly show an error of this scale. Its standard "
+                f"deviation ({self.scale.sentence}) is {text(self.tip, 'm', with_unit=True)} at "
+                "the tip, and every ± includes it. If the scale is wrong by 1 %, the tip is wrong "
+                f"by {text(self.tip / self.scale.std / 100, 'm')} mm."
             )
         return (
-            f"The {self.what} carries the scale of the arm's lengths, and no residual checks it. "
-            f"Its standard deviation ({self.scale.sentence}) is "
+            f"The {self.what} carries the scale: if it is 1 % too long, so is the arm, and no "
+            f"residual shows it. The standard deviation of this scale ({self.scale.sentence}) is "
             f"{text(self.tip, 'm', with_unit=True)} at the tip, and every ± includes it."
         )
 
@@ -122,8 +122,9 @@ def held_unseen(solution: Solution) -> str:
         return ""
     tip = text(float(np.linalg.norm(held.tip)), "m", with_unit=True)
     return (
-        f"{listed(held.carriers)} held at nominal, and no residual shows an error there. It is "
-        f"{tip} at the tip (one standard deviation) if the drawing is as good there as "
-        "elsewhere, and every ± includes it. State how good the drawing is (arm: {grade: …}), "
-        "or estimate more with prior_mm and prior_deg."
+        f"{listed(held.carriers)} "
+        f"{'keeps its URDF value' if len(held.carriers) == 1 else 'keep their URDF values'}, and "
+        "no residual shows an error there. If the drawing is as good there as elsewhere, this "
+        f"error is {tip} at the tip (one standard deviation), and every ± includes it. State how "
+        f"good the drawing is (arm: {{grade: …}}), or estimate more with prior_mm and prior_deg."
     )

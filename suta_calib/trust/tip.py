@@ -173,7 +173,7 @@ def taken_as_cool(parameters: ParameterSet, values: Mapping[str, float]) -> str:
         return ""
     most = mm(max(map(abs, growth.values())) * warmer)
     return (
-        f"Nothing says here how warm the arm is: it is taken to be at {REFERENCE_TEMPERATURE:g} °C,"
-        f" though {listed(tuple(growth))} was found. {warmer:g} K above, a metre of it is off by "
-        f"up to {most:.2g} mm."
+        "The samples do not state the temperature of the arm. It is taken to be "
+        f"{REFERENCE_TEMPERATURE:g} °C, though {listed(tuple(growth))} was estimated. If the arm "
+        f"is {warmer:g} K warmer, each metre of it is longer or shorter by up to {most:.2g} mm."
     )

@@ -59,12 +59,12 @@ class Access:
         """Why a request is not answered, in words; None for one that is."""
         hosts, origins = request.headers.get_all("Host"), request.headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_ours(hosts[0]):
-            return "the address names another computer than this one"
+            return "the address is of another computer"
         if len(origins) > 1 or (origins and urlsplit(origins[0]).netloc != hosts[0]):
             return "another page asks"
         first = request.path.partition("?")[0].split("/")[1:2]
         if not first or not secrets.compare_digest(first[0].encode(), self.token.encode()):
-            return "the address lacks its key; open the one that suta-calib view printed"
+            return "the address has no key; open the address that suta-calib view printed"
         return None
 
     def _is_ours(self, host: str) -> bool:

@@ -65,7 +65,10 @@ def link_meshes(urdf: Path, data: bytes) -> tuple[LinkMesh, ...]:
         try:
             return shapes(readable)
         except Exception as error:  # noqa: BLE001 (it checks little of what it reads)
-            _warn(f"{urdf}: found shapes that cannot be drawn ({error}); frames and lines are")
+            _warn(
+                f"{urdf}: found shapes that cannot be drawn ({error}); only frames and lines "
+                "are drawn"
+            )
             return ()
 
 

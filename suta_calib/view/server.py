@@ -400,7 +400,8 @@ def _server(port: int, host: str, access: Access) -> viser.ViserServer:
         with _silent():
             server.stop()
         raise OutputError(
-            f"{host}:{port}: found a version of viser that answers whoever asks; expected viser 1.1"
+            f"{host}:{port}: found a version of viser that answers every computer in the "
+            "network; expected viser 1.1"
         )
     # What a broken message raises in a task of the server's is no news either.
     loop = server.get_event_loop()

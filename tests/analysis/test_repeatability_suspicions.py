@@ -125,7 +125,7 @@ def in_unit(column: int, unit: float, q: FloatArray) -> FloatArray:
     [
         (lambda q: q * [1, 1, -1, 1, 1, 1], "joint_3 counts the other way"),
         (lambda q: q[:, [0, 2, 1, 3, 4, 5]], "the columns of joint_2 and joint_3 are exchanged"),
-        (lambda q: q[:, ::-1], "the joints' columns stand in the opposite order"),
+        (lambda q: q[:, ::-1], "the joints' columns are in the opposite order"),
         (one_row_late, "the readings of joint_3 are one row late"),
         *(
             (partial(in_unit, k, unit), f"the readings of joint_{k + 1} are in {name}, not rad")

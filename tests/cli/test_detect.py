@@ -41,7 +41,7 @@ def test_corners_camera_and_pictures(workcell: Path, tmp_path: Path, capsys: Cap
     there = stored.take(np.isin(stored.image, found.images))
     assert np.allclose(found.pixel, there.pixel, atol=0.02)
     assert (tmp_path / "r" / "00.found.jpg").stat().st_size > 1000
-    assert "Corners over the picture" in (tmp_path / "r" / "report.html").read_text("utf-8")
+    assert "Corners in the picture" in (tmp_path / "r" / "report.html").read_text("utf-8")
 
 
 def test_a_wrong_board_leaves_nothing_behind(workcell: Path, tmp_path: Path, capsys: Capture):

@@ -119,11 +119,11 @@ def test_copies_are_no_touches(folder: Path, jitter: float) -> None:
     found = answer("iso10360", folder / "job.yaml", code=1)
     assert decisions(found)["P_Form"] == "undecided"
     notes = " ".join(found["verdict"]["notes"])
-    assert "probing: 40 of 50 touches read what another does" in notes
+    assert "probing: 40 of 50 touches repeat another touch" in notes
     assert "5 of near, 5 of far touches; the standard asks for 25" in notes
 
     rewrite(folder / "repeated.csv", lambda k, rows: [*rows[0][:6], *rows[k][6:]])
-    assert "29 of 30 touches read what another does" in refuses(folder)
+    assert "29 of 30 touches repeat another touch" in refuses(folder)
 
 
 def test_coarse_encoders_may_read_the_same_again(folder: Path, capsys: Capture) -> None:
@@ -186,7 +186,7 @@ def test_a_calibration_gives_figures_without_decision(calibration: Path) -> None
     assert decisions(found) == {"E_Uni": "no limit", "L_Dia": "no limit"}
     notes = " ".join(found["verdict"]["notes"])
     assert "give the calibrated one with --urdf" in notes
-    assert "not held out" in notes
+    assert "not validation data" in notes
     own = answer("iso10360", calibration.parent / "job.yaml")
     assert found["lengths"]["rms_mm"] == pytest.approx(own["lengths"]["rms_mm"])
 
@@ -258,7 +258,7 @@ def test_an_arm_and_data_are_asked_for(folder: Path) -> None:
     change(folder, "arm: {urdf: suta.urdf", "arm: {urdf: other.urdf")
     assert "other.urdf" in refuses(folder)
     (folder / "job.yaml").write_text("arm: {urdf: suta.urdf, tip: tip}\n")
-    assert "nothing that was measured" in refuses(folder)
+    assert "no measurements" in refuses(folder)
 
 
 def test_limits_for_what_is_not_tested_are_refused(folder: Path) -> None:

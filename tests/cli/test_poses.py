@@ -46,7 +46,7 @@ def test_pivot_finds_tip_post_and_outliers(pivot_file: Path) -> None:
         f"{found['rms_mm']:.3f} mm RMS"
     )
     (relied_on,) = found["verdict"].pop("notes")
-    assert relied_on.startswith("No residual shows the tracker's scale")
+    assert relied_on.startswith("No residual shows an error of the tracker's scale")
     assert found["verdict"] == {"level": "good", "usable": True, "sentence": sentence}
     assert "posts_mm" not in found
     assert "files" not in found

@@ -166,5 +166,5 @@ def test_a_copy_that_would_fill_the_disk_is_refused(tmp_path: Path) -> None:
     with pytest.raises(Exception, match="found more than 64 MB"):
         InputsCopy.read(path)
     path.write_bytes(b"PK")
-    with pytest.raises(Exception, match="found something else, or damaged"):
+    with pytest.raises(Exception, match="found another or a damaged file"):
         InputsCopy.read(path)

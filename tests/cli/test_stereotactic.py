@@ -118,7 +118,7 @@ def test_table(prefix: Path, out: Path, dewarp: bool) -> None:
     shown = printed("stereotactic", prefix, "--out", out, *(["--dewarp"] if dewarp else []))
     assert "optical post" in shown
     assert ("tip in CT" in shown) == dewarp
-    assert ("--dewarp corrects it" in shown) != dewarp
+    assert ("Use --dewarp to correct it" in shown) != dewarp
     assert f"{NAME}-output1.txt" in shown
 
 
@@ -213,7 +213,7 @@ def still(prefix: Path) -> None:
 @pytest.mark.parametrize(
     ("spoil", "options", "says"),
     [
-        (missing("calbody"), [], ("sim-calbody.txt", "PREFIX is what stands before")),
+        (missing("calbody"), [], ("sim-calbody.txt", "PREFIX is the part of the name before")),
         (missing("optpivot"), [], ("sim-optpivot.txt", "no such file")),
         (empty("empivot"), [], ("sim-empivot.txt", "empty")),
         (line("calreadings", 9, "1, 2"), [], ("sim-calreadings.txt:9", "three numbers")),

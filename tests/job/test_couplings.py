@@ -90,7 +90,10 @@ def test_one_that_is_given_is_kept_for_any_urdf_and_in_the_result(
         ("{joint_3: joint_2}", "arm.couplings.joint_3: found 'joint_2'"),
         ("{joint_3: {joint_2: much}}", "arm.couplings.joint_3.joint_2: found 'much'"),
         ("{elbow: {joint_2: -1}}", "arm.couplings.elbow: found no joint that can be coupled"),
-        ("{joint_3: {joint_3: -1}}", "whose reading can move joint_3 too; expected one of joint_1"),
+        (
+            "{joint_3: {joint_3: -1}}",
+            "whose reading can also move joint_3; expected one of joint_1",
+        ),
         ("{joint_3: {shoulder: -1}}", "arm.couplings.joint_3.shoulder: found no joint"),
     ],
 )

@@ -63,9 +63,9 @@ def test_a_copied_file_counts_once_and_is_said(job: Path, name: str) -> None:
     copy.parent.mkdir(exist_ok=True)
     shutil.copy(job.parent / "calibration" / "a.csv", copy)
     twice = with_rows(job, ROW.replace("'calibration/*.csv'", f"[calibration/a.csv, {name}]")).run()
-    said = f"40 rows of {copy.name} stand in a.csv too: they count once."
+    said = f"40 rows of {copy.name} are in a.csv too. They count once."
     assert said in twice.assessment.notes
-    assert not any("they count once" in note for note in once.assessment.notes)
+    assert not any("They count once" in note for note in once.assessment.notes)
     for estimate in once.solution.estimates.values():
         if estimate.std:
             same = twice.solution.estimates[estimate.name].std
@@ -79,9 +79,9 @@ def test_a_file_whose_rows_stand_three_times_counts_once_and_is_said(job: Path) 
     header, *rows = file.read_text().splitlines(keepends=True)
     file.write_text("".join([header, *rows * 3]))
     thrice = CalibrationJob.load(job).run()
-    said = "80 rows of a.csv stand there twice or more: they count once."
+    said = "80 rows of a.csv appear twice or more in the same file. They count once."
     assert said in thrice.assessment.notes
-    assert not any("they count once" in note for note in once.assessment.notes)
+    assert not any("They count once" in note for note in once.assessment.notes)
     assert {*thrice.assessment.notes} - {said} == {*once.assessment.notes}
     for estimate in once.solution.estimates.values():
         if estimate.std:
@@ -95,7 +95,7 @@ def test_rows_read_again_at_once_are_no_copies(job: Path) -> None:
     header, *rows = file.read_text().splitlines(keepends=True)
     file.write_text("".join([header, *(row for row in rows for _ in range(3))]))
     notes = CalibrationJob.load(job).run().assessment.notes
-    assert not any("they count once" in note for note in notes)
+    assert not any("They count once" in note for note in notes)
 
 
 @pytest.mark.parametrize(("rows", "said"), [(40, True), (0, False)])

@@ -124,7 +124,7 @@ def test_it_is_held_and_explained_where_they_do_not() -> None:
     (told,) = (
         e for e in explain(problem, solution.x, solution.identification) if e.fixed == COMMON
     )
-    assert "warm at some samples and cold at others" in told.sentence
+    assert "when the arm was warm and when it was cold" in told.sentence
     assert "column temperature" in told.remedy
 
 

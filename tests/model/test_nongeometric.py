@@ -86,7 +86,7 @@ def test_what_is_no_other_than_an_offset_is_held_and_explained(held: int, name: 
     assert solution.estimates["joint_3.offset"].given == (name,)
     (explanation,) = explain(problem, solution.x, solution.identification)
     assert explanation.fixed == name
-    assert "does the same as joint_3.offset" in explanation.sentence
+    assert "has the same effect as joint_3.offset" in explanation.sentence
     assert explanation.remedy == f"turn joint_{held + 1} farther"
 
 

@@ -112,13 +112,13 @@ def same(poses: Poses) -> Poses:
     return poses
 
 
-OTHER_SETUP = "if setup is eye-to-hand, or else if the hand's or the eye's poses are inverted"
+OTHER_SETUP = "if setup is eye-to-hand, or if the poses of the hand or of the camera are inverted"
 Change = Callable[[Poses], Poses]
 MISREAD: dict[str, tuple[Change, Change, str]] = {
     "hand inverted, or the other setup": (inverse_poses, same, OTHER_SETUP),
     "eye inverted": (same, inverse_poses, OTHER_SETUP),
     "hand w x y z": (w_first, same, "if the hand's quaternions are in the order w x y z"),
-    "eye w x y z": (same, w_first, "if the eye's quaternions are in the order w x y z"),
+    "eye w x y z": (same, w_first, "if the camera's quaternions are in the order w x y z"),
     "both w x y z": (w_first, w_first, "if all quaternions are in the order w x y z"),
 }
 
@@ -135,7 +135,7 @@ def agreeing_if(says: str, hand: Poses, seen: Poses) -> tuple[float, float]:
     said = str(problem.value)
     assert said.endswith(says)
     assert "turn the hand" not in said
-    slid, turned = re.search(r"they agree with one to ([\d.]+) mm and ([\d.]+)°", said).groups()
+    slid, turned = re.search(r"they agree to ([\d.]+) mm and ([\d.]+)°", said).groups()
     return float(slid), float(turned)
 
 
@@ -188,21 +188,27 @@ def rows_later(poses: Poses, rows: int) -> Poses:
 
 WRITTEN: dict[str, tuple[Change, Change]] = {
     "if the hand's rotations are transposed, its positions not": (transposed, same),
-    "if the eye's rotations are transposed, its positions not": (same, transposed),
-    "if y, z of the eye's positions have the wrong sign, its rotations not": (
+    "if the camera's rotations are transposed, its positions not": (same, transposed),
+    "if y, z of the camera's positions have the wrong sign, its rotations not": (
         same,
         lambda poses: with_signs(poses, 1.0, -1.0, -1.0),
     ),
-    "if the hand's or the eye's frame is left-handed": (mirrored, same),
-    "if the hand's positions are in mm, the eye's in m": (lambda poses: in_unit(poses, 1e-3), same),
-    "if the eye's positions are in mm, the hand's in m": (same, lambda poses: in_unit(poses, 1e-3)),
-    "if the eye's positions are in inches, the hand's in m": (
+    "if the hand's or the camera's frame is left-handed": (mirrored, same),
+    "if the hand's positions are in mm, the camera's in m": (
+        lambda poses: in_unit(poses, 1e-3),
+        same,
+    ),
+    "if the camera's positions are in mm, the hand's in m": (
+        same,
+        lambda poses: in_unit(poses, 1e-3),
+    ),
+    "if the camera's positions are in inches, the hand's in m": (
         same,
         lambda poses: in_unit(poses, 0.0254),
     ),
-    "if what the eye saw is a row late": (same, lambda poses: rows_later(poses, 1)),
-    "if what the eye saw is 4 rows early": (same, lambda poses: rows_later(poses, -4)),
-    "if what the eye saw is in the opposite order": (
+    "if the target poses are a row late": (same, lambda poses: rows_later(poses, 1)),
+    "if the target poses are 4 rows early": (same, lambda poses: rows_later(poses, -4)),
+    "if the target poses are in the opposite order": (
         same,
         lambda poses: rows_of(poses, np.arange(len(poses[1]))[::-1]),
     ),
@@ -211,7 +217,7 @@ WRITTEN: dict[str, tuple[Change, Change]] = {
 
 @pytest.mark.parametrize(
     ("says", "count"),
-    [*((says, 20) for says in WRITTEN), ("if what the eye saw is a row late", 300)],
+    [*((says, 20) for says in WRITTEN), ("if the target poses are a row late", 300)],
 )
 def test_poses_written_in_another_way_are_told_so(says: str, count: int) -> None:
     data = noisy(count, seed=3)
@@ -237,7 +243,7 @@ def test_poses_read_rightly_are_never_told_another_way(
     for seed in range(2):
         gross = OutlierModel(share, NATURES[seed % 2])  # type: ignore[arg-type]
         data = simulate(count, hand=noise, eye=noise, seed=seed, gross=gross)
-        assert "they agree with one" not in said_of(data)
+        assert "they agree to" not in said_of(data)
 
 
 def said_of(data: Simulated[HandEye]) -> str:
@@ -272,7 +278,7 @@ def test_a_side_whose_pose_does_not_change_is_named(side: int, same: int, which:
     data = noisy(12)
     sides = [data.poses, data.seen]
     sides[side] = repeating(sides[side], np.arange(same))
-    whose = (r"a pose of the hand \(a_\)", r"a pose that the eye saw \(b_\)")
+    whose = (r"a pose of the hand \(a_\)", r"a pose of the target \(b_\)")
     said = f"{whose[side]} that is the same in {which}, while {whose[1 - side]} changes by"
     with pytest.raises(SamplesError, match=said) as problem:
         calibrate_hand_eye(*sides)

@@ -74,7 +74,7 @@ def with_eye_moved(setup: EyeSetup) -> HandEyeCalibration:
 
 @pytest.mark.parametrize(
     ("setup", "what"),
-    [(EYE_IN_HAND, "the eye on the hand"), (EYE_TO_HAND, "the eye (or the base)")],
+    [(EYE_IN_HAND, "the camera on the hand"), (EYE_TO_HAND, "the camera (or the base)")],
 )
 def test_an_eye_that_was_bumped_is_named(setup: EyeSetup, what: str) -> None:
     found = with_eye_moved(setup)

@@ -48,7 +48,7 @@ def test_a_board_that_looks_the_same_turned_is_numbered_as_the_poses_tell(setup:
     corners = scene.views[0].corners
     turned = np.isin(corners.image, [f"{k:03d}.png" for k in range(1, 20, 2)])
     point = np.where(turned, len(board.points) - 1 - corners.point, corners.point)
-    with pytest.warns(SutaCalibWarning, match="looks the same after half a turn; in"):
+    with pytest.warns(SutaCalibWarning, match="looks the same after half a turn. In"):
         (seen,) = solved(other(scene, point=point), setup=setup).cameras
     (known,) = solved(scene, setup=setup).cameras
     assert seen.inliers.all()
@@ -118,8 +118,8 @@ def test_pictures_that_agree_with_no_x_say_why() -> None:
     rotation, position = scene.hand.pose
     far = replace(scene, hand=replace(scene.hand, pose=(rotation, 1e3 * position)))
     for wrong, said in (
-        (other(scene, pixel=pixel * 0.5 + [500.0, 0.0]), "focal length of some (49|50)"),
-        (other(scene, pixel=(pixel + 0.5) / 2 - 0.5), "corners of pictures of some 640 x 480 px"),
+        (other(scene, pixel=pixel * 0.5 + [500.0, 0.0]), "focal length of about (49|50)"),
+        (other(scene, pixel=(pixel + 0.5) / 2 - 0.5), "corners of pictures of about 640 x 480 px"),
         (other(scene, board=EXCHANGED), "if its columns and rows are exchanged"),
         (other(scene, pixel=[1279.0, 0.0] + pixel * [-1.0, 1.0]), "or the pictures are mirrored"),
         (other(scene, pixel=[0.0, 959.0] + pixel * [1.0, -1.0]), "if v counts upwards"),
@@ -141,7 +141,7 @@ def test_a_board_that_was_printed_larger_or_smaller_is_named(
     (seen,) = found.cameras
     assert found.assessment.level == level
     assert seen.board_scale * size == pytest.approx(1.0, rel=0.01)
-    told = any("as the pictures show by the size" in n for n in found.assessment.notes)
+    told = any("as the pictures show with the size" in n for n in found.assessment.notes)
     assert told == (size != 1.0)
 
 

@@ -67,7 +67,7 @@ def test_corners_that_a_camera_was_calibrated_from_are_counted_once() -> None:
     same = replace(told, corners=view.corners.digest)
     answer = solved(replace(scene, views=(replace(view, camera=same),)))
     assert answer.assessment.level == "good"
-    assert "from these very corners: they are counted once" in answer.assessment.notes[-1]
+    assert "from these same corners. They count once" in answer.assessment.notes[-1]
 
 
 def test_a_robots_errors_are_told_from_the_cameras() -> None:
@@ -118,7 +118,7 @@ def test_a_principal_point_a_pixel_off_is_named_and_costs_nothing() -> None:
     right, wrong = (solved(pictures(20, pixel=0.03, given=file)) for file in (CAMERA, away))
     assert not right.assessment.notes
     assert wrong.assessment.level == "good"
-    assert "put the principal point at (64" in wrong.assessment.notes[0]
+    assert "The principal point is (64" in wrong.assessment.notes[0]
     std = wrong.cameras[0].std["X"]
     assert np.abs(errors(wrong.cameras[0])[:6] / std).max() < 4.0
 

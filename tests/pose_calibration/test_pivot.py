@@ -360,7 +360,7 @@ def test_what_hardly_bends_is_within_plus_minus_or_said_to_be_unseen(count: int)
             assert found.unseen is not None
             by, tilt = found.unseen
             assert off < 1.2 * by / tilt
-            assert "yields to all sides alike by less than" in found.relied_on
+            assert "bends equally to all sides by less than" in found.relied_on
 
 
 def test_an_answer_says_that_no_residual_shows_the_scale() -> None:

@@ -49,7 +49,7 @@ def test_an_axis_of_another_scale_is_named_in_its_frame(count: int, factor: floa
             found = register(first, second)
             assert strained(found) == "bad"
             assert not found.assessment.usable
-            assert f"every direction of the {which}: " in found.assessment.notes[0]
+            assert f"along all directions of the {which} set: " in found.assessment.notes[0]
             assert "times along (" in found.assessment.notes[0]
             at = -1 if expected > 1.0 else 0
             axes = getattr(strain(found), which)

@@ -292,7 +292,7 @@ def test_the_urdf_of_a_calibration_that_made_it_worse_has_another_name(
     files = write_results(worse, tmp_path)
     assert set(files) == {"not_usable.urdf", *BESIDE}
     assert not json.loads(files["result.json"].read_text("utf-8"))["verdict"]["usable"]
-    assert "not_usable.urdf holds what was found" in " ".join(told(worse).split())
+    assert "The result is in not_usable.urdf" in " ".join(told(worse).split())
     assert "No calibrated.urdf" in files["report.html"].read_text("utf-8")
 
 

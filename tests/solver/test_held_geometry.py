@@ -153,7 +153,7 @@ def test_observe_says_before_measuring_what_will_carry_the_scale() -> None:
     found = observe(Problem([term], unknowns(arm)))
     assert found.assessment.level == "care"
     (note,) = found.assessment.notes
-    assert "joint_6.z, which is held at nominal, carries the scale" in note
+    assert "depend on joint_6.z, which keeps its URDF value and carries the scale" in note
     seen = tracked_scene(arm, truth_of(arm), 40).exact()
     assert observe(Problem([seen], unknowns(arm))).assessment.notes == ()
     # Somebody has said how good it is.

@@ -68,11 +68,11 @@ WRONG_SHAPE = {
     ),
     "D of calbody, one marker": (
         of_body("base", lambda x: one_marker(x, 1e-3, 5)),
-        r"optpivot: the D markers have not .* marker 6 is 1\.00 mm off .* So they do in calread",
+        r"optpivot: the D markers do not have .* marker 6 is 1\.00 mm from .* same is true in calr",
     ),
     "D of calbody, larger": (
         of_body("base", lambda x: 1.005 * x),
-        r"optpivot: the D markers lie 0\.9950\d+ ± 0\.0000\d+ times .* So they do in calreadings",
+        r"optpivot: the D markers lie 0\.9950\d+ ± 0\.0000\d+ times .* same is true in calreadings",
     ),
     "A of calbody, larger": (
         of_body("optical", lambda x: 1.005 * x),
@@ -128,7 +128,7 @@ def test_single_frames_of_a_body_are_named(tmp_path: Path) -> None:
     for seed, kind in enumerate(KINDS):
         data = written(tmp_path, seed, **KINDS[kind])
         wrong = of_readings("base", lambda x: one_marker(x, 3e-3, frame=3))(data)
-        told = r"calreadings: D markers stay up to 2\.\d+ mm off .* \(frame 4\).* --robust leaves"
+        told = r"calreadings: D markers are up to 2\.\d+ mm from .* \(frame 4\).* --robust leaves"
         assert any(re.search(told, note) for note in judged(wrong, dewarp=False).notes)
         assert says_of_shapes(judged(wrong, robust=True)) == []
 
@@ -154,7 +154,7 @@ def test_base_readings_of_another_frame_are_named(
     for dewarp in (False, True):
         assessment = judged(data, dewarp=dewarp)
         assert assessment.level == "bad"
-        assert f"they seem one frame {word}" in assessment.notes[0]
+        assert f"they seem to be one frame {word}" in assessment.notes[0]
 
 
 @pytest.mark.parametrize("kind", KINDS)

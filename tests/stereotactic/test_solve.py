@@ -217,26 +217,26 @@ def one_off(frames: FloatArray, index: int, by: float) -> FloatArray:
 CONTRADICTED = {
     "a fiducial in CT": (
         lambda d: with_navigation(d, ct_fiducials=one_off(d.navigation.ct_fiducials, 2, 3e-3)),
-        "Fiducial 3 is off most",
+        "Fiducial 3 has the largest error",
     ),
     "a fiducial that was touched elsewhere": (
         lambda d: with_navigation(d, em_fiducials=one_off(d.navigation.em_fiducials, 4, 3e-3)),
-        "Fiducial 5 is off most",
+        "Fiducial 5 has the largest error",
     ),
     "a frame of the EM pivot": (
         lambda d: replace(d, em_pivot=one_off(d.em_pivot, 3, 4e-3)),
-        r"EM pivot: Of the poses .*\b3\b.* \(rows from 0\) contradict the others",
+        r"EM pivot: Of the poses, .*\b3\b.* \(rows from 0\) contradict the others",
     ),
     "a frame of the optical pivot": (
         lambda d: replace(
             d,
             optical_pivot=replace(d.optical_pivot, probe=one_off(d.optical_pivot.probe, 5, 4e-3)),
         ),
-        r"optical pivot: Of the poses .*\b5\b.* \(rows from 0\) contradict the others",
+        r"optical pivot: Of the poses, .*\b5\b.* \(rows from 0\) contradict the others",
     ),
     "a frame of the calibration object": (
         lambda d: replace(d, readings=replace(d.readings, em=one_off(d.readings.em, 10, 5e-3))),
-        r"place \(frame 11\): they bend the correction there. --robust leaves them out.",
+        r"predict \(frame 11\)\. They make the correction wrong .* Use --robust to leave them out",
     ),
 }
 

@@ -161,7 +161,7 @@ def test_held_intrinsics_that_the_pictures_contradict_are_named(
     (folder / "held.yaml").write_text(file)
     (folder / "held_job.yaml").write_text(JOB.replace("camera.yaml", "held.yaml"))
     found = answer("calibrate", folder / "held_job.yaml", "--out", folder / "held")
-    notes = [note for note in found["verdict"]["notes"] if "contradict what was held" in note]
+    notes = [note for note in found["verdict"]["notes"] if "contradict the fixed values" in note]
     assert len(notes) == contradicted
     assert all("of camera (fx 1015.000 → 100" in note for note in notes)
     assert all("intrinsics: free" in note for note in notes)
@@ -203,11 +203,11 @@ def test_every_command_takes_the_job(folder: Path, command: tuple[Any, ...]) -> 
     [
         (", board: board.yaml", "", "board: found no such key"),
         ("corners: corners/calibration.csv, ", "", "corners: found no such key"),
-        ("huber_px", "huber_mm", "a key that camera_view has no use for"),
+        ("huber_px", "huber_mm", "a key that camera_view does not use"),
         (", camera: camera.yaml", ", intrinsics: fixed", "no camera for intrinsics: fixed"),
         ("corners/calibration", "corners/validation", "the same names in both"),
         ("huber_px: 1", "setup: eye", "one of eye-in-hand, eye-to-hand"),
-        ("px: 1}", "px: 1, intrinsics: free}", "another intrinsics than in a row before"),
+        ("px: 1}", "px: 1, intrinsics: free}", "another intrinsics than in an earlier row"),
     ],
 )
 def test_a_row_that_cannot_be_used_is_refused(

@@ -151,15 +151,15 @@ POSE = "pose: {position_mm: [-310, 870, -890], rotation_rpy_deg: [0, 0, 10], "
     [
         ("pose: {position_mm: [1, 2]}", "position_mm: found"),
         ("pose: {rotation_rpy_deg: [0, 0, 1]}", "position_mm"),
-        ("pose: {position_mm: [1, 2, 3]}", "known in part"),
-        (POSE + "prior_mm: 1}", "both of prior_mm and prior_deg or none"),
+        ("pose: {position_mm: [1, 2, 3]}", "only partly known"),
+        (POSE + "prior_mm: 1}", "both prior_mm and prior_deg or with neither"),
         (POSE + "prior_mm: 0}", "prior_mm: found 0"),
         (POSE + "prior: 1}", "prior"),
         ("pose: {A: {position_mm: [1, 2, 3]}}", "a pose of target 'A'"),
         ("pose: {}", "an empty mapping"),
         ("base_in_instrument: {position_mm: [1, -0.5, 0.3]}", "looks like metres"),
         ("base_in_instrument: {position_mm: [1, 2, 3], prior_deg: 1}", "without an orientation"),
-        ("eye_in_tip: {position_mm: [1, 2, 3]}", "a key that tracked_point has no use for"),
+        ("eye_in_tip: {position_mm: [1, 2, 3]}", "a key that tracked_point does not use"),
         (POSE + "}, base_in_instrument: {position_mm: [1, 2, 3]}", "one or the other"),
     ],
 )
@@ -219,7 +219,7 @@ def test_a_pose_that_is_wrong_is_named(tmp_path: Path, suta_urdf: Path) -> None:
     job.write_text(job.read_text().replace("sigma_mm: 0.05", row, 1))
     found = CalibrationJob.load(job).run().assessment
     assert not found.usable
-    assert any("base_in_instrument is not where its given pose says" in n for n in found.notes)
+    assert any("base_in_instrument is not where its given pose states" in n for n in found.notes)
 
 
 @pytest.mark.parametrize("axis", [0, 1])

@@ -135,9 +135,9 @@ def test_planes_are_measured(
     [
         ("probe_radius_mm: 10, s", "probe_radius_mm: -1, s", "probe_radius_mm: found -1"),
         ("probe_radius_mm: 10, s", "probe_radius: 1, s", "did you mean 'probe_radius_mm'"),
-        ("probe_radius_mm: 10, s", "artefact: a.yaml, s", "a key that plane has no use for"),
-        ("probe_radius_mm: 10, s", "sigma_deg: 1, s", "a key that plane has no use for"),
-        ("kind: plane, probe", "kind: fixed_point, probe", "a key that fixed_point has no use for"),
+        ("probe_radius_mm: 10, s", "artefact: a.yaml, s", "a key that plane does not use"),
+        ("probe_radius_mm: 10, s", "sigma_deg: 1, s", "a key that plane does not use"),
+        ("kind: plane, probe", "kind: fixed_point, probe", "a key that fixed_point does not use"),
         ("huber_mm: 1", "exclude: {planes: [S9]}", "exclude.planes: found 'S9'"),
     ],
 )

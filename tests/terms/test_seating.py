@@ -199,7 +199,7 @@ observations: [{kind: KIND, artefact: a.yaml, samples: '*/*.csv', seating: SEATI
     ("kind", "seating", "said"),
     [
         ("pairwise_distance", "{clearance_mm: 0.3, rotation_deg: 2}", "rotation_deg.*no use for"),
-        ("fixed_point", "{clearance_mm: 0.3}", "no use for"),
+        ("fixed_point", "{clearance_mm: 0.3}", "does not use"),
         ("landmark", "{clearance: 0.3}", "unknown key.*clearance_mm"),
         ("landmark", "{clearance_mm: -1}", "a positive number"),
         ("landmark", "0.3", "a mapping"),

@@ -55,8 +55,8 @@ def test_of_two_places_an_anchor_is_below_the_plane_of_the_tips() -> None:
 @pytest.mark.parametrize(
     ("factor", "rows", "message"),
     [
-        (1e3, 10, "is it another unit"),
-        (1e-3, 10, "is it another unit"),
+        (1e3, 10, "is the unit right"),
+        (1e-3, 10, "is the unit right"),
         (1.0, 3, "anchor A ranged 3 times"),
     ],
 )

@@ -195,7 +195,7 @@ def test_what_the_data_cannot_tell_apart_is_said_beside_each_other() -> None:
     rows = np.arange(len(scene.q))
     (told,) = found(scene, read(5, lambda q: q + 0.02 * (rows >= 53)))
     assert "joint_6" in told.sentence
-    assert "these data cannot tell from it: The tool" in told.sentence
+    assert "These data fit another cause as well: The tool" in told.sentence
     assert (told.kind, told.joint) == ("slip", last)
     (plain,) = found(TRACKED, slipped(2e-3, 22))
     assert not plain.instead

@@ -110,7 +110,7 @@ def test_lengths_rest_on_an_instruments_scale_unless_something_else_tells_it() -
     assert relied_on(solution) == [("instrument", "default")]
     found = assessed(solution, [larger.take(held_out)])
     assert found.level == "good"
-    assert "The instrument carries the scale of the arm's lengths" in found.notes[-1]
+    assert "The instrument carries the scale" in found.notes[-1]
     assert "20 ppm" in found.notes[-1]
     off = abs(solution.values["elbow_joint.z"] - truth["elbow_joint.z"])
     upper_arm = solution.arm_estimates["elbow_joint.z"]

@@ -18,7 +18,7 @@ from suta_calib.trust.rereading import explaining_reading
 
 HYPOTHESES = shipped(known_hypotheses())
 # What is refused in words before anything is solved, where the unit is off by so much.
-REFUSED = {"unit of positions": "is it another unit", "unit of the joints": "looks like degrees"}
+REFUSED = {"unit of positions": "is the unit right", "unit of the joints": "looks like degrees"}
 REREAD, PATTERNS = (
     {name: h for name, h in HYPOTHESES.items() if isinstance(h, shape)}
     for shape in (Reinterpretation, Pattern)

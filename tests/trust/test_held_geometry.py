@@ -48,7 +48,7 @@ def judged(folder: Path, urdf: Path, errors: str, unknown: str, seed: int) -> As
 
 
 def looks_held(found: Assessment) -> bool:
-    return any("geometry that the job holds as drawn" in note for note in found.notes)
+    return any("errors of dimensions that the job fixes" in note for note in found.notes)
 
 
 @pytest.mark.parametrize("seed", range(1, 5))

@@ -74,5 +74,5 @@ def test_rows_that_are_wrong_in_the_fitted_files_alone_are_told() -> None:
         spoilt = replace(fitted, position=fitted.position + wrong)
         solution = solve(Problem([scenes[0].term(spoilt)], parameters), ONCE)
         found = CalibrationExamination.of(solution, [scenes[1].term(validation)]).contradictions
-        told.append(any("smaller than those of the fitted rows" in f.sentence for f in found))
+        told.append(any("smaller than the fitted rows predict" in f.sentence for f in found))
     assert told == [False, True]

@@ -71,16 +71,16 @@ def clock_set(samples: Samples) -> Samples:
 
 
 UNDONE = {
-    "the clock of what was seen or touched was set in the middle part of a file: 3 rows late from "
+    "the clock of the observations was set in the middle part of a file: 3 rows late from "
     "there on": clock_set,
     "the columns of joint_2 and joint_5 are exchanged": columns(0, 4, 2, 3, 1, 5),
-    "the joints' columns each stand under the name of the next": columns(5, 0, 1, 2, 3, 4),
-    "the joints' columns each stand under the name of the one before": columns(1, 2, 3, 4, 5, 0),
-    "the joints' columns stand in the opposite order": columns(5, 4, 3, 2, 1, 0),
+    "the joints' columns are each under the name of the next joint": columns(5, 0, 1, 2, 3, 4),
+    "the joints' columns are each under the name of the previous joint": columns(1, 2, 3, 4, 5, 0),
+    "the joints' columns are in the opposite order": columns(5, 4, 3, 2, 1, 0),
     "a row is missing among the joints' readings, between first.csv:14 and first.csv:25": lost(
         1, 20, True
     ),
-    "3 rows are missing among what was observed, between first.csv:13 and first.csv:26": lost(
+    "3 rows are missing among the observations, between first.csv:13 and first.csv:26": lost(
         3, 20, False
     ),
 }
@@ -159,5 +159,5 @@ def test_positions_that_were_rounded_are_told(scene: Scene, samples: Samples) ->
     )
     assert len(said) == 1
     assert "positions of tracked point are in steps of 10.000 mm" in said[0]
-    assert "scatter the tip by 2.887 mm" in said[0]
+    assert "moves the tip by 2.887 mm" in said[0]
     assert not unsaid

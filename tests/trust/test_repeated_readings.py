@@ -41,7 +41,9 @@ def test_zeros_that_stand_for_readings_are_named(scenes: tuple[Scene, Scene]) ->
     samples = seen(fitted)
     term = fitted.term(without_answer(samples, 5, 12, 30))
     (said,) = RepeatedReadings().of_terms([term])
-    assert said.startswith(f"3 rows of tracked point, {samples.origin[5]} the first, read the same")
+    assert said.startswith(
+        f"3 rows of tracked point ({samples.origin[5]} is the first) read the same"
+    )
     solution = solve(Problem([term], unknowns(fitted.arm, priors=False)), ONCE)
     validation = [held_out.term(held_out.samples(NOISE, seed=1)[0])]
     found = assessed(solution, validation)
@@ -76,7 +78,7 @@ def test_one_posture_touches_no_two_places(kind: str) -> None:
     # A landmark of the first placement, and another of the second.
     other = int(np.flatnonzero(samples.labels["placement"] != samples.labels["placement"][0])[1])
     (said,) = RepeatedReadings().of_terms([scene.term(without_answer(samples, 0, other))])
-    assert said.startswith(f"2 rows of {kind.replace('_', ' ')}, {samples.origin[0]} the first")
+    assert said.startswith(f"2 rows of {kind.replace('_', ' ')} ({samples.origin[0]} is the first)")
     # Read again at rest, it is one touch.
     rested = samples.take(np.repeat(np.arange(len(samples)), 2))
     assert not [*RepeatedReadings().of_terms([scene.term(rested)])]

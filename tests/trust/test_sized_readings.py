@@ -118,7 +118,7 @@ def test_the_factor_of_all_depths_is_found(name: str, factor: float, said: str) 
     cause = explaining_reading(solution)
     assert cause is not None
     assert cause.description == sentence
-    by, _, rest = sentence.removeprefix("what was seen is ").partition(" % ")
+    by, _, rest = sentence.removeprefix("targets are ").partition(" % ")
     assert float(by) == pytest.approx(100 * abs(factor - 1), abs=0.05)
     assert rest.startswith(said)
 

@@ -50,13 +50,13 @@ class BentTip(AddedVariable):
         """How far the tip gives way at the largest tilt, and what may do it."""
         tilt = evidence.effect.about
         size, std = displacement(evidence)
-        way = {EVENLY: "to all sides alike", TO_ONE_SIDE: "not to all sides alike"}
+        way = {EVENLY: "the same to all sides", TO_ONE_SIDE: "more to one side"}
         return (
-            f"The farther the tool tilts, the more the tip is off: by {text(size, 'm')} ± "
+            f"The farther the tool tilts, the larger the error of the tip: {text(size, 'm')} ± "
             f"{text(std, 'm', with_unit=True)} at {deg(tilt):.0f}°, {way[evidence.effect.name]}. "
-            "Check whether the tool bends, whether a ball rolls or slips in its seat, and "
-            "whether the rotations of the tracker are wrong. The estimated tip absorbs a part "
-            "of this, and ± includes it."
+            "Check whether the tool bends, whether a ball rolls or slips in its seat, and whether "
+            "the tracker's rotations are wrong. The estimated tip absorbs a part of this error, "
+            "and ± includes it."
         )
 
     def spoil(self, data: FixedPoint, values: Truth, rng: np.random.Generator) -> SpoiltData:

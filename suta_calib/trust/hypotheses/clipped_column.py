@@ -16,7 +16,7 @@ class ClippedColumn(Pattern):
     """Many readings equal the largest or the smallest one: so does a joint that is sent there."""
 
     name = "clipped column"
-    about = "A joint's readings end somewhere, though the joint moves on."
+    about = "A joint's readings stop at a value, though the joint moves on."
     precedence = 31
     role = "suspicion"
 
@@ -32,8 +32,8 @@ class ClippedColumn(Pattern):
                     where = text(float(end), arm.units[joint], with_unit=True)
                     yield (
                         f"{times} of {len(readings)} readings of {joint} are {where} to the last "
-                        f"digit, and none is {which}: does its encoder, or what reads it, end "
-                        "there?"
+                        f"digit, and none is {which}. Does the range of its encoder end there? "
+                        "Check the encoder, or leave these rows out."
                     )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

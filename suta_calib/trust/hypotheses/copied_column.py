@@ -28,8 +28,8 @@ class CopiedColumn(Pattern):
             moving = min(travel[a], travel[b]) > 10 * STILL and len(q) >= ENOUGH_ROWS
             if moving and np.abs(q[:, a] - q[:, b]).max() < STILL:
                 yield (
-                    f"{joints[a]} and {joints[b]} read the same as one another in every row: was "
-                    "one column copied over the other?"
+                    f"{joints[a]} and {joints[b]} read the same as one another in every row. Was "
+                    "one column copied over the other? Export the readings again."
                 )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

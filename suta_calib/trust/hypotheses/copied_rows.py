@@ -18,7 +18,7 @@ class CopiedRows(Pattern):
     """All numbers of two rows are equal, and the arm moved between them."""
 
     name = "copied rows"
-    about = "Rows stand twice in the files."
+    about = "Rows appear twice in the files."
     precedence = 21
 
     def of_terms(self, terms: Sequence[Term]) -> Iterator[str]:
@@ -45,12 +45,12 @@ class CopiedRows(Pattern):
                 original.labels.add(label)
         if again:
             yield (
-                f"{again.total()} rows of {listed([*again])} stand there twice or more: they "
-                "count once."
+                f"{again.total()} rows of {listed([*again])} appear twice or more in the same "
+                "file. They count once."
             )
         for (copy, source, once), count in copies.items():
-            counted = "they count once" if once else "they count twice; name every file once"
-            yield f"{count} rows of {copy} stand in {source} too: {counted}."
+            counted = "They count once" if once else "They count twice: name every file once"
+            yield f"{count} rows of {copy} are in {source} too. {counted}."
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The first fourth of the rows again at the end."""

@@ -47,7 +47,7 @@ class Coupling(AddedVariable):
         return (
             f"The residuals look like a coupling of two joints: {moved} moves by {ratio:+.4f} ± "
             f"{std:.4f} of the motion of {other} (1:{1.0 / abs(ratio):.0f}). Run suta-calib "
-            f"extend, which says what to add to the job: {evidence.effect.name}."
+            f"extend: it prints what to add to the job ({evidence.effect.name})."
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

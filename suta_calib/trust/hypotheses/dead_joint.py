@@ -25,9 +25,8 @@ class DeadJoint(Pattern):
         dead = [joint for joint, moved in zip(joints, travel, strict=True) if moved < STILL]
         if dead and np.sort(travel)[-2:].min() > 10 * STILL:
             yield (
-                f"{', '.join(dead)} reads the same in every row, to "
-                f"{np.degrees(STILL):.3f} deg: is its encoder alive? If it was locked, say "
-                "so by leaving its parameters out."
+                f"{', '.join(dead)} reads the same in every row, to {np.degrees(STILL):.3f} deg. "
+                "Is its encoder alive? If the joint was locked, do not estimate its parameters."
             )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

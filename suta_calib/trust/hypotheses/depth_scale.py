@@ -27,7 +27,7 @@ class DepthScale(AddedVariable):
     """
 
     name = "scale of depth"
-    about = "A camera sees its target too far or too near, by a share."
+    about = "A camera sees its target too far or too near, by a constant factor."
     applies_to = (HandEye,)
     needs_arm = False
     by_itself = True
@@ -56,10 +56,10 @@ class DepthScale(AddedVariable):
         """By what share, and what to do."""
         share, std = float(evidence.size[0]), float(evidence.std[0])
         return (
-            f"The eye seems to see the target {abs(share):.2%} ± {std:.2%} of its distance too "
-            f"{'far' if share > 0 else 'near'}. The focal length of the camera is wrong, or the "
-            "target has another size. X is off by this error, and ± includes it. Calibrate the "
-            "camera again and measure the target, or give the corners in the pictures "
+            f"The camera or tracker seems to see the target {abs(share):.2%} ± {std:.2%} too "
+            f"{'far' if share > 0 else 'near'}. Either the focal length of the camera is wrong, or "
+            "the target has another size. X is wrong by this error, and ± includes it. Calibrate "
+            "the camera again and measure the target, or give the corners in the pictures "
             "(--corners), which also corrects the camera."
         )
 

@@ -26,8 +26,8 @@ class EncoderDrift(EncoderInTime):
     def statement(self, change: ChangeInTime) -> str:
         """By how much until the last row."""
         return (
-            f"The zero of {change.joint} drifted by {change.amount} while the rows were measured: "
-            "let it warm up, and look whether its encoder sits fast."
+            f"The zero of {change.joint} drifted by {change.amount} while the rows were measured. "
+            "Let the arm warm up and measure again, and check whether the encoder is loose."
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

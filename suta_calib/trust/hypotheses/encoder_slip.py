@@ -13,7 +13,7 @@ class EncoderSlip(EncoderInTime):
     """``q_j → q_j + s`` from a row on, or in a file."""
 
     name = "encoder slip"
-    about = "From a row on, a joint's encoder reads too much by one angle."
+    about = "From some row on, a joint's encoder reads too much by a constant angle."
     sort = "slip"
     at_once = True
 
@@ -23,8 +23,8 @@ class EncoderSlip(EncoderInTime):
         if change.until:
             when = f"from {change.since} to {change.until} than in other rows"
         return (
-            f"{change.joint} reads {change.amount} more {when}: did its encoder slip, or was its "
-            "zero set anew?"
+            f"{change.joint} reads {change.amount} more {when}. Did its encoder slip, or was its "
+            "zero set anew? Calibrate these rows apart."
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

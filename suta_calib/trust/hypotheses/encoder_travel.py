@@ -31,7 +31,7 @@ class EncoderTravel(EncoderInTime):
         """By which part of its travel."""
         return (
             f"{change.joint} reads {100 * change.size:+.3f} ± {100 * change.std:.3f} % of its "
-            "travel too much: does its encoder lose or double counts, or is a gear ratio wrong?"
+            "travel too much. Does its encoder lose or double counts, or is a gear ratio wrong?"
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

@@ -57,10 +57,10 @@ class ExchangedMarks(AddedVariable):
         assert evidence.window is not None
         distance, std = evidence.length()
         return (
-            f"The labels of targets {a} and {b} seem to be exchanged from "
-            f"{since[evidence.window]} on: from there {a} is {text(distance, 'm')} ± "
-            f"{text(std, 'm', with_unit=True)} away from its place, and {b} as far the other "
-            "way. Exchange the two labels from this row on."
+            f"The labels of targets {a} and {b} seem to be exchanged from {since[evidence.window]} "
+            f"on: from there {a} is {text(distance, 'm')} ± {text(std, 'm', with_unit=True)} away "
+            f"from its place, and {b} is as far away in the opposite direction. Exchange the two "
+            "labels from this row on."
         )
 
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:

@@ -16,7 +16,7 @@ class WrongGivenPose(Reinterpretation):
     """One of the given poses is estimated in place of it."""
 
     name = "given pose"
-    about = "Something does not stand where its given pose says."
+    about = "An object is not where its given pose states."
     precedence = 80
     tried = "fitted"
 
@@ -40,4 +40,4 @@ class WrongGivenPose(Reinterpretation):
 
 def _description(term: Term, label: str) -> str:
     what = f"{term.place} {label}".strip() if term.place else label or f"the {term.medium}"
-    return f"{what} is not where its given pose says"
+    return f"{what} is not where its given pose states"

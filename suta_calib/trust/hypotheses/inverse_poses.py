@@ -18,7 +18,7 @@ class InversePoses(Misreading):
     """
 
     name = "inverse poses"
-    about = "Measured poses map the other way."
+    about = "Measured poses are inverted: they map from B to A instead of from A to B."
     precedence = 32
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
@@ -29,7 +29,7 @@ class InversePoses(Misreading):
 
     def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """One for each order of the quaternions."""
-        turned = "if setup is {other}, or else if the hand's or the eye's poses are inverted"
+        turned = "if setup is {other}, or if the poses of the hand or of the camera are inverted"
         yield turned, replace(pairs, hand=inverse_poses(pairs.hand))
         for order, sides in ORDERS.items():
             read = reordered(pairs, *sides)

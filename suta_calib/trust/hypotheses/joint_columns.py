@@ -14,7 +14,7 @@ class JointColumns(MisreadJoints):
     """Two columns exchanged, all of them shifted by one, reversed, or sorted by their names."""
 
     name = "order of the joints"
-    about = "Joint readings stand in the columns of other joints."
+    about = "Joint readings are in the columns of other joints."
     precedence = 12
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:
@@ -31,15 +31,18 @@ def orders(names: Sequence[str]) -> Iterator[tuple[str, tuple[int, ...]]]:
     for a, b in combinations(rows, 2):
         swapped = [b if row == a else a if row == b else row for row in rows]
         ways.append((f"the columns of {names[a]} and {names[b]} are exchanged", swapped))
-    for step, neighbour in ((-1, "next"), (1, "one before")):
-        description = f"the joints' columns each stand under the name of the {neighbour}"
+    for step, neighbour in ((-1, "next"), (1, "previous")):
+        description = f"the joints' columns are each under the name of the {neighbour} joint"
         ways.append((description, [*rows[step:], *rows[:step]]))
-    ways.append(("the joints' columns stand in the opposite order", rows[::-1]))
+    ways.append(("the joints' columns are in the opposite order", rows[::-1]))
     # As ROS lists joint states, whatever the order along the arm.
     by_name = sorted(rows, key=lambda row: names[row])
-    description = "the joints' readings stand in the alphabetical order of the joints' names"
+    description = "the joints' readings are in the alphabetical order of the joints' names"
     ways.append((description, by_name))
-    description = "the joints' names stand in alphabetical order, their readings in that of the arm"
+    description = (
+        "the joints' names are in alphabetical order, but their readings are in the order of the "
+        "arm"
+    )
     ways.append((description, np.argsort(by_name).tolist()))
     listed = {tuple(rows)}
     for description, way in ways:

@@ -15,7 +15,7 @@ class JointError(AddedVariable):
     """Eccentric encoders, wrong gains, joints that yield, backlash, thermal expansion."""
 
     name = "joint error"
-    about = "An encoder is eccentric, a joint yields, has backlash or a wrong gain."
+    about = "A joint has an eccentric encoder, compliance, backlash or a wrong gain."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """One for each joint and family that the answer does not estimate."""
@@ -36,8 +36,8 @@ class JointError(AddedVariable):
         """The joint, and what its residuals look like."""
         joint, family = evidence.effect.about
         return (
-            f"The residuals of {joint} look like {LOOKS_LIKE[family]}: "
-            "run suta-calib extend, which says whether such a term predicts left-out data better."
+            f"The residuals of {joint} look like {LOOKS_LIKE[family]}. Run suta-calib extend: it "
+            "checks whether such a term predicts left-out data better."
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

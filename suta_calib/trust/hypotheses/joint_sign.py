@@ -13,7 +13,7 @@ class JointSign(MisreadJoints):
     """``q_j → -q_j`` for one joint after another."""
 
     name = "sign of a joint"
-    about = "A joint counts the other way."
+    about = "A joint counts in the wrong direction."
     precedence = 10
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:

@@ -20,7 +20,7 @@ class JointUnit(MisreadJoints):
     """``q → q π / 180`` for all revolute joints together."""
 
     name = "unit of the joints"
-    about = "Joint readings are in degrees, and are taken for radians."
+    about = "Joint readings are in degrees, but are read as radians."
     precedence = 13
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:

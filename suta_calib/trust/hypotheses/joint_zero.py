@@ -18,7 +18,7 @@ class JointZero(MisreadJoints):
     """``q_j → q_j ± 90°`` or ``+ 180°`` for one revolute joint after another."""
 
     name = "zero of a joint"
-    about = "A joint's zero is a quarter or half of a turn elsewhere."
+    about = "A joint's zero is wrong by a quarter or half of a turn."
     precedence = 11
 
     def of_arm(self, arm: ArmModel) -> Iterator[tuple[str, Change]]:

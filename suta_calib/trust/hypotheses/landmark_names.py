@@ -17,7 +17,7 @@ class LandmarkNames(Misreading):
     """Two names exchanged, or the numbers of all one too low or too high."""
 
     name = "landmark names"
-    about = "Landmarks are exchanged, or counted from another number."
+    about = "Names of landmarks are exchanged, or the count begins at another number."
     precedence = 40
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:

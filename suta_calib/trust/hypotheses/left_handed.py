@@ -40,12 +40,12 @@ class LeftHanded(Misreading):
             # All three are what a left-handed frame makes of them, turned.
             if 0 < len(axes) < 3:
                 have = "have" if axes[1:] else "has"
-                sentence = f"if {listed(axes)} of the eye's positions {have} the wrong sign"
+                sentence = f"if {listed(axes)} of the camera's positions {have} the wrong sign"
                 yield f"{sentence}, its rotations not", _signed(pairs, signs)
         # That of the hand is the same, with X and Z mirrored.
         (rotation, position), mirror = pairs.seen, np.array([-1.0, 1.0, 1.0])
         mirrored = rotation * np.outer(mirror, mirror), position * mirror
-        yield "if the hand's or the eye's frame is left-handed", replace(pairs, seen=mirrored)
+        yield "if the hand's or the camera's frame is left-handed", replace(pairs, seen=mirrored)
 
     def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The eye's x has the wrong sign."""

@@ -19,7 +19,7 @@ class LostRows(Misreading):
     """A file is in step up to some row, and k rows out of step from there on."""
 
     name = "lost rows"
-    about = "Rows are missing among a file's readings, or among its observations."
+    about = "Rows are missing in a file's readings, or in its observations."
     precedence = 23
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
@@ -38,7 +38,7 @@ class LostRows(Misreading):
                     where = f"between {mine.origin[within[0]]} and {mine.origin[within[-1]]}"
                     for what, offset in (
                         ("the joints' readings", count),
-                        ("what was observed", -count),
+                        ("the observations", -count),
                     ):
                         change = partial(out_of_step, offset, file, part, parts)
                         yield f"{are} missing among {what}, {where}", change

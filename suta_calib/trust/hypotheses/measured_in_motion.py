@@ -49,10 +49,10 @@ class LateRows(AddedVariable):
         late, std = float(evidence.size[0]), float(evidence.std[0])
         who = "readings were taken before" if late > 0 else "readings were taken after"
         return (
-            f"The arm moved while the rows of {evidence.effect.about} were measured. The {who} "
-            f"the observations, by {abs(late):.3f} ± {std:.3f} of the time from row to row. "
-            "Synchronize the two clocks, shift one column by this time offset, or let the arm "
-            "rest at every row."
+            f"The arm moved while the rows of {evidence.effect.about} were measured. The {who} the "
+            f"observations, by {abs(late):.3f} ± {std:.3f} of the time between two rows. "
+            "Synchronize the two clocks, shift one column by this time offset, or let the arm rest "
+            "at every row."
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

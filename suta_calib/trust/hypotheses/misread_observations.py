@@ -14,7 +14,7 @@ class MisreadObservations(Reinterpretation):
     """What `Term.misread` of a kind yields, in all terms of this kind at once."""
 
     name = "misread observations"
-    about = "Pixels are counted in another way, or pictures are mirrored."
+    about = "Pixels are counted in another way than expected, or pictures are mirrored."
     precedence = 50
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:

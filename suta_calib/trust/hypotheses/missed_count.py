@@ -56,7 +56,7 @@ class MissedCount(Reinterpretation):
     """``q_j → q_j + step`` in some rows, with the step and the rows that mend them."""
 
     name = "missed count"
-    about = "A joint reads a step too much in some rows: its count missed a wrap."
+    about = "A joint reads one step too much in some rows, because its counter missed an overflow."
     precedence = 82
     tried = "fitted"
 

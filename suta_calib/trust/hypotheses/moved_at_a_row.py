@@ -75,7 +75,7 @@ class Moved(AddedVariable):
     """
 
     name = "moved"
-    about = "A camera, a target, a tip or a post was moved between the rows."
+    about = "A camera, a target, a tip or a post was moved between two rows."
     applies_to = (FixedPoint, HandEye, TrackedPoint)
     needs_arm = False
     by_itself = True
@@ -165,12 +165,12 @@ class Moved(AddedVariable):
         since = change.since(evidence)
         if since is None:
             return (
-                f"From the first row to the last {change.what} drifts, by {by} in all: something "
-                f"creeps, slips or warms up. Fix it, or take {change.rows} of a shorter time."
+                f"From the first row to the last {change.what} drifts, by {by} in all. Something "
+                f"creeps, slips or warms up. Fix it, or use {change.rows} of a shorter time."
             )
         return (
-            f"From row {since} on (rows from 0) {change.what} stands elsewhere, by {by}: it was "
-            f"moved. Use the {change.rows} before or after that alone."
+            f"From row {since} on (rows from 0) {change.what} is at another place, by {by}: it was "
+            f"moved. Use only the {change.rows} before or only those after this row."
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

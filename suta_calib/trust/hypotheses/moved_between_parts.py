@@ -15,7 +15,7 @@ from suta_calib.terms.instrument_terms import InstrumentTerm
 from suta_calib.trust import Reinterpretation, SpoiltData, Truth
 from suta_calib.trust.simulated_faults import displaced, with_columns
 
-WHAT: Final = "the instrument, the artefact or what was touched"
+WHAT: Final = "the instrument, the artefact or the touched point"
 HALVES: Final = f"{WHAT} was moved after the first half of the rows"
 # Name of the part (n,) that each row is in, of samples, by what they are of.
 Parts = Callable[[Samples, NDArray[np.str_] | None], NDArray[np.str_]]
@@ -25,7 +25,7 @@ class MovedBetween(Reinterpretation):
     """What is external stands elsewhere in the second half of its rows, or in each file."""
 
     name = "moved between"
-    about = "The instrument, the artefact or a point was moved half-way."
+    about = "The instrument, the artefact or a point was moved after half of the rows."
     precedence = 90
     # It leaves more open than any other reading.
     tried = "last"

@@ -17,7 +17,7 @@ class RowsLate(Misreading):
     """
 
     name = "rows late"
-    about = "Observations stand some rows too late or too early, all by the same."
+    about = "All observations are some rows too late or too early, by the same number of rows."
     precedence = 20
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
@@ -27,12 +27,12 @@ class RowsLate(Misreading):
         for rows in range(1, 20 + 1):
             count = "one row" if rows == 1 else f"{rows} rows"
             for description, offset in ((f"{count} late", rows), (f"{count} early", -rows)):
-                yield f"what was seen or touched is {description}", partial(slid, offset, "")
+                yield f"the observations are {description}", partial(slid, offset, "")
 
     def fault(self, term: Term) -> tuple[str, Samples]:
         """Observations two rows late."""
         samples = term.poses.samples
-        return "what was seen or touched is 2 rows late", slid(-2, "", samples)
+        return "the observations are 2 rows late", slid(-2, "", samples)
 
     def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """Two for each number of rows, and one for the opposite order."""
@@ -42,11 +42,11 @@ class RowsLate(Misreading):
         least_pairs = 8
         count = len(pairs.hand[1])
         for rows in range(1, min(most_shift, count - least_pairs) + 1):
-            sentence = f"if what the eye saw is {'a row' if rows == 1 else f'{rows} rows'}"
+            sentence = f"if the target poses are {'a row' if rows == 1 else f'{rows} rows'}"
             yield f"{sentence} late", shifted(pairs, rows)
             yield f"{sentence} early", shifted(pairs, -rows)
         every = np.arange(count)
-        yield ("if what the eye saw is in the opposite order", pairs.rows(every, every[::-1]))
+        yield ("if the target poses are in the opposite order", pairs.rows(every, every[::-1]))
 
     def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The targets two rows late; those of the last rows stand in the first."""

@@ -13,7 +13,7 @@ class FileLate(Misreading):
     """`RowsLate` in one of several files, by one row."""
 
     name = "rows of a file late"
-    about = "Observations of one file stand one row too late or too early."
+    about = "All observations of one file are one row too late or too early."
     precedence = 24
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
@@ -21,7 +21,7 @@ class FileLate(Misreading):
         files = files_of(terms)
         for file in files if 1 < len(files) <= MOST_FILES else ():
             for direction, offset in (("late", 1), ("early", -1)):
-                description = f"what was seen or touched is one row {direction} in {file}"
+                description = f"the observations are one row {direction} in {file}"
                 yield description, partial(slid, offset, file)
 
     def fault(self, term: Term) -> tuple[str, Samples]:
@@ -30,4 +30,4 @@ class FileLate(Misreading):
         half = len(samples) // 2
         rows = (f"{'ab'[row >= half]}.csv:{row + 2}" for row in range(len(samples)))
         split = replace(samples, origin=tuple(rows))
-        return "what was seen or touched is one row late in a.csv", slid(-1, "a.csv", split)
+        return "the observations are one row late in a.csv", slid(-1, "a.csv", split)

@@ -28,7 +28,7 @@ class OtherCamera(Reinterpretation):
     """``z → z f`` for every pose that was seen, with one factor f for all of them."""
 
     name = "other camera"
-    about = "Poses were found with the file of another camera."
+    about = "Poses were computed with the file of another camera."
     precedence = 81
     tried = "fitted"
 
@@ -60,8 +60,8 @@ class OtherCamera(Reinterpretation):
 
 def _description(by: float) -> str:
     return (
-        f"what was seen is {100 * abs(by):.2f} % too {'far' if by > 0 else 'near'} along "
-        "the axis z of what saw it, as with another camera's file"
+        f"targets are {100 * abs(by):.2f} % too {'far' if by > 0 else 'near'} along "
+        "the z axis of the camera, as with another camera's file"
     )
 
 

@@ -21,7 +21,7 @@ class OutlierBlock(Hypothesis):
     """
 
     name = "outliers in a block"
-    about = "The first rows, or the last, do not agree with the others."
+    about = "The first rows, or the last, do not agree with the other rows."
     applies_to = Moved.applies_to
     needs_arm = False
     by_itself = True
@@ -55,8 +55,8 @@ class OutlierBlock(Hypothesis):
         """Where the block ends, and what may have been moved."""
         what, border, rows = evidence.effect.about
         return (
-            f"The {rows} that do not agree are nearly all before row {border}, or nearly all from "
-            f"there on (rows from 0): was {what} moved in between?"
+            f"The {rows} that do not agree are nearly all before row {border}, or nearly all after "
+            f"it (rows from 0). Was {what} moved in between?"
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

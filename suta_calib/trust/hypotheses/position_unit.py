@@ -26,7 +26,7 @@ class PositionUnit(Misreading):
     """
 
     name = "unit of positions"
-    about = "Measured positions are in another unit."
+    about = "Measured positions are in another unit than expected."
     precedence = 30
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
@@ -46,11 +46,11 @@ class PositionUnit(Misreading):
         for name, unit in UNITS.items():
             sentence = f"if {{}}'s positions are in {name}, {{}}'s in m"
             yield (
-                sentence.format("the hand", "the eye"),
+                sentence.format("the hand", "the camera"),
                 replace(pairs, seen=_times(pairs.seen, 1.0 / unit), unit=unit),
             )
             yield (
-                sentence.format("the eye", "the hand"),
+                sentence.format("the camera", "the hand"),
                 replace(pairs, hand=_times(pairs.hand, 1.0 / unit), unit=unit),
             )
 

@@ -19,7 +19,7 @@ ORDERS: Final = {
     f"if {whose} quaternions are in the order w x y z": sides
     for whose, sides in {
         "the hand's": (True, False),
-        "the eye's": (False, True),
+        "the camera's": (False, True),
         "all": (True, True),
     }.items()
 }
@@ -29,7 +29,7 @@ class QuaternionOrder(Misreading):
     """Numbers that were read as x y z w are w x y z."""
 
     name = "order of quaternions"
-    about = "The four numbers of quaternions stand in another order."
+    about = "The four numbers of quaternions are in another order."
     precedence = 33
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:

@@ -22,7 +22,7 @@ class RepeatedReadings(Pattern):
     """
 
     name = "repeated readings"
-    about = "All joints read the same in rows that were taken elsewhere."
+    about = "All joints read the same in rows that were measured in different postures."
     precedence = 12
     role = "cause"
 
@@ -32,11 +32,11 @@ class RepeatedReadings(Pattern):
             rows = _repeated(term)
             if rows.any():
                 yield (
-                    f"{np.sum(rows)} rows of {term.kind.replace('_', ' ')}, "
-                    f"{term.poses.samples.origin[int(np.argmax(rows))]} the first, read the same "
-                    "in all joints to the last digit as others do that were elsewhere: did the "
-                    "bus repeat its last answer, or do zeros stand for readings that never came? "
-                    "Leave them out."
+                    f"{np.sum(rows)} rows of {term.kind.replace('_', ' ')} "
+                    f"({term.poses.samples.origin[int(np.argmax(rows))]} is the first) read the "
+                    "same in all joints, to the last digit, as rows of other postures. Did the bus "
+                    "repeat its last answer, or do zeros stand for missing readings? Leave these "
+                    "rows out."
                 )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

@@ -42,8 +42,8 @@ class Rounded(Pattern):
         for what, step, scatter in (*_of_joints(answer), *_of_positions(problem.terms)):
             if LEAST * scatter < levels[0] < MOST * scatter:
                 yield (
-                    f"{what} are in steps of {step}: so rounded, they scatter the tip by "
-                    f"{text(scatter, 'm', with_unit=True)} per axis, and the residuals are "
+                    f"{what} are in steps of {step}. This rounding moves the tip by "
+                    f"{text(scatter, 'm', with_unit=True)} per axis; the residuals are "
                     f"{text(levels[0], 'm', with_unit=True)}. Write every digit."
                 )
 

@@ -27,7 +27,7 @@ class RowsElsewhere(AddedVariable):
     """
 
     name = "rows elsewhere"
-    about = "Some rows saw another target, or saw it from another place."
+    about = "Some rows are of another target, or were measured from another place."
 
     def effects(self, answer: Examination) -> Iterator[Effect]:
         """The likelier of the two sorts of axes, where residuals fall into two parts."""
@@ -58,7 +58,7 @@ class RowsElsewhere(AddedVariable):
             f"{int(smaller.sum())} of {len(smaller)} rows ({first} is the first) are "
             f"{1e3 * length:.3g} ± {1e3 * std:.2g} mm away from the others, all in "
             f"{axes[evidence.effect.name]}. They seem to be of another target, or measured from "
-            "another place. Give these rows a label of their own, or leave them out."
+            "another place. Give these rows another label, or leave them out."
         )
 
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:

@@ -8,14 +8,14 @@ from suta_calib.measurements import Samples
 from suta_calib.terms import Term
 from suta_calib.trust.misreadings import Change, Misreading, paired
 
-DESCRIPTION = "what was seen or touched is in the opposite order"
+DESCRIPTION = "the observations are in the opposite order"
 
 
 class RowsReversed(Misreading):
     """Readings of the first row of a file belong to the observation of its last, and so on."""
 
     name = "rows reversed"
-    about = "Observations stand in the opposite order of the readings."
+    about = "Observations are in the opposite order of the readings."
     precedence = 21
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:

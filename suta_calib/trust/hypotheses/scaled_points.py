@@ -118,9 +118,9 @@ class ScaledPoints(AddedVariable):
         size, std = float(evidence.size[0]), float(evidence.std[0])
         sets = evidence.effect.about
         return (
-            f"The points are {1.0 + size:.6g} ± {std:.1g} times as far apart in the "
-            f"second set as in the first: look for a scale or a unit. With it the rms would be "
-            f"{text(sets.left(size * sets.placed), 'm', with_unit=True)}."
+            f"The points are {1.0 + size:.6g} ± {std:.1g} times as far apart in the second set as "
+            "in the first. Check the unit and the scale of both sets. With this factor the rms "
+            f"would be {text(sets.left(size * sets.placed), 'm', with_unit=True)}."
         )
 
     def spoil(self, data: TrackedPoint, values: Truth, rng: np.random.Generator) -> SpoiltData:

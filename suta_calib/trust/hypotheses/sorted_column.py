@@ -18,7 +18,7 @@ class SortedColumn(Pattern):
     """
 
     name = "sorted column"
-    about = "A joint's column was sorted by itself."
+    about = "The column of one joint was sorted, the others were not."
     precedence = 30
     role = "suspicion"
 
@@ -35,7 +35,8 @@ class SortedColumn(Pattern):
         if ordered and len(ordered[0]) == 1 and all(file == ordered[0] for file in ordered):
             yield (
                 f"The readings of {arm_of(terms[0]).joints[ordered[0][0]]} stand in order, those "
-                "of no other joint do: was its column sorted by itself?"
+                "of no other joint do. Was its column sorted without the others? Export the "
+                "readings again."
             )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

@@ -75,7 +75,7 @@ class StrainedPoints(AddedVariable):
     """
 
     name = "strain between two sets"
-    about = "The points of one set are longer along one axis, or skew."
+    about = "The points of one set are stretched along one axis, or skew."
     applies_to = (TrackedPoint,)
     needs_arm = False
     by_itself = True
@@ -130,10 +130,10 @@ class StrainedPoints(AddedVariable):
             return f"{strain.stretch[k]:.4f} times along ({direction})"
 
         return (
-            "The points are not equally larger or smaller in the second set along every "
-            f"direction of the {which}: {along(2)} and {along(0)}. Look for an axis of another "
-            "scale, as a wrong distance between slices makes it, or for axes that are not square. "
-            f"With these scales the rms would be {text(strain.rms, 'm', with_unit=True)}."
+            f"The second set is not scaled equally along all directions of the {which} set: "
+            f"{along(2)} and {along(0)}. Look for one axis with a wrong scale, such as a wrong "
+            "distance between slices, or for axes that are not perpendicular. With these scales "
+            f"the rms would be {text(strain.rms, 'm', with_unit=True)}."
         )
 
     def spoil(self, data: TrackedPoint, values: Truth, rng: np.random.Generator) -> SpoiltData:

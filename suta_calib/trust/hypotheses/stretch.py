@@ -23,7 +23,7 @@ class Stretch(AddedVariable):
     """
 
     name = "stretched body"
-    about = "A print is longer along x or y than its file says."
+    about = "A print is longer along x or along y than its file states."
     # A board 0.4 % too long along x explains 18 % of the squared residuals of 20 pictures whose
     # corners scatter by 0.1 mm (simulated), and its ± is 0.04 %: few other things stretch a body.
     worth = 0.05
@@ -52,10 +52,10 @@ class Stretch(AddedVariable):
         std = float(np.sqrt(difference @ evidence.covariance @ difference))
         longer, other = ("x", "y") if more > 0 else ("y", "x")
         return (
-            f"The {evidence.effect.about} seems to be stretched. The data agree better if its "
-            f"lengths along {longer} are {100 * abs(more):.2f} ± {100 * std:.2f} % longer than "
-            f"its file says, relative to those along {other}. Measure it with a caliper along "
-            "both axes, or estimate the stretch (stretch: free in its file)."
+            f"The {evidence.effect.about} seems to be stretched: the data agree better if its "
+            f"lengths along {longer} are {100 * abs(more):.2f} ± {100 * std:.2f} % longer than its "
+            f"file states, relative to those along {other}. Measure it with a caliper along both "
+            "axes, or estimate the stretch (stretch: free in its file)."
         )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:

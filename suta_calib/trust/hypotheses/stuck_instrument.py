@@ -32,10 +32,10 @@ class StuckInstrument(Pattern):
             again = np.flatnonzero(moved & np.all(position == position[before], axis=1))
             if len(again):
                 yield (
-                    f"{len(again)} rows of {term.kind.replace('_', ' ')}, "
-                    f"{samples.origin[again[0]]} the first, show to the last digit where "
-                    "something stood in a row before, though the arm had moved: did the "
-                    "instrument repeat its last value, or were rows copied? Leave them out."
+                    f"{len(again)} rows of {term.kind.replace('_', ' ')} "
+                    f"({samples.origin[again[0]]} is the first) repeat to the last digit the "
+                    "position of an earlier row, though the arm had moved. Did the instrument "
+                    "repeat its last value, or were rows copied? Leave these rows out."
                 )
 
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:

@@ -7,5 +7,5 @@ class TipCreep(TipInTime):
     """Every tip is displaced and turned ever more, along the axes of the tip, row by row."""
 
     name = "tip creep"
-    about = "The tool, or what is on it, creeps row by row."
+    about = "The tool, or a target on it, creeps row by row."
     sort = "tip creep"

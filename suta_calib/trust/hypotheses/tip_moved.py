@@ -7,6 +7,6 @@ class TipMoved(TipInTime):
     """Every tip is displaced and turned alike, along the axes of the tip, from a row on."""
 
     name = "tip moved"
-    about = "The tool, or what is on it, was moved at a row."
+    about = "The tool, or a target on it, was moved at a row."
     sort = "tip"
     at_once = True

@@ -16,13 +16,13 @@ class TransposedRotations(Misreading):
     name = "transposed rotations"
     applies_to = (HandEye,)
     needs_arm = False
-    about = "The rotations of the hand or of the eye are transposed."
+    about = "The rotation matrices of the hand or of the camera are transposed."
 
     def of_pairs(self, pairs: Pairs) -> Iterator[PairReading]:
         """One for the hand, one for the eye."""
         sentence = "if {}'s rotations are transposed, its positions not"
         yield sentence.format("the hand"), replace(pairs, hand=_transposed(pairs.hand))
-        yield sentence.format("the eye"), replace(pairs, seen=_transposed(pairs.seen))
+        yield sentence.format("the camera"), replace(pairs, seen=_transposed(pairs.seen))
 
     def fault_of_pairs(self, pairs: Pairs) -> Pairs:
         """The eye's rotations transposed."""

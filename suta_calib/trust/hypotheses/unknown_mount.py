@@ -14,7 +14,7 @@ class UnknownMount(Reinterpretation):
     """Where the target sits on the tip's link is estimated (`Term.on_unknown_mount`)."""
 
     name = "unknown mount"
-    about = "The target sits on the tip's link, but not at the tip."
+    about = "The target is fixed to the tip's link, but not at the tip."
     precedence = 83
     tried = "fitted"
 

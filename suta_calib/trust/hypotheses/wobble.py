@@ -54,7 +54,7 @@ class Wobble(AddedVariable):
             f"The residuals look like an axis of {joint} that wobbles {often} a turn, by "
             f"{text(size, 'rad')} ± {text(std, 'rad', with_unit=True)}. This moves the tip by "
             f"{text(float(at_tip), 'm', with_unit=True)} (RMS) in these postures. No parameter "
-            "describes it, and ± includes it only as far as validation errors show it. Check "
+            "describes it, and ± includes it only if there are validation data that show it. Check "
             "the bearing of this joint."
         )
 

@@ -19,13 +19,13 @@ class Clock(Misreading):
     """The partner of row i is ever later in the file, or is k rows later from some part on."""
 
     name = "clock of the instrument"
-    about = "The instrument's clock runs slow or fast, or was set anew."
+    about = "The instrument's clock runs slow or fast, or was set during the recording."
     precedence = 22
 
     def changes(self, terms: Sequence[Term]) -> Iterator[tuple[str, Change]]:
         """One for each number of rows, direction and part of the files."""
         several = len(files_of(terms)) > 1
-        clock = "the clock of what was seen or touched"
+        clock = "the clock of the observations"
         # Rows by which the clock is late or early at the end of a file.
         for rows in range(1, 5 + 1):
             for sign, speed in ((1, "slow"), (-1, "fast")):
@@ -45,7 +45,7 @@ class Clock(Misreading):
         rows = np.arange(len(samples) - 2)
         observed = samples.take(rows)
         spoilt = replace(observed, q=samples.q[rows + 3 * rows // len(samples)])
-        return "the clock of what was seen or touched runs slow: 2 rows late at the end", spoilt
+        return "the clock of the observations runs slow: 2 rows late at the end", spoilt
 
 
 def drifted(last: int, samples: Samples) -> Samples:
