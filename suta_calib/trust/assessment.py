@@ -138,10 +138,13 @@ def _on_parameters(examined: CalibrationExamination) -> list[str]:
     for explanation in examined.explanations:
         if explanation.reason != "redundant":
             by_remedy.setdefault((explanation.reason, explanation.remedy), []).append(explanation)
-    how = {"untold": "determined", "badly told": "determined well enough"}
+    how = {
+        "untold": "could not be determined and",
+        "badly told": "could not be determined well enough and",
+    }
     notes = [
-        f"{listed([item.fixed for item in held])} could not be {how[reason]} and "
-        f"{_keep_nominal(held)}.{_at_stake(solution, held)} To determine more: {remedy}."
+        f"{listed([item.fixed for item in held])} {how[reason]} {_keep_nominal(held)}."
+        f"{_at_stake(solution, held)} To determine more: {remedy}."
         for (reason, remedy), held in by_remedy.items()
     ]
     if bounded := [n for n, e in solution.arm_estimates.items() if e.state == "at_bound"]:
