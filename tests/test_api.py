@@ -354,7 +354,7 @@ WRONG_CALLS: list[tuple[tuple[Any, ...], dict[str, Any], str]] = [
     ((ARM, seen(9, 1)), {"free": []}, "calibrate: free: found nothing to estimate"),
     ((ARM, seen(9, 1)), {"options": 8}, "options: found 8; expected SolverOptions"),
     ((ARM, seen(9, 1)), {"validation": 1.0}, "calibrate: validation: found 1.0; expected terms"),
-    ((ARM, [seen(9, 1), seen(9, 1)]), {}, "9 samples that stand in observations[0] too"),
+    ((ARM, [seen(9, 1), seen(9, 1)]), {}, "9 samples that are in observations[0] too"),
 ]
 
 

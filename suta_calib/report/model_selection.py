@@ -176,7 +176,7 @@ def _models(choice: ModelSelection) -> Listing[ModelCandidate]:
         "Models, cross-validated",
         Column("name", "unknowns beside the job's", cell=name),
         Column("fitted_rms", "fitted", lambda m: m.fitted, choice.unit),
-        Column("held_out_rms", "held out", lambda m: m.held_out.rms, choice.unit),
+        Column("held_out_rms", "left out", lambda m: m.held_out.rms, choice.unit),
         against_job("held_out_variance_change", "change, %", 0, -1.0),
         against_job("standard_error", "± error", 1, 1.0),
         Column("unknowns", None, lambda m: len(m.parameters)),

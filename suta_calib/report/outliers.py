@@ -177,7 +177,7 @@ def _groups(term: TermOutliers, level: Level) -> Listing[Group]:
         f"{term.kind}, by {noun}",
         Column("label", noun),
         *(_column(metric, term.unit, judged=True) for metric in METRICS),
-        Column("", "held-out %", cell=change, numeric=True),
+        Column("", "validation %", cell=change, numeric=True),
         Column("", "", lambda g: "outlier" if g.outlier else "suspect" if g.suspect else ""),
         Column("p", None, lambda g: {_key(metric, term.unit): g.p[metric] for metric in METRICS}),
         Column("flags", None, lambda g: [_key(metric, term.unit) for metric in g.flags]),

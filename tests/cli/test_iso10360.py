@@ -185,7 +185,7 @@ def test_a_calibration_gives_figures_without_decision(calibration: Path) -> None
     found = answer("iso10360", calibration)
     assert decisions(found) == {"E_Uni": "no limit", "L_Dia": "no limit"}
     notes = " ".join(found["verdict"]["notes"])
-    assert "give the calibrated one with --urdf" in notes
+    assert "Give the calibrated one with --urdf" in notes
     assert "not validation data" in notes
     own = answer("iso10360", calibration.parent / "job.yaml")
     assert found["lengths"]["rms_mm"] == pytest.approx(own["lengths"]["rms_mm"])

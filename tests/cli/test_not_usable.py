@@ -9,7 +9,7 @@ from cli_job import Capture, answer, cli, made_worse, refused, write_simulated_j
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
-WHY = "worse than the nominal one on the validation data"
+WHY = "worse than the nominal arm on the validation data"
 BOX = ("--region", "150,600,-300,300,0,400", "--grid", "5")
 
 

@@ -155,7 +155,7 @@ def test_a_copy_of_a_strangers_writes_nothing_else(name: str, tmp_path: Path) ->
         archive.writestr("inputs.json", json.dumps(told))
         archive.writestr("job.yaml", "")
         archive.writestr(name, "theirs")
-    with pytest.raises(Exception, match="names of files that are none of its own"):
+    with pytest.raises(Exception, match="names of files that do not belong to it"):
         InputsCopy.read(path)
 
 

@@ -43,7 +43,7 @@ def test_two_rows_of_one_kind_over_the_same_samples_are_refused(job: Path, copie
     if copied:
         shutil.copy(job.parent / "calibration" / "a.csv", job.parent / "b.csv")
         again = ROW.replace("calibration/*.csv", "b.csv")
-    with pytest.raises(JobError, match=r"40 samples that stand in observations\[0\] too") as caught:
+    with pytest.raises(JobError, match=r"40 samples that are in observations\[0\] too") as caught:
         with_rows(job, ROW, again)
     assert "calibration.yaml:7: observations[1].samples" in str(caught.value)
 
@@ -52,7 +52,7 @@ def test_a_few_rows_of_another_row_of_the_job_are_refused_too(job: Path) -> None
     header, *rows = (job.parent / "calibration" / "a.csv").read_text().splitlines(keepends=True)
     (job.parent / "a.csv").write_text("".join([header, *rows[:25]]))
     (job.parent / "b.csv").write_text("".join([header, *rows[20:]]))
-    with pytest.raises(JobError, match=r"5 samples that stand in observations\[0\] too"):
+    with pytest.raises(JobError, match=r"5 samples that are in observations\[0\] too"):
         with_rows(job, *(ROW.replace("calibration/*.csv", name) for name in ("a.csv", "b.csv")))
 
 

@@ -202,7 +202,7 @@ def test_rendered_pictures_of_a_workcell(shift: float, tmp_path: Path) -> None:
         *("hand-eye", WORKCELL / "poses.csv", "--setup", "eye-to-hand", *options),
         *("--intrinsics", "fixed"),
     )
-    named = [note for note in held["verdict"]["notes"] if "intrinsics that were held" in note]
+    named = [note for note in held["verdict"]["notes"] if "the fixed intrinsics" in note]
     assert len(named) == bool(shift)
 
 

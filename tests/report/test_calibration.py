@@ -169,7 +169,7 @@ def test_console_says_the_verdict_first_and_all_with_verbose(result: Calibration
     for text in (short, full):
         assert max(len(line.rstrip()) for line in text.splitlines()) <= 100
         assert text.startswith("Good. Converged")
-        assert "RMS on 15 held-out positions" in "".join(text.splitlines()[:3])
+        assert "RMS on 15 validation positions" in "".join(text.splitlines()[:3])
         assert "Largest changes" in text
     assert len(short.splitlines()) <= 32
     assert "--verbose shows" in short

@@ -198,7 +198,7 @@ observations: [{kind: KIND, artefact: a.yaml, samples: '*/*.csv', seating: SEATI
 @pytest.mark.parametrize(
     ("kind", "seating", "said"),
     [
-        ("pairwise_distance", "{clearance_mm: 0.3, rotation_deg: 2}", "rotation_deg.*no use for"),
+        ("pairwise_distance", "{clearance_mm: 0.3, rotation_deg: 2}", "rotation_deg.*does not use"),
         ("fixed_point", "{clearance_mm: 0.3}", "does not use"),
         ("landmark", "{clearance: 0.3}", "unknown key.*clearance_mm"),
         ("landmark", "{clearance_mm: -1}", "a positive number"),

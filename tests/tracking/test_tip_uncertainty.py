@@ -183,7 +183,7 @@ def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str
     assert cli("tip-map", result, *options) == 0
     cool = json.loads(capsys.readouterr().out)
     assert cool["absolute"]["rms_mm"] > 0
-    assert not any("how warm" in note for note in cool["verdict"]["notes"])
+    assert not any("temperature of the arm" in note for note in cool["verdict"]["notes"])
     # What is held is not forgotten on the way.
     written = json.loads(result.read_text())
     assert [each["parameter"] for each in written["held"]] == written["unidentified"]
@@ -210,7 +210,7 @@ def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str
     result.write_text(json.dumps(written))
     assert cli("tip-map", result, *options, "--grid", 5) == 0
     notes = json.loads(capsys.readouterr().out)["verdict"]["notes"]
-    (note,) = (each for each in notes if "how warm" in each)
+    (note,) = (each for each in notes if "temperature of the arm" in each)
     assert "at 20 °C, though links.expansion was found" in note
 
 

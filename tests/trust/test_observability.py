@@ -97,7 +97,7 @@ def test_parallel_pillars_hide_three_of_thirteen(arm: ArmModel, parallel: Scene)
     assert "tilt the tool" in remedies["tip.y"]
     assert set(found.redundant) == {"joint_1.offset", "joint_2.z"}
     # An instrument that stands anywhere sees no more of where the arm stands.
-    assert remedies["joint_2.z"].startswith("none needed")
+    assert remedies["joint_2.z"].startswith("nothing to do")
     assert "tracked_point" not in remedies["joint_2.z"]
 
 
