@@ -191,7 +191,7 @@ def test_the_headline_is_the_held_out_rms(result: Calibration) -> None:
     first, _, rest = result.headline.partition(" → ")
     assert float(first) == pytest.approx(mm(was), rel=0.06)
     assert float(rest.split()[0]) == pytest.approx(mm(now), rel=0.06)
-    assert "held-out" in rest
+    assert "validation" in rest
 
 
 def test_arrows_are_as_long_as_can_be_told() -> None:
