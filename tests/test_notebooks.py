@@ -87,7 +87,7 @@ CLAIMED = {
         "a distance scatters by 0.22 mm\n",
         "tilted by 20°              1 mm more of tool is seen as 0.0000 mm   tip.y open",
         "one point from many sides  1 mm more of tool is seen as 0.66",
-        "… if what is held is exact    0.137",
+        "… if fixed parameters are exact    0.137",
         "F253    predicted 0.073 mm",
         "N132    predicted 0.043 mm",
         "made within 35 % of predicted: True",

@@ -179,8 +179,8 @@ class HandEyeCalibration(Displayable, EyePoses, RobustAnswer):
                 else ("Is the camera beside the robot? Then use --setup eye-to-hand. ")
             )
             (bad if self.inverted == "bad" else caution).append(
-                f"{self.lengths_told} {beside}Are both poses inverted? Then X is the transform that is "
-                f"called Z here: {self.Z_told}."
+                f"{self.lengths_told} {beside}Are both poses inverted? Then X is the transform "
+                f"that is called Z here: {self.Z_told}."
             )
         # A hand may move by millimetres, a target be seen from them: not both.
         (bad if len(self.notes) > 1 else caution).extend(self.notes)
