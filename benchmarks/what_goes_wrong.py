@@ -229,7 +229,7 @@ CORRUPTIONS: Final = (
     ),
     Corruption("a clock set half-way", (*LATE, "missing among"), clock_jumped, needs="order"),
     Corruption("a wrap missed in some rows", ("that its count missed",), joint(4, wrap_missed)),
-    Corruption("one column sorted", ("stand in order",), joint(2, sorted_column)),
+    Corruption("one column sorted", ("are sorted",), joint(2, sorted_column)),
     Corruption(
         "one column copied over another",
         ("same as one another",),

@@ -140,7 +140,7 @@ COMMON_KEYS: Final = Fields(
 def _of_frames() -> Iterable[Field]:
     pose = Value("mapping", inside=POSE_KEYS)
     return {
-        frame.key: Field(frame.key, pose, f"Known pose: {frame.about}.")
+        frame.key: Field(frame.key, pose, f"Known: {frame.about}.")
         for kind in KINDS.values()
         for frame in kind.frames
     }.values()

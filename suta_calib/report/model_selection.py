@@ -21,7 +21,7 @@ from suta_calib.trust.score_tests import ScoreTest
 from suta_calib.units import key, shown, text, unit_name
 
 NAME: Final = "extend"
-TITLE: Final = "Errors beside geometry"
+TITLE: Final = "Errors other than geometry"
 CAPTION: Final = (
     "RMS{unit}, each error counted up to the Huber threshold. Change: of the variance of left-out "
     "rows against the job's model, with its standard error over the folds."

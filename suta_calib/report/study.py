@@ -182,7 +182,7 @@ def _parameter(p: ParameterSpread) -> Json:
 def _drawn(study: Study) -> str:
     plan = study.plan
     complete = [plan.data.terms[k].kind for k in plan.data.sets.kept_whole]
-    complete_note = f" {' and '.join(complete)} is kept whole in every trial." if complete else ""
+    complete_note = f" {' and '.join(complete)} is used whole in every trial." if complete else ""
     seed = f"seed {plan.data.seed}"
     if plan.data.kind == "monte-carlo":
         return (

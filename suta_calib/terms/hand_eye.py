@@ -106,8 +106,8 @@ class HandEye(InstrumentTerm):
     )
     medium = "camera"
     frames = (
-        TrueFrame("hand_eye", "eye_in_tip", "where the camera sits on the tip", required=True),
-        TrueFrame("target", "target_in_base", "where the target stands in the base", required=True),
+        TrueFrame("hand_eye", "eye_in_tip", "pose of the camera on the tip", required=True),
+        TrueFrame("target", "target_in_base", "pose of the target in the base", required=True),
     )
     leaves_open: ClassVar[Mapping[Gap, tuple[str, str]]] = {
         "tool": (

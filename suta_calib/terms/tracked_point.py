@@ -112,7 +112,7 @@ class TrackedPoint(InstrumentTerm):
         TrueFrame(
             "base",
             "base_in_instrument",
-            "where the base stands in the instrument's frame",
+            "pose of the base in the instrument's frame",
             required=False,
             seen_from=True,
         ),

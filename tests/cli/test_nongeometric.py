@@ -68,7 +68,7 @@ def test_extend_finds_the_eccentric_encoder(job: Path) -> None:
         *("extend.json", "extend.svg", "report.html")
     }
     page = (job.parent / "results" / "report.html").read_text()
-    assert "Errors beside geometry" in page
+    assert "Errors other than geometry" in page
     assert "select: [joint_3.ecc_c1, joint_3.ecc_s1], bound_deg: 1" in page
 
 

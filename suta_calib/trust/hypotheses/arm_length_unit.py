@@ -18,7 +18,7 @@ class ArmLengthUnit(Reinterpretation):
     """A joint's origin, or one of its coordinates, times 10, 100, 1000, or divided by these."""
 
     name = "unit of a length"
-    about = "A length of the arm stands in the URDF in another unit."
+    about = "The URDF has a length of the arm in another unit."
     precedence = 70
 
     def readings(self, data: Problem) -> Iterator[tuple[str, tuple[Term, ...]]]:

@@ -34,11 +34,11 @@ class SortedColumn(Pattern):
                     ordered.append(np.flatnonzero(monotonic & moves).tolist())
         if ordered and len(ordered[0]) == 1 and all(file == ordered[0] for file in ordered):
             yield (
-                f"The readings of {arm_of(terms[0]).joints[ordered[0][0]]} stand in order, those "
-                "of no other joint do. Was its column sorted without the others? Export the "
+                f"The readings of {arm_of(terms[0]).joints[ordered[0][0]]} are sorted, those of "
+                "no other joint are. Was its column sorted without the others? Export the "
                 "readings again."
             )
 
     def spoil(self, data: Any, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The middle column sorted."""
-        return middle_joint_changed(data, np.sort, "The readings of {} stand in order")
+        return middle_joint_changed(data, np.sort, "The readings of {} are sorted")
