@@ -156,7 +156,7 @@ def test_a_refusal_names_the_column(
     solution = solve(Problem([term], unknown))
     found = assess_calibration(CalibrationExamination.of(solution))
     assert found.level == "bad"
-    assert f"if the instrument measures {what} that" in found.notes[0]
+    assert f"if the instrument measures {what} " in found.notes[0]
     assert "give its name in a column target" in found.notes[0]
     assert not any("was moved" in note for note in found.notes)
     _, marked = term.on_unknown_mount or ("", term)
