@@ -250,7 +250,7 @@ class BoardPictures:
         warnings.warn(
             f"{source or 'corners'}: the board looks the same after half a turn. In "
             f"{listed(np.array(names)[turned].tolist(), QUOTED)} its corners are numbered from "
-            f"the opposite end than in {than}. They are renumbered there",
+            f"the other end than in {than}. They are renumbered there",
             SutaCalibWarning,
             stacklevel=2,
         )

@@ -138,7 +138,7 @@ def test_an_arm_that_grows_with_warmth_is_said_to_be_taken_as_cool(device: Path,
     command = ("track", tmp_path / "calibrated.urdf", "--tip", "tip", "--device", device)
     options = ("--result", scene.path, "--seconds", 0.3)
     (note,) = answer(*command, *options)["notes"]
-    assert "at 20 °C, though links.expansion was estimated" in note
+    assert "taken to be 20 °C, though links.expansion was estimated" in note
     assert "is 10 K warmer, each metre of it is longer or shorter by up to 0.23 mm" in note
     assert printed(*command, *options).count(note) == 1
 

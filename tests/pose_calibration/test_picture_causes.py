@@ -64,7 +64,9 @@ def test_two_cameras_number_such_a_board_from_one_end(setup: str) -> None:
     first, second = scene.views
     turned = replace(second.corners, point=23 - second.corners.point)
     views = first, replace(second, corners=turned)
-    with pytest.warns(SutaCalibWarning, match="from the other end than in the pictures of a row"):
+    with pytest.warns(
+        SutaCalibWarning, match="from the other end than in the pictures of an earlier row"
+    ):
         found = solved(replace(scene, views=views), setup=setup)
     alike = solved(scene, setup=setup)
     assert found.assessment.level == "good"
@@ -90,7 +92,7 @@ def test_pictures_of_a_camera_that_was_upside_down_are_left_out_and_named() -> N
 def test_a_size_of_other_pictures_in_the_file_is_named(intrinsics: str) -> None:
     scene = pictures(16, pixel=0.1, given=replace(CAMERA, width=2560, height=1920))
     (note,) = solved(scene, intrinsics=intrinsics).assessment.notes
-    assert "says 2560 x 1920 px" in note
+    assert "states 2560 x 1920 px" in note
 
 
 def test_a_board_that_is_numbered_mirrored_is_named() -> None:
@@ -179,7 +181,7 @@ def test_a_focal_length_that_is_held_wrong_is_no_board_of_another_size() -> None
     file = Camera(1280, 960, np.add(LENS, [20.0, 20.0, 0, 0, 0, 0, 0, 0, 0]))
     found = solved(pictures(24, pixel=0.1, robot=(5e-4, 5e-4), given=file), intrinsics="fixed")
     assert found.cameras[0].board_scale == 1.0
-    assert any("were held (fx" in note for note in found.assessment.notes)
+    assert any("the fixed intrinsics (fx" in note for note in found.assessment.notes)
 
 
 def test_a_board_of_other_counts_is_named_by_its_columns() -> None:
@@ -212,6 +214,8 @@ def test_names_that_do_not_match_are_refused() -> None:
     two = corners.take(np.isin(corners.image, ["000.png", "001.png"]))
     with (
         pytest.warns(UserWarning, match="no corners of 14 of 16 images"),
-        pytest.raises(SamplesError, match="found 2 pictures that tell where the board is"),
+        pytest.raises(
+            SamplesError, match="found 2 pictures from which the pose of the board follows"
+        ),
     ):
         solved(replace(scene, views=(replace(scene.views[0], corners=two),)))

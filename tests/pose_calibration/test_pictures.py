@@ -135,7 +135,9 @@ def test_wrong_intrinsics_that_are_held_do_not_pass_in_silence(
     (seen,) = found.cameras
     assert seen.held
     assert np.array_equal(seen.camera.intrinsics, file.intrinsics)
-    assert [("were held (fx" in note) for note in found.assessment.notes] == [True] * contradicted
+    assert [("the fixed intrinsics (fx" in note) for note in found.assessment.notes] == [
+        True
+    ] * contradicted
     assert (found.assessment.level == "care") == contradicted
     off = (seen.by_pictures.intrinsics - LENS)[:4] / seen.by_pictures.stds[:4]
     assert np.abs(off).max() < 4.0

@@ -394,7 +394,7 @@ def test_a_probe_of_another_shape_navigates_nowhere(which: str, dewarp: bool) ->
     wrong = replace(data, navigation=replace(data.navigation, em_nav=last))
     assessment = solve(wrong, dewarp=dewarp).assessment
     assert assessment.level == "bad"
-    assert f"EM-nav: the probe's markers of frame {len(last)} stay" in assessment.notes[0]
+    assert f"EM-nav: the probe's markers of frame {len(last)} are" in assessment.notes[0]
 
 
 @pytest.mark.parametrize("seed", range(6))

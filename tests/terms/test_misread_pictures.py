@@ -77,7 +77,7 @@ def test_markers_of_another_size_at_the_right_places_are_refused_by_name(factor:
     if factor == 1.0:
         check_files(seen)
     else:
-        with pytest.raises(SamplesError, match=f"corners of markers {factor:.2f}"):
+        with pytest.raises(SamplesError, match=f"corners of markers that are {factor:.2f}"):
             check_files(seen)
 
 
@@ -85,7 +85,7 @@ def test_markers_of_another_size_at_the_right_places_are_refused_by_name(factor:
 def test_a_camera_of_larger_pictures_is_refused_by_name(factor: float, said: str) -> None:
     """All corners are in its pictures too: nothing else would tell."""
     seen = replace(board_pictures(), camera=CAMERA.resized(factor))
-    with pytest.raises(SamplesError, match=f"of some 1280 x 960 px; expected of {said}"):
+    with pytest.raises(SamplesError, match=f"of about 1280 x 960 px; expected of {said}"):
         check_files(seen)
 
 
@@ -95,7 +95,7 @@ def test_a_size_of_other_pictures_beside_the_right_matrix_is_named(factor: float
     larger = Camera(round(factor * 1280), round(factor * 960), CAMERA.intrinsics)
     said = replace(seen, camera=larger)
     check_files(said)
-    assert f"says {larger.width} x {larger.height} px" in other_size(said)
+    assert f"states {larger.width} x {larger.height} px" in other_size(said)
     assert "the middle of about 1285 x 953 px" in other_size(said)
     assert not other_size(seen)
     # Cut out of larger pictures: corners are everywhere in what is left of them.
@@ -197,7 +197,7 @@ def test_what_the_pictures_have_wrong_is_in_the_assessment() -> None:
     solution = solve(Problem([changed(mirrored)], dh_parameters(ARM)))
     found = assess_calibration(CalibrationExamination.of(solution))
     assert found.level == "care"
-    assert any("numbered mirrored" in note for note in found.notes)
+    assert any("numbered in mirror image" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(
