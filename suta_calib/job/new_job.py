@@ -229,8 +229,8 @@ def _quoted(text: str) -> str:
 
 
 _POSE: Final = """\
-    # Pose of the artefact in the arm's base frame, by a ruler. Without it everything is estimated
-    # except the place of the base. Uncomment it, with your labels, numbers and standard deviations.
+    # Pose of the artefact in the arm's base frame, by a ruler. Without it the place of the base
+    # cannot be estimated. Uncomment it, with your labels, numbers and standard deviations.
     # pose:
     #   P1: {position_mm: [170, 0, 0], rotation_rpy_deg: [0, 0, 0], prior_mm: 2, prior_deg: 1}"""
 _JOB: Final = """\

@@ -204,7 +204,7 @@ class HandEye(InstrumentTerm):
         away = float(np.median(np.linalg.norm(target, axis=1)))
         # About a target in its middle a camera may turn without seeing it move.
         if away > FAR or away < NEAR:
-            what, expected = "the target's positions", "the target's positions in the eye, in m"
+            what, expected = "the target's positions", "the target's positions in the camera, in m"
             check_unit(self, what, extent(target), extent, expected, SEEN_UNIT)
 
     def start(self, rotation: FloatArray, position: FloatArray) -> FloatArray:

@@ -61,7 +61,7 @@ def displaced(term: Term, values: Mapping[str, float], twist: FloatArray) -> Ter
         SamplesError: a kind that touches.
     """
     if term.medium == "touch":
-        raise SamplesError(f"the kind {term.kind}", "one that an instrument watches")
+        raise SamplesError(f"the kind {term.kind}", "a kind with an external instrument")
     truth = term.start_values(values) | dict(values)
     rotation, position = term.poses.at(values)
     samples, changed = term.poses.samples, dict[str, Any]()

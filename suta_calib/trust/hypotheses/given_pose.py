@@ -31,7 +31,7 @@ class WrongGivenPose(Reinterpretation):
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The first of the given poses 5 cm elsewhere."""
         if not data.given:
-            raise SamplesError("no given poses", "a term with some", where=data.kind)
+            raise SamplesError("no given poses", "a term with given poses", where=data.kind)
         label, pose = next(iter(data.given.items()))
         position = pose.position + random_shift(rng, 0.05)
         given = {**data.given, label: replace(pose, position=position)}

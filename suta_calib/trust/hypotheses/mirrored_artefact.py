@@ -29,7 +29,7 @@ class MirroredArtefact(Reinterpretation):
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The artefact mirrored."""
         if data.touched is None:
-            raise SamplesError(f"the kind {data.kind}", "one that touches an artefact")
+            raise SamplesError(f"the kind {data.kind}", "a kind that touches an artefact")
         return SpoiltData(mirrored(data), effect=DESCRIPTION)
 
 

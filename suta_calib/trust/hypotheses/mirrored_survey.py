@@ -28,7 +28,7 @@ class MirroredSurvey(Reinterpretation):
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The y of all given positions with the other sign."""
         if not data.given:
-            raise SamplesError("no given positions", "a term with some", where=data.kind)
+            raise SamplesError("no given positions", "a term with given positions", where=data.kind)
         return SpoiltData(mirrored(data, np.array([1.0, -1.0, 1.0])), effect=_description("y"))
 
 

@@ -30,4 +30,4 @@ class MisreadObservations(Reinterpretation):
         """The first way, which undoes itself."""
         for description, read in data.misread:
             return SpoiltData(read, effect=description)
-        raise SamplesError(f"the kind {data.kind}", "one that can be misread")
+        raise SamplesError(f"the kind {data.kind}", "a kind whose observations can be misread")

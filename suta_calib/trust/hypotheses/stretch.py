@@ -62,7 +62,7 @@ class Stretch(AddedVariable):
         """A file that says 0.3 % too little along x, and as much too much along y."""
         body = body_of(data)
         if body is None:
-            raise SamplesError(f"the kind {data.kind}", "one that looks at an artefact or a board")
+            raise SamplesError(f"the kind {data.kind}", "a kind with an artefact or a board")
         size = 0.003 * np.array([1.0, -1.0]) * rng.choice([-1.0, 1.0])
         wrong = stretched(data, (1.0 / (1.0 + size[0]), 1.0 / (1.0 + size[1])))
         return SpoiltData(wrong, size, _called(body))
