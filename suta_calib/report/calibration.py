@@ -182,7 +182,7 @@ def _parameters(result: Calibration) -> Iterator[Part]:
     estimated = [row for row in arm if row.change is not None]
     yield PARAMETERS.of(estimated, place="page")
     if any(row.state == "prior" for row in estimated):
-        yield remark("“prior”: mostly known beforehand; the data say little about it.")
+        yield remark("“prior”: mostly known beforehand; the data determine it only a little.")
     if held := len(arm) - len(estimated):
         s, keep = ("s", "keep their") if held > 1 else ("", "keeps its")
         yield remark(
@@ -195,7 +195,7 @@ def _parameters(result: Calibration) -> Iterator[Part]:
             "Change from nominal, ± one standard deviation",
         )
     found = [row for row in of_terms if row.change is not None]
-    yield PARAMETERS.of(found, f"The observations' own unknowns ({len(found)})", folded=True)
+    yield PARAMETERS.of(found, f"Unknowns of the observations ({len(found)})", folded=True)
 
 
 def _largest_changes(arm: Sequence[Outcome]) -> Iterator[str]:

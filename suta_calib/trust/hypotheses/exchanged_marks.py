@@ -66,9 +66,7 @@ class ExchangedMarks(AddedVariable):
     def spoil(self, data: Term, values: Truth, rng: np.random.Generator) -> SpoiltData:
         """The labels of two targets exchanged in the second half of the rows."""
         if not data.marked:
-            raise SamplesError(
-                "samples without targets", "two targets at least", where=data.kind
-            )
+            raise SamplesError("samples without targets", "two targets at least", where=data.kind)
         samples = data.poses.samples
         labels = samples.labels[data.mark].copy()
         a, b = sorted(set(labels.tolist()))[:2]
