@@ -162,7 +162,7 @@ def test_backlash_that_no_direction_shows_is_explained() -> None:
     solution = solve(problem, SolverOptions(starts=1))
     assert solution.estimates["joint_3.backlash"].state == "unidentified"
     told = {e.fixed: e for e in explain(problem, solution.x, solution.identification)}
-    assert "both sides" in told["joint_3.backlash"].sentence
+    assert "from which side" in told["joint_3.backlash"].sentence
     assert "joint_3.direction" in told["joint_3.backlash"].remedy
 
 
