@@ -106,4 +106,7 @@ def test_readings_of_a_fitted_rest_are_not_held_out(job: Path, rows: int, said: 
     wandered = seen.q + 1e-6 * np.random.default_rng(0).standard_normal(seen.q.shape)
     write_samples(job.parent / "validation" / "a.csv", replace(seen, q=wandered))
     notes = CalibrationJob.load(job).run().assessment.notes
-    assert any(f"{rows} of 40 validation rows were read in the posture" in note for note in notes) == said
+    assert (
+        any(f"{rows} of 40 validation rows were read in the posture" in note for note in notes)
+        == said
+    )

@@ -35,7 +35,11 @@ def judged(data: StereotacticData, *, dewarp: bool = True, robust: bool = False)
 
 
 def says_of_shapes(assessment: Assessment) -> list[str]:
-    return [n for n in assessment.notes if re.search(r"calbody|markers are up to|markers of frame|seem to be one frame", n)]
+    return [
+        n
+        for n in assessment.notes
+        if re.search(r"calbody|markers are up to|markers of frame|seem to be one frame", n)
+    ]
 
 
 def one_marker(
