@@ -241,7 +241,7 @@ def _beside(
             continue
         if rms_length(deviation.common - its.common) < EXPLAINED * rms_length(deviation.common):
             return f"The same is true in {other.file}: look for a mistake in calbody."
-        how = "have yet another shape" if its.significant else "have that shape"
+        how = "have yet another shape" if its.significant else "have calbody's shape"
         return f"In {other.file} they {how}: a marker was moved, or is read wrongly."
     if shape.bent and deviation.factor is None and deviation.marker is None:
         return "Look for a mistake in calbody, or for frames in which something else was moved."
