@@ -64,7 +64,7 @@ def rendered(answer: document.Document, *, verbose: bool = False) -> RenderableT
                     continue
                 part = replace(part, cells=part.cells[:most])
             room -= len(part.cells)
-            parts.append(Fitted(part))
+            parts.append(FittedTable(part))
     if not verbose:
         more += [p.title for p in answer.parts if isinstance(p, listing.Table) and _hidden(p)]
     if count := len([title for title in dict.fromkeys(more) if title]):
@@ -137,7 +137,7 @@ def bullet(note: str) -> Wrapped:
 
 
 @dataclass(frozen=True, eq=False)
-class Fitted:
+class FittedTable:
     """A table where the terminal is wide enough for its numbers and words, or else lines."""
 
     listed: listing.Table

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from suta_calib.assessment import Assessment
 from suta_calib.cli._output import console
-from suta_calib.report.console import Fitted, rendered
+from suta_calib.report.console import FittedTable, rendered
 from suta_calib.report.document import Document, Text
 from suta_calib.report.listing import Column, Listing
 
@@ -97,7 +97,7 @@ def test_words_stand_below_their_row_before_a_table_is_given_up() -> None:
 
     def lines(width: int) -> list[str]:
         out = io.StringIO()
-        Console(file=out, width=width, highlight=False).print(Fitted(listed))
+        Console(file=out, width=width, highlight=False).print(FittedTable(listed))
         return [line.strip() for line in out.getvalue().splitlines()]
 
     def rows_of(width: int) -> list[str]:
