@@ -19,7 +19,7 @@ from suta_calib.device.reading import ERROR_MEANING, WARNING_MEANING
 from suta_calib.geometry.numbers import rpy_from_rotation
 from suta_calib.inputs import UrdfFile
 from suta_calib.model.arm import ArmModel
-from suta_calib.report.console import Fitted
+from suta_calib.report.console import FittedTable
 from suta_calib.report.listing import Column, Listing, Tone, shown_as
 from suta_calib.tracking.tracker import matched_joints
 from suta_calib.units import deg, mm
@@ -154,7 +154,7 @@ class _View(LiveView):
         title = f"{data['port']} · {data['frame_rate_hz']:.1f} {data['format']}/s"
         if data["clock_ppm"] is not None:
             title += f" · device clock {data['clock_ppm']:+.0f} ppm"
-        table = Fitted(JOINTS.of(data["joints"].items(), title))
+        table = FittedTable(JOINTS.of(data["joints"].items(), title))
         lines = [Text(f"· {remark}", style="yellow") for remark in data["remarks"]]
         if self._tip is not None and data["tip"] is not None:
             where, turn = (_vector(data["tip"][key]) for key in ("position_mm", "rotation_rpy_deg"))

@@ -23,7 +23,7 @@ from suta_calib.cli._options import (
 )
 from suta_calib.cli._output import LiveView, console, ended_by_sigterm, print_json, printing
 from suta_calib.geometry.numbers import rpy_from_rotation
-from suta_calib.report.console import Fitted, Wrapped
+from suta_calib.report.console import FittedTable, Wrapped
 from suta_calib.report.listing import Table
 from suta_calib.tracking.live import Tracking, TrackOptions
 from suta_calib.tracking.session import Pace
@@ -264,4 +264,4 @@ def _numbers(title: str, heads: Sequence[str], rows: list[tuple[str, ...]]) -> R
     """A table of numbers, each row with a name."""
     columns = ["", *heads]
     untoned = [[None] * len(columns)] * len(rows)
-    return Fitted(Table(title, "", columns, frozenset(range(1, len(columns))), rows, untoned, list))
+    return FittedTable(Table(title, "", columns, frozenset(range(1, len(columns))), rows, untoned, list))
