@@ -264,4 +264,6 @@ def _numbers(title: str, heads: Sequence[str], rows: list[tuple[str, ...]]) -> R
     """A table of numbers, each row with a name."""
     columns = ["", *heads]
     untoned = [[None] * len(columns)] * len(rows)
-    return FittedTable(Table(title, "", columns, frozenset(range(1, len(columns))), rows, untoned, list))
+    return FittedTable(
+        Table(title, "", columns, frozenset(range(1, len(columns))), rows, untoned, list)
+    )
