@@ -53,6 +53,7 @@ from suta_calib.report.errors import (
     by_kind,
     errors_in_short,
     errors_table,
+    far_rows,
     groupings,
     groups,
     residual_rows,
@@ -240,6 +241,8 @@ def _errors(result: Calibration) -> Iterator[Part]:
     sets = {"calibration": accuracy.calibration, "validation": accuracy.validation}
     held_out_first = {name: sets[name] for name in ("validation", "calibration")}
     yield errors_in_short(held_out_first)
+    if result.solution.converged:
+        yield from far_rows(accuracy.calibration)
     yield errors_table(sets, place="detail")
     if not result.solution.converged:
         yield Text(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import methodcaller
@@ -13,11 +14,13 @@ from numpy.typing import NDArray
 
 from suta_calib import units
 from suta_calib.arrays import FloatArray
+from suta_calib.report.document import Text
 from suta_calib.report.listing import Column, Json, Listing, Place, Table
 from suta_calib.terms import every_grouping
 from suta_calib.terms.block import grouped
 from suta_calib.trust.accuracy import BlockErrors, Metrics, TermAccuracy
 from suta_calib.units import NOTHING, Unit
+from suta_calib.words import listed
 
 # Unit of what was seen in pictures.
 PIXELS: Final[Unit] = "px"
@@ -156,6 +159,39 @@ def errors_in_short(sets: Mapping[str, Sequence[TermAccuracy]]) -> Table:
     """A row for each kind of the data: RMS before and after, for a console."""
     rows = [(name, errors) for name, terms in sets.items() for errors in by_kind(terms)]
     return ERRORS_IN_SHORT.of(rows, place="console")
+
+
+# Times the median error beyond which a fitted row is named: noise does not reach it.
+FAR: Final = 10.0
+
+
+def far_rows(terms: Sequence[TermAccuracy]) -> Iterator[Text]:
+    """A sentence for each term of which a few fitted rows are far from all others.
+
+    A robust fit gives them hardly any weight: the answer is sound, the row is wrong even so.
+    """
+    for term in terms:
+        block, origin = term.blocks[0], term.term.poses.samples.origin
+        # A distance is wrong if either of its ends is: `suta-calib outliers` tells which.
+        if block.rows.shape[1] != 1 or not len(block.after):
+            continue
+        far = np.flatnonzero(block.after > FAR * np.median(block.after))
+        if not len(far):
+            continue
+        far = far[np.argsort(-block.after[far])]
+        named = [
+            f"{origin[block.rows[k, 0]]} ({units.text(block.after[k], block.unit, with_unit=True)})"
+            for k in far.tolist()
+        ]
+        several = len(far) > 1
+        weighed = math.isfinite(term.term.blocks[0].noise.huber)
+        yield Text(
+            f"{len(far)} of {len(block.after)} fitted rows of {term.term.kind} "
+            f"{'are' if several else 'is'} more than {FAR:.0f} times as far off as most: "
+            f"{listed(named, 3)}. Look for a wrong label or a slip. The fit gives "
+            f"{'these rows' if several else 'this row'} "
+            + ("little weight." if weighed else "full weight: the job has no huber.")
+        )
 
 
 def _accuracy_rows(name: str, terms: Sequence[TermAccuracy]) -> Iterator[AccuracyRow]:
