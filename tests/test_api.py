@@ -410,7 +410,7 @@ def test_what_cannot_be_used_is_refused_where_it_is_made(
 
 def test_positions_that_never_move_are_refused() -> None:
     still = TrackedPoint.from_arrays(ARM, Q, position=np.zeros((12, 3)))
-    with pytest.raises(InputError, match="positions 0 mm about their middle"):
+    with pytest.raises(InputError, match="positions that scatter by 0 mm about"):
         calibrate(ARM, still)
 
 

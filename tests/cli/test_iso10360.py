@@ -266,7 +266,7 @@ def test_limits_for_what_is_not_tested_are_refused(folder: Path) -> None:
         "arm: {urdf: suta.urdf, tip: tip}\nrepeatability: {samples: repeated.csv}\n"
         "mpe: {size_mm: 0.1}\n"
     )
-    assert "not tested" in refuses(folder)
+    assert "a limit without a test" in refuses(folder)
 
 
 def test_a_calibration_without_lengths_is_refused(calibration: Path) -> None:

@@ -211,7 +211,7 @@ def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str
     assert cli("tip-map", result, *options, "--grid", 5) == 0
     notes = json.loads(capsys.readouterr().out)["verdict"]["notes"]
     (note,) = (each for each in notes if "temperature of the arm" in each)
-    assert "at 20 °C, though links.expansion was found" in note
+    assert "taken to be 20 °C, though links.expansion was estimated" in note
 
 
 @pytest.mark.parametrize(
