@@ -270,8 +270,8 @@ def _remedy_sentences(plan: Plan) -> list[str]:
         why = f" ({remedy.why})" if remedy.why else ""
         if remedy.by_all and remedy.candidates:
             sentences.append(
-                f"{remedy.parameter} is not determined{why}. These candidates determine it, all of "
-                f"the sort {' or '.join(remedy.sorts)}: {named}."
+                f"{remedy.parameter} is not determined{why}. It would be determined by a "
+                f"{' or '.join(remedy.sorts)} ({named}), and by no other sort of candidate."
             )
         elif remedy.by_all:
             together = "only several candidates together determine it."
@@ -280,7 +280,7 @@ def _remedy_sentences(plan: Plan) -> list[str]:
     for advice, group in groupby(sorted(never, key=lambda r: r.advice), key=lambda r: r.advice):
         names = ", ".join(r.parameter for r in group)
         sentences.append(
-            f"No candidate can determine {names}: {advice or 'add another kind of observation'}."
+            f"No candidate can determine {names} ({advice or 'add another kind of observation'})."
         )
     return sentences
 
