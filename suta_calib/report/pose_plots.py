@@ -43,7 +43,7 @@ def pivot_plot(calibration: PivotCalibration, data: ToolPoses) -> str:
         rows = calibration.residuals, calibration.inliers, calibration.rms
         _draw_residuals(residuals, "Tip from post", *rows, "m", "pose (row, from 0)")
         draw_directions(directions, np.asarray(data.rotation @ axis), calibration.inliers)
-        directions.set_title("Directions of the tool in the\ntracker (angle from their mean)")
+        directions.set_title("Directions of the tool,\nby angle from their mean")
         return svg_text(figure, "pivot", "Pivot calibration: residuals and directions")
 
 

@@ -191,8 +191,6 @@ class Viewer:
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.set_panel_label("suta-calib")
         gui.add_html(headline(scene))
-        with gui.add_folder("Legend"):
-            gui.add_html(legend(scene))
         if scene.assessment is not None and scene.assessment.notes:
             with gui.add_folder("Notes", expand_by_default=False):
                 gui.add_html(paragraphs(map(escape, scene.assessment.notes)))
@@ -206,6 +204,8 @@ class Viewer:
             }
             for what, factor in factors(scene):
                 self._add_factor(f"{what} ×", factor, change[what])
+        with gui.add_folder("Legend"):
+            gui.add_html(legend(scene))
         with gui.add_folder("Joints", expand_by_default=not len(scene.rows)):
             self._add_joints()
         with gui.add_folder("Shown"):
