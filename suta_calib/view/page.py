@@ -9,21 +9,22 @@ from suta_calib.plotting.scene import drawn_rows
 from suta_calib.view.scene import ArmScene
 from suta_calib.view.server import EACH_S, Viewer, factors, headline, legend, paragraphs
 
-# Over the scene's upper right corner, for viser's own messages stand in the left one. Where the
-# page is narrow it is folded to one line above the bar that plays.
+# Over the scene's upper right corner, for viser's own messages stand in the left one. Where it
+# would cover the scene it is folded to one line; on a telephone above the bar that plays.
 _STYLE = """<style>
 #suta-calib { position: fixed; right: 0; top: 0; z-index: 1; width: 24em; max-width: 100vw;
   max-height: 80vh; overflow: auto; background: #fffd; color: #000; font: 15px sans-serif;
   border-bottom-left-radius: .4em; }
 #suta-calib summary { padding: .5em 1em; cursor: pointer; overflow-wrap: anywhere;
   font-weight: 600; }
+#suta-calib:not([open]) { width: auto; }
 @media (max-width: 40em) {
   #suta-calib { top: auto; bottom: 2.6rem; width: 100vw; max-height: 50vh; } }
 @media (prefers-color-scheme: dark) {
   #suta-calib { background: #1a1a1aee; color: #e6e6e6; } #suta-calib a { color: #7db8ee; } }
 </style>"""
 _FOLDED = """<script>
-if (innerWidth < 640) document.getElementById("suta-calib").open = false;
+if (innerWidth < 1000) document.getElementById("suta-calib").open = false;
 </script>"""
 _LIGHT = "__VISER_EMBED_CONFIG__={darkMode:false}"
 _AS_ASKED = '__VISER_EMBED_CONFIG__={darkMode:matchMedia("(prefers-color-scheme: dark)").matches}'

@@ -172,13 +172,15 @@ def test_a_browser_without_a_network_shows_it(html: bytes, tmp_path: Path) -> No
     run = in_a_browser(
         file,
         *("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--enable-logging=stderr"),
-        *("--window-size=900,600", "--virtual-time-budget=1000", f"--screenshot={picture}"),
+        *("--window-size=1400,600", "--virtual-time-budget=1000", f"--screenshot={picture}"),
     )
     assert "Uncaught" not in run.stderr
     pixels = imread(picture)[..., :3]
-    scene, panel = pixels[120:480, 160:560], pixels[:, 580:]
+    scene, panel, bar = pixels[160:520, 400:1000], pixels[:300, 1040:], pixels[560:]
     colourful = np.ptp(scene, axis=2) > 0.2  # Arrows and bones; page and floor are grey.
     assert colourful.mean() > 0.002
-    # Sliders and ticked boxes, in the panel's blue.
-    blue = (panel[..., 2] - panel[..., 0] > 0.4).mean()
-    assert blue > 0.001
+    # The panel is filled: letters of the verdict and of the legend, and the legend's colours.
+    assert (panel.max(axis=2) < 0.4).mean() > 0.01
+    assert (np.ptp(panel, axis=2) > 0.2).mean() > 0.001
+    # It plays: what has been played is blue.
+    assert (bar[..., 2] - bar[..., 0] > 0.4).mean() > 0.001
