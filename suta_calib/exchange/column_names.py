@@ -95,7 +95,9 @@ def renamed(sheet: Sheet, given: Given) -> list[str]:
             raise ForeignFileError(
                 problem, expected, file=sheet.path, where=COLUMNS.switch, hint=hint
             )
-        names[k] = target
+        # A new name without a unit leaves the column in the unit that its own name says.
+        unit = plain_name(names[k])[1]
+        names[k] = f"{target} [{unit}]" if unit and not plain_name(target)[1] else target
     for name, times in Counter(names).items():
         if name and times > 1:
             raise ForeignFileError(

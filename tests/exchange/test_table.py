@@ -343,6 +343,15 @@ def test_columns_that_name_degrees_are_joints_whatever_they_are_called(tmp_path:
     np.testing.assert_allclose(found.columns["A2"], [-np.pi / 4, np.pi / 6])
 
 
+def test_a_column_with_another_name_keeps_its_unit(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("A1 [deg],A2 [deg],East [mm],Y [mm],Z [mm]\n90,-45,1,2,3\n0,30,1,2,4\n")
+    found = imported(path, columns="A1 [deg]=a1,A2 [deg]=joint_2_deg,East [mm]=x")
+    np.testing.assert_allclose(found.columns["a1"], [np.pi / 2, 0.0])
+    np.testing.assert_allclose(found.columns["joint_2"], [-np.pi / 4, np.pi / 6])
+    np.testing.assert_allclose(found.columns["x"], [1e-3, 1e-3])
+
+
 REFUSED: dict[str, tuple[str, dict[str, object], str]] = {
     "a word": ("x,y,z\n1,2,3\n1,two,3\n", {}, r":3: column 2: found 'two'; expected a finite"),
     "infinity": ("x,y,z\n1,2,3\n1,inf,3\n", {}, r":3: column 2: found 'inf'"),

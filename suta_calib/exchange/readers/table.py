@@ -341,7 +341,7 @@ class _Columns:
             # A column whose name says an angle's unit; not that of an angle's uncertainty.
             angle = plain_name(name)[1] in ANGLES and "sigma" not in name.lower()
             angle = angle and JOINTS not in self._given
-            if (matching or angle or name in renamed) and not name.endswith(_DIRECTION):
+            if (matching or angle or {name, bare} & renamed) and not name.endswith(_DIRECTION):
                 columns.add(k)
         return columns
 
