@@ -60,7 +60,7 @@ def test_it_finds_by_itself_what_parallel_pillars_cannot_see(found: Plan) -> Non
 def test_nothing_touched_tells_where_the_base_is(found: Plan) -> None:
     never = plan_document(found).json()["no_candidate_can"]
     assert set(never) == {"joint_1.offset", "joint_2.z"}
-    assert "base gauge" in never["joint_1.offset"]
+    assert "cannot show where the arm stands" in never["joint_1.offset"]
 
 
 def test_the_plan_identifies_what_can_be_and_beats_random_choices(found: Plan) -> None:

@@ -90,7 +90,7 @@ def test_a_result_knows_the_arm_it_was_made_from(job: Path) -> None:
     [
         ("[30, -20]", "tip_offset_mm: found"),
         ("120", "tip_offset_mm: found 120"),
-        ("{position_mm: [0, 0, 1]}", "without a size"),
+        ("{position_mm: [0, 0, 1]}", "without bound_mm or prior_mm"),
         ("{position_mm: [0, 0, 1], bound: 3}", "did you mean 'bound_mm'"),
         ("{position_mm: [0, 0, 1], bound_mm: -3}", "bound_mm: found -3"),
         ("{bound_mm: 3}", "position_mm"),

@@ -115,7 +115,7 @@ def test_a_tag_whose_turns_are_noisy_is_solved_wherever_its_origin_is(name: str)
     assert np.degrees(wrong[1]) < 0.1
     assert np.linalg.norm(found.std["X"][:3]) < 3e-3
     assert found.assessment.level == "care"
-    assert any("add poses" in note for note in found.assessment.notes)
+    assert any("Add poses" in note for note in found.assessment.notes)
 
 
 def sweep(seeds: range, *, distances: tuple[float, ...], noises: list[tuple[float, float]]) -> None:
@@ -240,7 +240,7 @@ def test_weak_turns_are_answered_with_a_large_standard_deviation() -> None:
         std = float(np.linalg.norm(found.std["X"][:3]))
         assert 3e-3 < std < 0.03
         assert errors(found, data)[1] < 3.0 * std
-        assert any("add poses" in note for note in found.assessment.notes)
+        assert any("Add poses" in note for note in found.assessment.notes)
 
 
 # ── Pairs and pictures ───────────────────────────────────────────────────────────────────────

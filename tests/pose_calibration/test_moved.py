@@ -84,7 +84,7 @@ def test_an_eye_that_was_bumped_is_named(setup: EyeSetup, what: str) -> None:
     assert abs(moved.by - 7e-3) < 3 * moved.by_std
     assert moved.turn < 3 * moved.turn_std
     assert found.assessment.level == "care"
-    assert not any("add poses" in note for note in found.assessment.notes)
+    assert not any("Add poses" in note for note in found.assessment.notes)
 
 
 def test_a_target_that_was_turned_is_named() -> None:
@@ -162,7 +162,7 @@ def test_a_tip_that_bent_is_told_from_a_post_that_slid(which: str, what: str, co
     assert abs(moved.since - count // 2) <= max(1, count // TIMES)
     assert abs(moved.by - np.sqrt(2.0) * 1e-3) < 3 * moved.by_std
     assert np.isnan(moved.turn)
-    assert "stands elsewhere" in " ".join(found.assessment.notes)
+    assert "is at another place" in " ".join(found.assessment.notes)
     assert replace(found, weighed=()).assessment != found.assessment
 
 
@@ -204,7 +204,7 @@ def test_a_body_that_was_moved_between_points_is_named(count: int, again: int) -
     assert abs(moved.since - again * count // 2) <= again * max(1, count // TIMES)
     assert abs(moved.by - 3e-3) < 3 * moved.by_std
     assert moved.turn < 3 * moved.turn_std
-    assert any("one of the two sets stands elsewhere" in n for n in found.assessment.notes)
+    assert any("one of the two sets is at another place" in n for n in found.assessment.notes)
     assert found.assessment.level == "care"
 
 

@@ -85,7 +85,7 @@ def test_what_is_nearly_a_line_depends_on_the_noise(seed: int) -> None:
 def test_points_that_do_not_correspond_are_called_so() -> None:
     rng = np.random.default_rng(0)
     points = rng.uniform(-0.1, 0.1, (12, 3))
-    with pytest.raises(SamplesError, match=r"laid over each other.*row for row"):
+    with pytest.raises(SamplesError, match=r"after the best registration.*row for row"):
         register(points, rng.uniform(-0.1, 0.1, (12, 3)))
 
 

@@ -89,7 +89,7 @@ def test_one_scale_for_all_is_no_strain() -> None:
     found = register(a, 1.05 * b)
     assert strained(found) == "good"
     assert scaled(found) == "bad"
-    assert not any("every direction" in note for note in found.assessment.notes)
+    assert not any("all directions" in note for note in found.assessment.notes)
 
 
 def test_what_few_or_flat_points_do_not_tell_is_not_said() -> None:
