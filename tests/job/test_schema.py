@@ -158,7 +158,12 @@ FIXED_POINT = "kind: fixed_point, samples: 'validation/*.csv'"
         ("seed: 3", "starts: 3", 13, "the key 'starts' a second time"),
         # what is missing or empty
         (section("arm"), "", None, "arm: found no such key"),
-        (section("parameters"), "", None, "parameters: found no such key; .*the parameters to estimate"),
+        (
+            section("parameters"),
+            "",
+            None,
+            "parameters: found no such key; .*the parameters to estimate",
+        ),
         (section("observations"), "", None, "observations: found no such key"),
         ("urdf: arm.urdf, ", "", 1, "arm.urdf: found no such key"),
         (", tip: tip", "", 1, "arm.tip: found no such key"),

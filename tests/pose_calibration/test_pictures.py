@@ -149,7 +149,9 @@ def alarms(trials: int) -> int:
         solved(pictures(16, pixel=0.1, robot=(3e-4, 5e-4), seed=seed), intrinsics="fixed")
         for seed in range(trials)
     )
-    return sum(any("the fixed intrinsics" in note for note in each.assessment.notes) for each in notes)
+    return sum(
+        any("the fixed intrinsics" in note for note in each.assessment.notes) for each in notes
+    )
 
 
 @pytest.mark.slow
