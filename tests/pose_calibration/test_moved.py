@@ -266,7 +266,7 @@ def test_a_run_that_disagrees_is_one_with_a_stray_row_beside_it() -> None:
     assert moved.since == 40
     notes = found.assessment.notes
     assert any("nearly all before row 40" in note for note in notes)
-    assert any("41 of 120 poses do not agree with the rest" in note for note in notes)
+    assert any("41 of 120 poses do not agree with the others" in note for note in notes)
 
 
 @pytest.mark.parametrize("count", [8, 12, 30])

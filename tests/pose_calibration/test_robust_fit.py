@@ -48,7 +48,7 @@ def test_what_speaks_against_an_answer() -> None:
     inliers[0] = False
     assert replace(answer, solution=stuck).objections("poses", inliers) == [
         "The solver did not converge: Iteration limit.",
-        "50% of the poses do not agree with the rest.",
+        "50% of the poses do not agree with the others.",
     ]
 
 
