@@ -69,7 +69,8 @@ class Guided:
             self._sample, self._asked = None, True
             self._finder.restart()
             self._run.say(
-                f"recording {self._run.station.name} for {self._seconds:g} s once it rests"
+                f"recording {self._run.station.name} for {self._seconds:g} s as soon as the arm "
+                "rests"
             )
         elif key == ENTER and self._sample is not None:
             self._run.confirm(self._sample, described=False)
@@ -85,7 +86,7 @@ class Guided:
             return
         place = f"{run.index + 1} of {len(run.plan.stations)}"
         how = f"{run.plan.how}; " if run.plan.how else ""
-        start = "" if run.last is None else "moving there and resting records it; "
+        start = "" if run.last is None else "when the arm moves there and rests, it is recorded; "
         run.say(f"Bring the tip to {run.station.name} ({place}): {how}{start}{_WAITING}")
 
 

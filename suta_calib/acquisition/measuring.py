@@ -103,7 +103,7 @@ class MeasureOptions(Displayable):
         """
         given = [*(f"--{place}" for place in self.labels), *(["--free"] if self.free else [])]
         if len(given) != 1:
-            chosen = " and ".join(given) or "none of them"
+            chosen = " and ".join(given) or "none of the three"
             raise InputError(chosen, "one of --placement LABEL, --point LABEL and --free")
         placed = "placement" in self.labels
         if placed and self.continuous is not None:
@@ -225,7 +225,7 @@ class _Session:
     def run(self, bus: Bus, choose: ArmReadings, keyboard: Keyboard | None) -> Measured:
         options = self._options
         if self._sampler.done:
-            self._say(f"nothing left to measure: {self._file.path} has every station")
+            self._say(f"nothing left to measure: {self._file.path} contains every station")
             return self._measured("complete")
         patience = options.patience
         if patience is None:
@@ -283,13 +283,13 @@ class _Session:
         if not count and isinstance(self._finder, StopFinder) and self._finder.restless:
             rest = self._options.rest
             self._say(
-                f"the arm was not seen at rest: within {rest.window:g} s, "
+                f"the arm was never at rest: within {rest.window:g} s, "
                 f"{', '.join(self._finder.restless)} drifted by more than {deg(rest.drift):.2g} "
-                f"deg or trembled by more than {deg(rest.tremble):.2g} deg; seat it firmly and "
-                "let go, or allow more with --drift-deg or --tremble-deg"
+                f"deg or trembled by more than {deg(rest.tremble):.2g} deg. Seat it firmly and "
+                "let go, or allow more motion with --drift-deg or --tremble-deg"
             )
         if count and self._run is not None and not self._run.done:
-            self._say("the same command with --resume goes on after the last one")
+            self._say("run the same command with --resume to continue after the last sample")
         for line in self._lines:
             self._say(line)
 
@@ -301,11 +301,11 @@ class _Session:
         if run.missing:
             how = "they can still be measured"
             if run.done:
-                again = f"--resume --sequence {','.join(run.missing)} measures them"
-                how = "--resume takes more" if run.seating is None else again
+                again = f"measure them with --resume --sequence {','.join(run.missing)}"
+                how = "continue with --resume" if run.seating is None else again
             self._say(f"missing: {', '.join(run.missing)}; {how}")
         for name, note in run.notes.items():
-            self._say(f"look at {name}: {note}")
+            self._say(f"check {name}: {note}")
         return replace(measured, missing=run.missing, look_at=run.notes)
 
 

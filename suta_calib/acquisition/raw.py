@@ -37,7 +37,7 @@ class RawRecorder:
     ) -> None:
         if path.exists():
             hint = "choose another name with --raw"
-            raise InputError("a file that exists", "the name of a new file", file=path, hint=hint)
+            raise InputError("an existing file", "the name of a new file", file=path, hint=hint)
         self._path, self._joints = path, tuple(joints)
         self._part = path.with_name(f"{path.name}.part")
         self._readings: list[Reading] = []
@@ -58,9 +58,9 @@ class RawRecorder:
         names = (self._path.with_name(f"{stem}-recovered-{k}{suffix}") for k in count(1))
         name = next(name for name in names if not name.exists())
         if rows := _to_parquet(self._part, name):
-            return f"{rows} readings of a run that was killed are in {name}"
+            return f"{rows} readings of an interrupted run were saved in {name}"
         name.unlink(missing_ok=True)
-        return f"{self._part}, which a run that was killed left, held no readings: removed"
+        return f"{self._part}, left by an interrupted run, contained no readings and was removed"
 
     def __enter__(self) -> Self:
         return self
@@ -123,7 +123,7 @@ def _to_parquet(part: Path, path: Path) -> int:
             os.replace(written, path)  # noqa: PTH105
         elif part.stat().st_size:
             hint = "move it away, or choose another name with --raw"
-            raise InputError("a file that is no recording", "nothing", file=part, hint=hint)
+            raise InputError("a file that is not a recording", "nothing", file=part, hint=hint)
         part.unlink()
     finally:
         with contextlib.suppress(OSError):

@@ -158,7 +158,9 @@ class Run:
                 text += f"; {more} smaller ones; rms {rms:.2f} mm"
             lines += [f"  distances, measured - certified: {text}"] if errors else []
         if self.is_suspicious(average):
-            lines.append(f"  look: these distances stand out; is the plug seated, is this {name}?")
+            lines.append(
+                f"  check: these distances do not fit; is the plug seated, and is this {name}?"
+            )
         return [*lines, *(f"  look: {doubt}" for doubt in self._doubts(average))]
 
     def _doubts(self, average: Average) -> list[str]:
@@ -166,16 +168,21 @@ class Run:
         doubts = []
         last, labels = self.last, self._last_labels
         if last is not None and labels is not None and labels != self.station.labels:
-            before = next((s.name for s in self.plan.stations if s.labels == labels), "the last")
+            before = next(
+                (s.name for s in self.plan.stations if s.labels == labels), "the last sample"
+            )
             if float(np.max(np.abs(wrap(average.angles - last)))) < DEFAULT_REST.motion:
-                doubts.append(f"same posture as {before}: did the arm move to this landmark?")
+                doubts.append(
+                    f"the same posture as {before}: check whether the arm moved to this landmark"
+                )
         turned = self._twist(average)
         if turned is not None and turned <= 0:
             other = next(way for name, way in TWISTS.items() if name != self.plan.twist)
             did = f"it turned {deg(-turned):.1f} deg {other}" if turned else "it did not turn"
             turn = TWISTS[self.plan.twist]
             doubts.append(
-                f"the plug was not turned {turn} before the arm rested ({did}): {self.plan.how}"
+                f"the plug was not turned {turn} before the arm came to rest ({did}): "
+                f"{self.plan.how}"
             )
         return doubts
 
@@ -252,7 +259,9 @@ class SamplesFile:
 
     def _read(self, resume: bool) -> None:
         table = read_csv_table(self.path)
-        readings = np.stack([table.numbers(j, "a column per joint") for j in self._joints], axis=1)
+        readings = np.stack(
+            [table.numbers(j, "one column per joint") for j in self._joints], axis=1
+        )
         labels = {name: table.labels(name, "a label column") for name in self._labels}
         self._lines = lines_of(read_text(self.path, SamplesError))
         self._header = _cells(self._lines[table.header_line - 1])
@@ -264,11 +273,11 @@ class SamplesFile:
             if not resume:
                 run = ", ".join(f"{name} {value}" for name, value in self._key.items())
                 raise SamplesError(
-                    f"samples of {run} that are already there",
-                    "a file without them: what was measured is never overwritten",
+                    f"existing samples of {run}",
+                    "a file without them: measured samples are never overwritten",
                     file=self.path,
                     line=line,
-                    hint="go on with --resume, or give another --repeat or --out",
+                    hint="continue with --resume, or give another --repeat or --out",
                 )
             self._at.append(line - 1)
             self.rows.append((row_labels, readings[index]))
@@ -330,9 +339,9 @@ class SamplesFile:
         )
         if not same:
             raise OutputError(
-                f"{self.path}: not written: found {len(now.rows)} samples of this run that "
-                f"somebody changed meanwhile; expected the {len(before)} that were written; go on "
-                "with --resume, or with another --out"
+                f"{self.path}: not written: found {len(now.rows)} samples of this run, because "
+                f"the file was changed during the run; expected the {len(before)} that were "
+                "written; continue with --resume, or with another --out"
             )
         self._lines, self._at, self._header = now._lines, now._at, now._header
 

@@ -111,18 +111,18 @@ def summary_lines(events: StreamEvents, statistics: Statistics, spec: DeviceSpec
         "lost frames": statistics.lost_frames,
         format_of(spec).damaged: statistics.frame_crc_errors,
         "words with a wrong CRC": statistics.word_crc_errors,
-        "bytes of garbage": statistics.garbage_bytes,
+        "invalid bytes": statistics.garbage_bytes,
     }
     happened = [f"{count} {what}" for what, count in counted.items() if count]
-    lines[0] += f": {', '.join(happened)}" if happened else ": nothing lost, no CRC errors"
+    lines[0] += f": {', '.join(happened)}" if happened else ": no losses, no CRC errors"
     if statistics.stale_readings:
-        lines.append(f"{statistics.stale_readings} stale readings dropped")
+        lines.append(f"{statistics.stale_readings} outdated readings discarded")
     if events.stalls:
         lengths = ", ".join(f"{length:.1f} s" for length in events.stalls)
         lines.append(f"the stream paused {_times(len(events.stalls))}: {lengths}")
     for what, flags in (("error", statistics.error_flags), ("warning", statistics.warning_flags)):
         raised = [f"{j} {_times(n)}" for j, n in zip(spec.names, flags, strict=True) if n]
-        lines += [f"{what} flag raised: {', '.join(raised)}"] if raised else []
+        lines += [f"{what} flag set: {', '.join(raised)}"] if raised else []
     return lines + events.messages
 
 

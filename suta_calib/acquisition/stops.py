@@ -50,7 +50,7 @@ class Ended:
     @property
     def what(self) -> str:
         """Which joints moved, in words."""
-        return ", ".join(self.joints) or "seen only after a gap"
+        return ", ".join(self.joints) or "the motion itself was not received"
 
     def __str__(self) -> str:
         return f"rejected: moved after {self.average.seconds:.1f} s ({self.what})"
@@ -74,7 +74,7 @@ class Interrupted:
     seconds: float
 
     def __str__(self) -> str:
-        return f"nothing came for {self.seconds:.1f} s"
+        return f"no data for {self.seconds:.1f} s"
 
 
 Event = Began | Complete | Ended | Rejected | Interrupted

@@ -107,7 +107,7 @@ def read_row(job: Path, which: str | None, usable: Sequence[str]) -> Observation
     row = rows[name]
     file = row.artefact()
     if file is None and row.kind in KINDS and KINDS[row.kind].needs_artefact:
-        raise row.section.refuse("no such key", "the artefact's file", at=("artefact",))
+        raise row.section.refuse("nothing", "the artefact's file", at=("artefact",))
     artefact = None if file is None else read_artefact(file)
     return ObservationRow(job, name, row.kind, artefact, row.samples[0], "seating" in row.section)
 

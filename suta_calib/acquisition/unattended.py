@@ -63,7 +63,7 @@ class Unattended:
         few = 0 < len(run.taken) < CERTAIN
         if few and self._fresh and run.seating is not None and not run.done:
             for place in run.taken:
-                note = "of so few landmarks nothing tells that none was missed: check its name"
+                note = "too few landmarks to check whether one was missed: check its name"
                 run.notes.setdefault(run.plan.stations[place].name, note)
 
     def _complete(self, average: Average) -> None:
@@ -76,8 +76,8 @@ class Unattended:
         if self._sure() and self._farthest_off(average) > nowhere:
             self._doubt = True
             self._run.say(
-                f"rested where none of the landmarks left can be, {self._run.station.name} next: "
-                "taken for a pause on the way"
+                "the arm rested where none of the remaining landmarks can be (next: "
+                f"{self._run.station.name}): treated as a pause on the way"
             )
             self._left(average.angles)
             return
@@ -117,7 +117,7 @@ class Unattended:
             return
         self._run.say(
             f"rejected: moved after {average.seconds:.1f} of {self._seconds:g} s ({event.what}); "
-            "its resting part counts if the arm does not come back"
+            "the part at rest is used if the arm does not come back"
         )
         self._settle_short(average)
         self._short = average
@@ -131,15 +131,15 @@ class Unattended:
         if following is not None:
             near = _away(short.angles, following.angles) < self._finder.settings.motion
             if near or (seating and seating.same_place(short.angles, following.angles)):
-                self._run.say("back where it rested before: one rest, recorded again")
+                self._run.say("the arm is back at the same place: recorded again as one rest")
                 return
         # As many landmarks tell where the artefact stands.
         recognisable = seating is not None and len(seating.tips) >= 3
         if recognisable and self._farthest_off(short) > ANOTHER:
             self._doubt = True
-            self._run.say(f"rested {short.seconds:.1f} s on no landmark: taken for a pause")
+            self._run.say(f"rested {short.seconds:.1f} s but not on a landmark: treated as a pause")
             return
-        self._confirm(short, f"cut short: {short.seconds:.1f} of {self._seconds:g} s")
+        self._confirm(short, f"shortened: {short.seconds:.1f} of {self._seconds:g} s")
 
     def _farthest_off(self, average: Average) -> float:
         """How far the tip is from where even the nearest of the landmarks left must be, m."""
@@ -165,7 +165,7 @@ class Unattended:
                 missed.append(run.station.name)
                 run.skip()
             if missed:
-                run.say(f"missed {', '.join(missed)}: by its distances this is {landmark}")
+                run.say(f"missed {', '.join(missed)}: the distances show that this is {landmark}")
         self._doubt = False
         run.confirm(average, note)
         self._left(average.angles)
@@ -186,9 +186,9 @@ class Unattended:
         start = " at the start" if missed == names[: true[0]] else ""
         changed = [(a, b) for a, b in zip(taken, true, strict=True) if a != b]
         run.say(
-            f"missed {', '.join(missed) or 'none'}{start}: by their distances what was taken "
-            f"for {', '.join(names[a] for a, _ in changed)} is "
-            f"{', '.join(names[b] for _, b in changed)}"
+            f"missed {', '.join(missed) or 'none'}{start}: the distances show that the samples "
+            f"named {', '.join((names[a] for a, _ in changed))} are "
+            f"{', '.join((names[b] for _, b in changed))}"
         )
         run.rename(true)
 
@@ -236,7 +236,9 @@ class Continuous:
         self._file.put_all([(self._plan.stations[0].labels, average) for average in self._waiting])
         self.count += len(self._waiting)
         self._waiting = []
-        self._say(f"{self.count} samples, {max(0.0, self._seconds - self._elapsed):.0f} s to go")
+        self._say(
+            f"{self.count} samples, {max(0.0, self._seconds - self._elapsed):.0f} s remaining"
+        )
 
     def feed(self, readings: Iterable[Reading]) -> list[Event]:
         """Take the arm's readings as they come; there are no stops to tell of."""
@@ -249,7 +251,9 @@ class Continuous:
                     joint = self._plan.arm.joints[index]
                     if joint not in self._flagged:
                         self._flagged.add(joint)
-                        self._say(f"rejected: error flag of {joint}; readings with it are left out")
+                        self._say(
+                            f"rejected: error flag of {joint}; readings with this flag are not used"
+                        )
                 continue
             if self._latest:
                 step = reading.time - self._latest[-1].time

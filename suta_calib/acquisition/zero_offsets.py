@@ -147,17 +147,17 @@ class ZeroOffsets:
         chosen, count, options = self.chosen, len(self.branches), self.options
         poses = f"{len(chosen.distances)} pose{'s' * (len(chosen.distances) != 1)}"
         sentence = (
-            f"{poses}; the tip stays {mm(chosen.rms):.3f} mm (RMS) away, at "
-            f"most {mm(float(chosen.distances.max())):.3f} mm"
+            f"{poses}; with these offsets the tip differs from the poses by {mm(chosen.rms):.3f} "
+            f"mm (RMS), at most {mm(float(chosen.distances.max())):.3f} mm"
         )
         bad, care = list[str](), list[str]()
         status, contradicted = self.status, self.contradicted
         unchecked = self.redundancy <= 0 and status == "found"
         if unchecked:
-            sentence = f"{poses}: no more equations than offsets, so that any readings would fit"
+            sentence = f"{poses}: no more equations than offsets, so any readings would fit"
             care.append(
-                "Nothing checks these offsets: a wrong pose or reading fits as well. Give a second "
-                "pose with its orientation, far from the first."
+                "These offsets are not checked by any other data: wrong poses or readings would "
+                "fit as well. Give a second pose with its orientation, far from the first."
             )
         large = [
             f"{name} {deg(value):.0f}"
@@ -167,35 +167,42 @@ class ZeroOffsets:
         # Who chose a branch by its number knows which one it is.
         if unchecked and large and options.branch == 1:
             bad.append(
-                f"Not usable: offsets of {', '.join(large)} deg, which no second posture bears "
-                "out. Give more poses, or choose a branch you know to be right with --branch."
+                f"Not usable: offsets of {', '.join(large)} deg, and no second posture confirms "
+                "them. Give more poses, or choose the right branch, if you know it, with "
+                "--branch."
             )
         if self.beyond_limits:
             care.append(
-                f"{', '.join(self.beyond_limits)} would stand beyond the limits of the URDF: "
-                "another branch, or a joint that turns the other way?"
+                f"{', '.join(self.beyond_limits)} would be beyond the limits of the URDF. Check "
+                "whether another branch is right, or whether a joint turns the other way."
             )
         if status == "undetermined":
-            bad.append("Not usable: give more poses, or their orientations.")
+            bad.append(
+                "Not usable: the offsets are not determined. Give more poses, or their "
+                "orientations."
+            )
         if contradicted is not None:
             care.append(
-                f"{contradicted.row} contradicts all the other poses: the tip stays "
-                f"{mm(contradicted.rms):.3f} mm (RMS) from those without it, and then "
-                f"{mm(contradicted.distance):.3f} mm from it. Check its pose and its readings, "
-                "or leave it out."
+                f"{contradicted.row} contradicts all other poses: without it the tip fits them "
+                f"within {mm(contradicted.rms):.3f} mm (RMS), and is then "
+                f"{mm(contradicted.distance):.3f} mm from this pose. Check its pose and its "
+                "readings, or leave it out."
             )
         if status == "no_fit":
-            what = "; look for a wrong unit, frame or joint that turns the other way."
+            what = ". Look for a wrong unit, a wrong frame, or a joint that turns the other way."
             if contradicted is not None and contradicted.rms <= options.tolerance:
-                what = " with all poses."
-            bad.append(f"Not usable: no offsets make the URDF agree{what}")
+                what = ", if all poses are used."
+            bad.append(f"Not usable: no offsets make the URDF agree with the poses{what}")
         if count > 1:
             care.append(
-                f"{count} branches fit; this is number {options.branch}: choose with --branch N"
+                f"{count} branches fit; this is number {options.branch}. Choose another with "
+                "--branch N"
             )
         for combination in self.undetermined:
             partners = [name for name in combination.direction if name != combination.fixed]
-            what = f"only together with {', '.join(partners)}" if partners else "held at 0"
+            what = (
+                f"determined only together with {', '.join(partners)}" if partners else "held at 0"
+            )
             care.append(f"undetermined: {combination.fixed}, {what}")
         return Assessment.of(sentence, bad=bad, care=care)
 
@@ -219,16 +226,16 @@ def find_zero_offsets(
         InputError: no positions, no such branch, or a joint that moves the chain and is not on it.
     """
     if samples.position is None:
-        raise InputError("no positions of the tip", "x, y, z for each row, or --pose")
+        raise InputError("no positions of the tip", "columns x, y, z, or --pose")
     if elsewhere := [j for j in arm.joints if f"{j}.offset" not in arm.parameters]:
         followers = [name for name, read in arm.read_from.items() if read in elsewhere]
         raise InputError(
-            f"{listed(elsewhere)}, which {listed(followers)} follows by <mimic>, off the chain to "
-            f"{arm.tip}",
-            "a chain that has every joint with an encoder on it",
+            f"{listed(elsewhere)}, which {listed(followers)} follows by <mimic>, but which is "
+            f"not in the chain to {arm.tip}",
+            "a chain that contains every joint with an encoder",
             where="--tip",
-            hint=f"an offset of {listed(elsewhere)} is not in this chain: find it with a tip "
-            f"that {listed(elsewhere)} carries",
+            hint=f"the offset of {listed(elsewhere)} is not in this chain. Choose a --tip behind "
+            f"{listed(elsewhere)}",
         )
     fit = _OffsetFit(arm, samples)
     every: IntArray = np.arange(len(arm.joints), dtype=np.intp)

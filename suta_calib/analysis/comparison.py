@@ -57,15 +57,17 @@ class ArmComparison:
         job_rms, this = (text(rms, gain.unit, with_unit=True) for rms in (gain.before, gain.after))
         care = []
         if gain.worse:
-            care.append("The URDF is worse than the job's own on these data.")
+            care.append("The given URDF is worse than the job's URDF on these data.")
         elif not gain.better:
-            care.append("These data cannot tell the URDF from the job's own: neither is better.")
+            care.append(
+                "These data do not show a difference between the given URDF and the job's URDF."
+            )
         if self.rows_in_fit:
             rows = sum(len(accuracy.term.poses) for accuracy in self.terms)
             care.append(
-                f"{self.rows_in_fit} of {rows} validation rows were read where rows of the job's "
-                "observations were, if they are not the same: of an arm that was fitted to these "
-                "they tell how good it is there, and nowhere else."
+                f"{self.rows_in_fit} of {rows} validation rows have the same postures as rows of "
+                "the job's observations. If the given arm was fitted to those observations, this "
+                "comparison is valid only at these postures."
             )
         sentence = f"RMS {job_rms} with the job's URDF, {this} with this one"
         if 0.0 < abs(gain.significance) < math.inf:
@@ -110,8 +112,8 @@ def check_calibrated(nominal: ArmModel, other: ArmModel, values: Mapping[str, fl
     """Refuse the calibrated arm (``other``) of values that were not folded into its URDF."""
     if differing := _differing(nominal, other, values):
         raise UrdfError(
-            f"another origin of {differing} than the result's values make",
-            "the calibrated.urdf that was written beside the result",
+            f"the origin of {differing} differs from the values of the result",
+            "the calibrated.urdf that was written with this result",
             file=other.chain.path,
             where=differing,
         )
@@ -130,10 +132,10 @@ def check_nominal(nominal: ArmModel, result: Path, values: Mapping[str, float]) 
                 else "the joints"
             )
             raise UrdfError(
-                f"another arm than the one that was calibrated: {what} differ from {made.name}'s",
-                f"the URDF that became {made}",
+                f"an arm that was not the one calibrated: {what} differ from those in {made.name}",
+                f"the URDF from which {made} was made",
                 file=nominal.chain.path,
-                hint="give the URDF, --tip and --base of the job that was calibrated",
+                hint="give the URDF, --tip and --base of the calibrated job",
             )
         return
 
@@ -173,7 +175,7 @@ def _through(term: Term, arm: ArmModel) -> Term:
     if arm.joints != expected:
         raise UrdfError(
             f"the moving joints {', '.join(arm.joints)}",
-            f"those of the job's arm: {', '.join(expected)}",
+            f"the joints of the job's arm: {', '.join(expected)}",
             file=arm.chain.path,
         )
     return term.over_poses(ArmPoses(arm, term.poses.samples))

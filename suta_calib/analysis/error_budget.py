@@ -49,8 +49,8 @@ WORDS: Final[dict[Source, str]] = {
     "seating": "seating",
     "instrument": "instrument",
     "artefact": "artefact",
-    "parameters": "calibration's own uncertainty",
-    "model": "model (what is left)",
+    "parameters": "uncertainty of the calibration",
+    "model": "model error (the rest)",
     "gross": "gross errors",
 }
 
@@ -215,18 +215,20 @@ class ErrorBudget(Displayable):
         largest = max(first.inside, key=lambda s: s.variance)
         total = sum(s.variance for s in first.inside)
         errors = f"{first.data} errors ({text(first.rms, first.unit, with_unit=True)} RMS)"
-        sentence = f"The {errors} leave nothing to split"
+        sentence = f"The {errors} are zero: there is nothing to divide"
         if total > 0:
             part = text(largest.variance / total, "%", decimals=0, with_unit=True)
-            sentence = f"Of the {errors}, gross ones aside, {part} is {largest.words}"
+            sentence = (
+                f"Largest part of the {errors}, without gross errors: {part} is {largest.words}"
+            )
         care = [*self.missing]
         shares = [(b.variance_of("gross") or 0.0) / b.variance for b in self.blocks if b.variance]
         # Half of a mean square are errors to look for, not to split.
         if (worst := max(shares, default=0.0)) >= 0.5:
             part = text(worst, "%", decimals=0, with_unit=True)
             care.append(
-                f"Gross errors make {part} of a mean square: suta-calib outliers says which "
-                "touches they are."
+                f"Gross errors make up {part} of a mean square. The command suta-calib outliers "
+                "shows which touches they are."
             )
         return Assessment.of(sentence, care=care)
 
@@ -365,8 +367,8 @@ def _missing(blocks: Sequence[BlockBudget], encoders_stated: bool) -> tuple[str,
     notes = []
     if not encoders_stated:
         notes.append(
-            "Nothing is stated of the encoders: give the job encoders: {bits: …, noise_deg: …}, "
-            "and their share gets a number of its own."
+            "The noise of the encoders is not given, so their share is not shown separately. Add "
+            "encoders: {bits: …, noise_deg: …} to the job."
         )
     # What would tell scatter from model, for the kinds in which they stand together.
     mixed = {
@@ -378,24 +380,23 @@ def _missing(blocks: Sequence[BlockBudget], encoders_stated: bool) -> tuple[str,
     repeatable = {b.kind for b in blocks if "repeat" in KINDS[b.kind].columns.labels}
     if mixed & repeatable:
         notes.append(
-            "There are too few repeats of the same touch to tell what scatters from what the model "
-            "lacks: touch every landmark again, at least twice (column repeat)."
+            "Too few touches were repeated, so repeatability and model errors are shown "
+            "together. Touch every landmark again, at least twice (column repeat)."
         )
     if (unrepeatable := sorted(mixed - repeatable)) and not repeatable - mixed:
         notes.append(
-            f"{' and '.join(unrepeatable)} {'have' if len(unrepeatable) > 1 else 'has'} no "
-            "repeats of the same "
-            "posture, so what scatters there and what the model lacks stand together: an artefact "
-            "touched at least twice at each placement tells them apart."
+            f"{' and '.join(unrepeatable)} {('have' if len(unrepeatable) > 1 else 'has')} no "
+            "repeats of the same posture, so repeatability and model errors are shown together "
+            "there. To separate them, touch an artefact at least twice at each placement."
         )
     if any(b.overstated for b in blocks):
         notes.append(
-            "The encoders' stated noise would scatter repeats more than they do: it is stated too "
-            "large, and their share is only what the repeats allow."
+            "The given encoder noise is too large: it would scatter repeats more than they do. "
+            "The share of the encoders is limited to the scatter of the repeats."
         )
     if any("artefact" in s for s in together):
         notes.append(
-            "The artefact states no uncertainty: give its landmarks sigma_mm, and its share gets "
-            "a number of its own."
+            "The artefact gives no uncertainty, so its share is not shown separately. Give its "
+            "landmarks sigma_mm."
         )
     return tuple(notes)

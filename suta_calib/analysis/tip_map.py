@@ -141,28 +141,31 @@ class TipMap(Displayable):
         """How sure the tip is, whether that is enough, and what it does not say."""
         rms, p95 = (text(size, "m") for size in (self.registered.rms, self.registered.p95))
         sentence = (
-            f"The calibration leaves the tip sure to {rms} mm (3-D RMS in the region, after "
-            f"registration; 95 % within {p95} mm)"
+            f"Uncertainty of the tip from the calibration: {rms} mm (3-D RMS in the region, "
+            f"after registration; 95 % within {p95} mm)"
         )
         bad = []
         if self.tolerance is not None and self.registered.rms > self.tolerance:
-            bad.append(f"That is more than the {mm(self.tolerance):.3g} mm asked for.")
+            bad.append(f"This exceeds the allowed {mm(self.tolerance):.3g} mm.")
         # What moves the registered tip by less than a twentieth of what is estimated is nothing.
         care = [
-            f"{open_one.fixed} is held, not measured, and not in these figures: if it is off by "
-            f"{shown(open_one.plausible, open_one.unit):.3g} {unit_name(open_one.unit)}, "
-            f"the tip is off by {mm(open_one.effect):.3g} mm ('plan' says what measures it)."
+            f"{open_one.fixed} is held at an assumed value, not measured, and its error is not "
+            "included in these figures. If it is wrong by "
+            f"{shown(open_one.plausible, open_one.unit):.3g} {unit_name(open_one.unit)}, the tip "
+            f"is wrong by {mm(open_one.effect):.3g} mm. The command 'plan' shows how to measure "
+            "it."
             for open_one in self.open_directions
             if open_one.effect > 0.05 * self.registered.rms
         ]
         if (held := self.knowledge.fixed) and not self.knowledge.open_directions:
             care.append(
-                f"Held, not measured, and not in these figures: {listed(held)}. The result does "
-                "not say how the tip depends on them: calibrate again, or map the job."
+                "Held at assumed values, not measured, and not included in these figures: "
+                f"{listed(held)}. The result does not contain their effect on the tip: calibrate "
+                "again, or give the job instead of the result."
             )
         if self.registered.rms > THRESHOLDS[-1]:
             limits = " to ".join(f"{mm(limit):g}" for limit in THRESHOLDS)
-            care.append(f"Laboratories ask for {limits} mm of the whole navigation system.")
+            care.append(f"Laboratories require {limits} mm of the whole navigation system.")
         if cool := taken_as_cool(self.knowledge.arm.offered, self.knowledge.values):
             care.append(cool)
         return Assessment.of(sentence, bad=bad, care=care)
@@ -207,7 +210,9 @@ def tip_map_of_result(knowledge: Knowledge, options: TipMapOptions) -> TipMap:
             fewer than three registration points.
     """
     if options.box is None:
-        raise JobError("a result, which knows no samples", "a box for the tip", where="region")
+        raise JobError(
+            "a result, which contains no samples", "--region, the region of the tip", where="region"
+        )
     region = Region(options.box[0], options.box[1], np.array(DOWN))
     return _mapped(knowledge, region, options.box.mean(axis=0), _corners(), options)
 
@@ -281,7 +286,7 @@ def tip_map(
             "({:.0f}, {:.0f}, {:.0f}) mm".format(*mm(place)),
             f"at least {FEWEST_FIDUCIALS}",
             where="register-at",
-            hint="register where the arm reaches with its tool as in the samples",
+            hint="choose a region that the arm reaches with the tool orientations of the samples",
         )
     reference = knowledge.at(touched[good])
     inside = knowledge.at(postures)

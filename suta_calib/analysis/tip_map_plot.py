@@ -44,7 +44,7 @@ def draw_tip_map(figure: Any, tip_map: TipMap, *, absolute: bool = False) -> lis
     bar = figure.colorbar(
         filled, ax=panels, location="bottom", shrink=0.6, aspect=40, ticks=levels, pad=0.03
     )
-    bar.set_label("uncertainty of the tip, mm (3-D standard); blank: out of reach")
+    bar.set_label("uncertainty of the tip, mm (3-D); blank: out of reach")
     bar.ax.set_xticklabels([f"{level:g}" for level in levels])
     look: dict[str, Any] = {"ncols": 5, "columnspacing": 6.0, "fontsize": 8, "frameon": False}
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside upper center", **look)

@@ -109,7 +109,7 @@ def _shared(names: Sequence[str], drawing: Artefact) -> list[int]:
     if len(rows) < least_points:
         lacking = next((name for name in names if name not in drawing.landmarks), "")
         raise ArtefactError(
-            f"{len(rows)} of the touched landmarks in the drawing {drawing.name!r}",
+            f"{len(rows)} of the touched landmarks are in the drawing {drawing.name!r}",
             f"at least {least_points} of {', '.join(names)}",
             hint=did_you_mean(lacking, drawing.landmarks),
         )
@@ -165,17 +165,18 @@ class OverGround:
         if self.risen == level:
             higher = "higher" if self.height > 0 else "lower"
             sentences.append(
-                f"All landmarks stand {mm(abs(self.height)):.4f} ± {mm(float(self.std[0])):.4f} mm "
-                f"{higher} over the ground than drawn: was the ball's radius taken off on the "
-                "ground and not on the tops, or the reverse, was anything moved between the two, "
-                "or does the drawing not count z from the ground?"
+                f"All landmarks are {mm(abs(self.height)):.4f} ± {mm(float(self.std[0])):.4f} mm "
+                f"{higher} above the ground than in the drawing. Check whether the ball's radius "
+                "was corrected on the ground and on the tops, whether anything moved between "
+                "touching them, and whether the drawing counts z from the ground."
             )
         if self.tilted == level:
             size, sure = float(np.hypot(*self.tilt)), float(self.std[1:].max())
             sentences.append(
-                f"All landmarks lean by {deg(size):.4f} ± {deg(sure):.4f}° from the ground, "
-                f"{mm(size * self.reach):.4f} mm at the outermost: was anything moved between "
-                "touching the ground and the pillars, or is z not upright in the drawing?"
+                f"All landmarks are tilted by {deg(size):.4f} ± {deg(sure):.4f}° against the "
+                f"ground, which is {mm(size * self.reach):.4f} mm at the outermost landmark. "
+                "Check whether anything moved between touching the ground and the pillars, and "
+                "whether z is upright in the drawing."
             )
         return sentences
 

@@ -103,10 +103,10 @@ def judged(
     radius = np.array([[np.linalg.norm(top - top.mean(axis=0), axis=1).max()] for top in tops])
     slope, slope_std = rows(SLOPES)
     quantities = [
-        Quantity("rise of its top", radius * slope, radius * slope_std, True),
-        Quantity("middles of its diagonals apart", *rows(UNEVEN), True),
+        Quantity("slope of its top", radius * slope, radius * slope_std, True),
+        Quantity("distance between the midpoints of its diagonals", *rows(UNEVEN), True),
         Quantity("length of a diagonal", *rows(DIAGONALS), False),
-        Quantity("distance of its flats", *rows(slice(WIDTH, WIDTH + 1)), False),
+        Quantity("distance between its flats", *rows(slice(WIDTH, WIDTH + 1)), False),
     ]
     if comparison is None:
         return quantities
@@ -118,9 +118,9 @@ def judged(
     turn, turn_std = arm * comparison.turn, np.nan_to_num(arm * turned, nan=1.0)
     return [
         *quantities,
-        Quantity("place in the plane", comparison.deviation[:, :2], across, True),
+        Quantity("position in the plane", comparison.deviation[:, :2], across, True),
         Quantity("height", comparison.deviation[:, 2:], std[:, 2:], True),
-        Quantity("turn of its flats", turn[:, None], turn_std[:, None], False),
+        Quantity("rotation of its flats", turn[:, None], turn_std[:, None], False),
     ]
 
 

@@ -61,8 +61,8 @@ def heading_of(raw: RawPoints, measured: MeasuredArtefact, noise: float) -> Head
     side = (raw.side.position - measured.ground.centre) @ measured.ground.axes.T
     if np.ptp(side[:, :2], axis=0).max() < max(1e-3, 100 * noise):
         raise SamplesError(
-            "touches of the side within a millimetre of each other",
-            "touches along the side, as far apart as it allows",
+            "touches of the side that are within a millimetre of each other",
+            "touches along the side, as far apart as possible",
             file=raw.path,
             line=raw.side.lines[0],
             where="side",
@@ -252,7 +252,7 @@ def origin_of(names: Sequence[str], options: CertificationOptions) -> int:
     origin = options.origin or (ORIGIN if ORIGIN in names else names[0])
     if origin not in names:
         raise ArtefactError(
-            f"no touched landmark {origin!r}",
+            f"no touches of landmark {origin!r}",
             f"one of {', '.join(names)}",
             where="origin",
             hint=did_you_mean(origin, names),

@@ -146,7 +146,7 @@ def _ground(raw: RawPoints, sigma: float | None) -> Plane:
     """The ground, its normal towards the tops."""
     if on_a_line(raw.ground.position, sigma or 0.0):
         raise SamplesError(
-            f"{len(raw.ground)} touches of the ground on a line",
+            f"{len(raw.ground)} touches of the ground that lie on a line",
             "touches spread over the plane",
             file=raw.path,
             where="ground",
@@ -164,9 +164,9 @@ def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatA
     # Share of a diagonal on either side of the crossing below which holes cannot be in order.
     if not diagonals_cross(holes, 0.2):
         order, lines = order_around(holes), ", ".join(map(str, pillar.holes.lines))
-        hint = f"around the pillar they follow as {' '.join(map(str, order))}"
+        hint = f"their order around the pillar is {' '.join(map(str, order))}"
         if order in ((0, 1, 2, 3), (0, 3, 2, 1)):
-            hint = "one of them belongs elsewhere"
+            hint = "one of them belongs to another landmark"
         raise SamplesError(
             f"holes (lines {lines}) whose diagonals 0-2 and 1-3 do not cross each other",
             "four holes 0 1 2 3 in order around the pillar",
@@ -175,17 +175,17 @@ def _check_pillar(raw: RawPoints, pillar: Pillar, top: FloatArray, holes: FloatA
             hint=hint,
         )
     if on_a_line(top * [1, 1, 0], 0.0):
-        defect = f"{len(top)} touches of its top on a line"
+        defect = f"{len(top)} touches of its top that lie on a line"
         spread = "touches spread over the top"
         raise SamplesError(defect, spread, file=raw.path, line=first, where=where)
     distance = float(np.hypot(*(top.mean(axis=0) - holes.mean(axis=0))[:2]))
     around = float(np.linalg.norm(holes - holes.mean(axis=0), axis=1).max())
     if distance > 2.0 * around:
         raise SamplesError(
-            f"a top {mm(distance):.1f} mm beside the middle of its holes",
-            f"a top within {mm(2.0 * around):.1f} mm of it",
+            f"a top {mm(distance):.1f} mm away from the middle of its holes",
+            f"a top within {mm(2.0 * around):.1f} mm of the middle of its holes",
             file=raw.path,
             line=first,
             where=where,
-            hint="do both belong to this landmark?",
+            hint="check whether both belong to this landmark",
         )

@@ -100,10 +100,11 @@ def _noise_of_planes(
         return ProbingNoise(touch, max(ground.sigma, touch) if rough else touch, freedom)
     if (freedom := (tops + ground).freedom) < ENOUGH_FREEDOM:
         raise SamplesError(
-            f"{freedom} touches more than planes need, too few to learn their noise from",
-            "five touches on each top, or the noise of a touch",
+            f"only {freedom} more touches than the planes need, too few to estimate the noise of "
+            "a touch",
+            "five touches on each top, or the noise of a touch as a number",
             file=raw.path,
-            hint="state it with --sigma-um",
+            hint="give it with --sigma-um",
         )
     # A ground rougher than the tops is no worse an instrument.
     same = not tops.freedom or not ground.exceeds(tops.sigma, tops.freedom, doubt)

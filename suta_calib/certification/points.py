@@ -104,7 +104,8 @@ def read_raw_points(path: str | Path) -> RawPoints:
         raise rows.missing(
             f"points within {extent:.4g} m",
             f"an artefact of {smallest_extent:g} to {largest_extent:g} m",
-            hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: which are these?",
+            hint="columns x,y,z are in metres and x_mm,y_mm,z_mm in millimetres: check the names "
+            "of the columns",
         )
     return RawPoints(
         path=path,
@@ -121,7 +122,9 @@ class _PointRows:
 
     def __init__(self, table: CsvTable) -> None:
         self.table = table
-        self.feature = [str(cell) for cell in table.labels("feature", "what was touched")]
+        self.feature = [
+            str(cell) for cell in table.labels("feature", "the kind of surface that was touched")
+        ]
         for row, feature in enumerate(self.feature):
             if feature not in FEATURES:
                 hint = did_you_mean(feature, FEATURES)
@@ -162,7 +165,7 @@ def _pillar(rows: _PointRows, name: str) -> Pillar:
     where = f"landmark {name!r}"
     top = rows.touches(rows.of("top", landmark=name))
     if len(top) < LEAST_ON_PLANE:
-        raise rows.missing(f"{len(top)} touches of its top", "five, at least three", where)
+        raise rows.missing(f"{len(top)} touches of its top", "five, or at least three", where)
     touched = rows.of("hole", landmark=name)
     holes = {rows.index(row, HOLES): row for row in touched}
     # Some count from one.
@@ -170,14 +173,16 @@ def _pillar(rows: _PointRows, name: str) -> Pillar:
         listed = ", ".join(str(k) for k in sorted(holes)) or "none"
         raise rows.missing(
             f"{len(touched)} touches of its holes, with the indices {listed}",
-            "four, 0 1 2 3 in order around the pillar",
+            "four touches, with the indices 0 1 2 3 in order around the pillar",
             where,
         )
     sides: tuple[list[int], list[int]] = ([], [])
     for row in rows.of("flat", landmark=name):
         sides[rows.index(row, 1)].append(row)
     if bool(sides[0]) != bool(sides[1]):
-        raise rows.missing("one flat only", "index 0 (front) and 1 (back), or none", where)
+        raise rows.missing(
+            "touches of only one flat", "index 0 (front) and 1 (back), or no flats", where
+        )
     front, back = (rows.position[s].mean(axis=0) if s else None for s in sides)
     in_order = rows.touches(holes[k] for k in sorted(holes))
     return Pillar(name, top, in_order, front, back, (len(sides[0]) or 1, len(sides[1]) or 1))
@@ -193,14 +198,18 @@ def _spacers(rows: _PointRows) -> Iterable[tuple[str, FloatArray]]:
         called = name or "spacer"
         if len(listed) % 2:
             raise rows.missing(
-                f"{len(listed)} ends", "ends in pairs", f"spacer {name!r}" if name else "spacer"
+                f"{len(listed)} ends",
+                "an even number of ends",
+                f"spacer {name!r}" if name else "spacer",
             )
         pairs = list(zip(listed[::2], listed[1::2], strict=True))
         for number, pair in enumerate(pairs, start=1):
             label = f"{called} {number}" if len(pairs) > 1 else called
             # Ends of a spacer that are one point (m).
             if np.ptp(rows.position[list(pair)], axis=0).max() < 1e-6:
-                raise rows.missing("both ends in one place", "two ends", f"spacer {label!r}")
+                raise rows.missing(
+                    "both ends at the same place", "two different ends", f"spacer {label!r}"
+                )
             yield label, rows.position[list(pair)]
 
 

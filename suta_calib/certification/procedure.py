@@ -166,7 +166,7 @@ def _spacers(
         if name not in raw.spacers:
             touched = f"one of {', '.join(raw.spacers)}"
             raise SamplesError(
-                f"no touched spacer {name!r}",
+                f"no touches of spacer {name!r}",
                 touched if raw.spacers else "touches of the feature 'spacer'",
                 file=raw.path,
                 hint=did_you_mean(name, raw.spacers),

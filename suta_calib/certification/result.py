@@ -196,13 +196,13 @@ class Certification(Displayable):
             f"standard deviation of a coordinate {mm(largest):.4f} mm"
         )
         if self.damaged:
-            sentence = f"{', '.join(self.damaged)} damaged, or touched wrongly"
-        too_much = "as much as the touches and the other pillars explain"
+            sentence = f"Damaged or touched wrongly: {', '.join(self.damaged)}"
+        too_much = "from the scatter of the touches and of the other pillars"
         if self.tolerance is not None:
-            too_much = "the tolerance with the measurement's uncertainty"
+            too_much = "the tolerance plus the uncertainty of the measurement"
         bad = [
-            f"{fault.landmark}: {fault.what} is {mm(fault.size):.4f} mm off; "
-            f"{mm(fault.limit):.4f} mm would be {too_much}."
+            f"{fault.landmark}: the {fault.what} deviates by {mm(fault.size):.4f} mm. The limit "
+            f"is {mm(fault.limit):.4f} mm ({too_much})."
             for fault in self.faults
         ]
         if self.comparison is not None:
@@ -211,18 +211,21 @@ class Certification(Displayable):
             bad += self.over_ground.notes("bad")
         care = [*_touches(self), *_drawing(self)]
         if self.heading == "farthest landmark":
-            care.append("No side plane was touched: the direction of x is a convention.")
+            care.append("No side plane was touched, so the direction of x is a convention.")
         if without := [m.name for m in self.landmarks if m.yaw is None]:
             which = "any landmark" if len(without) == len(self.landmarks) else ", ".join(without)
-            care.append(f"No flats were touched on {which}: no rotation of the seated tip there.")
+            care.append(
+                f"No flats were touched on {which}, so the rotation of a tip seated "
+                "there is unknown."
+            )
         for spacer in self.spacers:
             limit = self.coverage_factor * spacer.std + (self.tolerance or 0.0)
             if spacer.deviation is not None and abs(spacer.deviation) > limit:
                 part = 1e6 * spacer.deviation / (spacer.nominal or 1.0)
                 care.append(
-                    f"Spacer {spacer.name} measures {mm(spacer.deviation):+.4f} mm from its "
-                    f"nominal ({part:+.0f} µm/m): look for the instrument's scale or the "
-                    "temperature."
+                    f"Spacer {spacer.name} differs by {mm(spacer.deviation):+.4f} mm from its "
+                    f"nominal length ({part:+.0f} µm/m). Check the scale of the instrument and "
+                    "the temperature."
                 )
         return Assessment.of(sentence, bad=bad, care=care)
 
@@ -237,7 +240,9 @@ def _touches(result: Certification) -> Iterator[str]:
     rough = 3.0
     for name, plane in (("ground", result.ground), ("side", result.side)):
         if plane is not None and plane.wrong_touches:
-            yield f"Touches of the {name} that the others refute: {_lines(plane.wrong_touches)}."
+            yield (
+                f"Touches of the {name} that contradict the others: {_lines(plane.wrong_touches)}."
+            )
     for mark in result.landmarks:
         if mark.wrong_touches:
             yield (
@@ -247,27 +252,31 @@ def _touches(result: Certification) -> Iterator[str]:
     # Touches that the procedure asks for on every top.
     few = [m.name for m in result.landmarks if m.touches + len(m.wrong_touches) < 5]
     if few:
-        yield f"Fewer than five touches on the top of {', '.join(few)}: a wrong one may not show."
+        yield (
+            f"Fewer than five touches on the top of {', '.join(few)}: a wrong touch may stay "
+            "undetected."
+        )
     if result.stated_noise is not None and result.noise > result.stated_noise:
         yield (
-            f"Touches scatter by {um(result.noise):.2f} µm, more than the "
-            f"{um(result.stated_noise):.2f} µm stated: the larger is used."
+            f"Touches scatter by {um(result.noise):.2f} µm, more than the given "
+            f"{um(result.stated_noise):.2f} µm. The larger value is used."
         )
     if result.ground.rms > rough * result.noise:
         yield (
-            f"The ground is rougher than the tops ({mm(result.ground.rms):.4f} mm RMS): heights "
-            "count from its mean plane, and their uncertainty allows for it."
+            f"The ground is rougher than the tops ({mm(result.ground.rms):.4f} mm RMS). Heights "
+            "are counted from its mean plane, and their uncertainty includes the roughness."
         )
     if (side := result.probing.of("side")) > rough * result.noise:
         yield (
-            f"The side is rougher than the tops ({mm(side):.4f} mm RMS): x follows its "
-            "mean, and the uncertainty of its direction allows for it."
+            f"The side is rougher than the tops ({mm(side):.4f} mm RMS). x follows its mean "
+            "direction, and the uncertainty of this direction includes the roughness."
         )
     if (holes := result.probing.of("hole")) > rough * result.noise:
         yield (
-            f"The middles of the diagonals of the holes lie apart as if touches of holes scattered "
-            f"by {um(holes):.1f} µm, where those of planes do by {um(result.noise):.1f} µm: were "
-            "they touched worse, or drilled unevenly? The uncertainty of the centres allows for it."
+            "The diagonals of the holes do not meet in their midpoints: this corresponds to "
+            f"{um(holes):.1f} µm of scatter for touches of holes, but touches of planes scatter "
+            f"by {um(result.noise):.1f} µm. Either the holes were touched less exactly, or they "
+            "were drilled unevenly. The uncertainty of the centres includes this."
         )
 
 
@@ -290,8 +299,8 @@ def _drawing(result: Certification) -> Iterator[str]:
     # A turn that all landmarks share is another way of counting, not a fault.
     if abs(common) > from_deg(1.0):
         yield (
-            f"All seated tips are turned by {deg(common):.1f}° from the drawing: is the "
-            "front flat another one there? --front-deg says where it is in the tip's frame."
+            f"All seated tips are rotated by {deg(common):.1f}° against the drawing. Check which "
+            "flat is the front one: --front-deg gives its direction in the frame of the tip."
         )
     # What else a registration has to say is about too few points to use it for.
     yield from comparison.registration.deformed("care")
@@ -306,20 +315,23 @@ def write_certified(path: Path, result: Certification) -> None:
         OutputError: the file cannot be written; what was there is untouched.
     """
     story = [
-        f"Certified by suta-calib certify from {result.points} points of {result.path.name}. "
-        f"One touched coordinate scatters by {um(result.noise):.2f} µm (one standard deviation, "
-        f"{noise_source(result)}).",
-        f"Frame: {frame_sentence(result)} A position is the centre of a pillar's top; "
-        "rotation_rpy_deg is the seated tip's (z down, x from the back flat to the front one).",
-        "sigma_mm is the largest of the three coordinates' standard deviations in this frame, by "
+        f"Certified by suta-calib certify from {result.points} points of {result.path.name}. The "
+        f"standard deviation of one touched coordinate is {um(result.noise):.2f} µm "
+        f"({noise_source(result)}).",
+        f"Frame: {frame_sentence(result)} A position is the centre of a pillar's top. "
+        "rotation_rpy_deg is the rotation of the seated tip (z down, x from the back flat to the "
+        "front flat).",
+        "sigma_mm is the largest standard deviation of the three coordinates in this frame, by "
         "first-order propagation from every touch.",
     ]
     if result.wrong_touches:
-        story.append(f"Touches not used, by line: {', '.join(map(str, result.wrong_touches))}.")
+        story.append(
+            f"Lines of touches that were not used: {', '.join(map(str, result.wrong_touches))}."
+        )
     if result.damaged:
         story.append(
-            f"DAMAGED, OR TOUCHED WRONGLY: {', '.join(result.damaged)}. Do not calibrate with this "
-            "file before that is settled."
+            f"DAMAGED OR TOUCHED WRONGLY: {', '.join(result.damaged)}. Do not calibrate with "
+            "this file before this is clarified."
         )
     comment = textwrap.TextWrapper(98, initial_indent="# ", subsequent_indent="# ")
     header = [line for paragraph in story for line in comment.wrap(paragraph)]
@@ -329,20 +341,24 @@ def write_certified(path: Path, result: Certification) -> None:
 def noise_source(result: Certification) -> str:
     """Where the noise of a touch was taken from."""
     if result.freedom == float("inf"):
-        return "as stated"
+        return "as given"
     return f"from the residuals of planes, {result.freedom:.0f} degrees of freedom"
 
 
 def frame_sentence(result: Certification) -> str:
     """How the artefact's frame lies in the artefact."""
     towards = {
-        "side plane": "x along the side plane, which lies on the side of -y",
-        "farthest landmark": f"x by convention from {result.origin} to the farthest landmark",
+        "side plane": "x is along the side plane, which is on the -y side",
+        "farthest landmark": f"x is by convention from {result.origin} to the farthest landmark",
     }[result.heading]
     if result.heading == "side plane" and result.turned:
-        towards = f"x as in the drawing, {90 * result.turned}° from the side plane's direction"
+        towards = (
+            f"x is as in the drawing, rotated by {90 * result.turned}° from the direction "
+            "of the side plane"
+        )
     elif result.heading == "farthest landmark" and result.comparison is not None:
-        towards = "x as in the drawing, by the landmark farthest from the origin"
+        towards = "x is as in the drawing, aligned with the landmark farthest from the origin"
     return (
-        f"z is the ground's normal, z = 0 the ground, x = y = 0 at {result.origin}, and {towards}."
+        f"z is the normal of the ground, z = 0 is the ground, x = y = 0 is at {result.origin}, "
+        f"and {towards}."
     )

@@ -152,9 +152,9 @@ class Bus:
             self._since = arrival
         elif arrival - self._since > self._settling:
             raise WrongFormatError(
-                f"{self.spec.port}: found frames whose time does not run with this computer's "
-                f"clock, watched for {arrival - self._since:.0f} s; expected microseconds; "
-                "check what the device sends as its time"
+                f"{self.spec.port}: found frames whose time does not advance like this "
+                f"computer's clock, for {arrival - self._since:.0f} s; expected a time in "
+                "microseconds; check what the device sends as its time"
             )
         return readings
 
@@ -167,8 +167,8 @@ class Bus:
     def _leapt(self, leap: float) -> None:
         self.statistics.interruptions += 1
         self._say(
-            f"{self.spec.port}: the device's clock jumped by {leap:+.3g} s; readings are left out "
-            "until it runs with this computer's again"
+            f"{self.spec.port}: the device's clock jumped by {leap:+.3g} s; readings are not "
+            "used until it advances like this computer's again"
         )
 
     def _disconnected(self, error: DisconnectedError) -> None:
@@ -179,7 +179,7 @@ class Bus:
             raise error
         self._lost_at = time.perf_counter()
         self._next_try = self._lost_at + 0.2
-        self._say(f"{error}; waiting for it")
+        self._say(f"{error}; waiting for the device")
 
     def _look_again(self, port: PortProcess, timeout: float) -> None:
         now = time.perf_counter()

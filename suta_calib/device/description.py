@@ -46,21 +46,23 @@ class JointSpec:
     name: str = keyed(TEXT, "The joint's name in the URDF.")
     sign: int = keyed(
         Value("1 or -1", _read_sign),
-        "Whether readings grow as the URDF's angle does; 1 without it.",
+        "1 if the reading increases with the URDF's angle, -1 if it decreases; default 1.",
         1,
     )
     zero: float = keyed(
-        quantity(takes="number, in unit"), "Reading at the URDF's zero; 0 without it.", 0.0
+        quantity(takes="number, in unit"),
+        "Reading at the zero position of the URDF; default 0.",
+        0.0,
     )
     ratio: float = keyed(
-        quantity(), "Turns of the encoder per turn of the joint (a gear); 1 without it.", 1.0
+        quantity(), "Turns of the encoder per turn of the joint (gear ratio); default 1.", 1.0
     )
     counts_per_turn: int | None = keyed(
-        COUNTS_PER_TURN, "Of this joint's encoder, where it differs.", None
+        COUNTS_PER_TURN, "Counts per turn of this joint's encoder, if different.", None
     )
     number: int | None = keyed(
         whole_number(0),
-        "Of a servo: its number on the bus; without it, the joint's place in the list, from 1.",
+        "Number of the servo on the bus; default: the joint's position in the list, from 1.",
         None,
         "id",
     )
@@ -137,6 +139,9 @@ def columns_of(
         unmatched = (name for name in given if name not in joints)
         hints = (f"{n!r}: {hint}" for n in unmatched if (hint := did_you_mean(n, missing)))
         hint = next(hints, f"add {', '.join(missing)}")
-        device, expected = f"the joints {', '.join(given)}", f"those of {arm}: {', '.join(joints)}"
+        device, expected = (
+            f"the joints {', '.join(given)}",
+            (f"the joints of {arm}: {', '.join(joints)}"),
+        )
         raise InputError(device, expected, file=file, where="joints", hint=hint)
     return np.array([given.index(name) for name in joints], dtype=np.intp)

@@ -39,35 +39,37 @@ DEVICE_KEYS: Final = Fields(
         TEXT,
         "Name of a port (/dev/ttyACM0, COM3, a pseudo-terminal or a link to one), or a URL: "
         "socket://host:port, rfc2217://host:port, hwgrep://2341:0043 (the port whose USB number, "
-        "serial number or name has this text), loop://. A relative name is looked for beside the "
-        "file first.",
+        "serial number or name contains this text), loop://. A relative name is looked up next "
+        "to this file first.",
         required=True,
     ),
     Field(
         "baudrate",
         whole_number(1),
-        f"Bits per second; {_DEFAULT_BAUDRATE} without it, 1000000 for servos.",
+        f"Bits per second; default {_DEFAULT_BAUDRATE}, or 1000000 for servos.",
     ),
     Field(
         "format",
         choice(FORMATS),
-        "What the device sends: frames (binary, with checksums; the default) or lines (a line of "
-        "numbers per sample); or servos on a bus, which are asked: dynamixel (protocol 2.0, X "
-        "series) or feetech (STS and SMS); these need the extra servo.",
+        "What the device sends: frames (binary, with checksums; the default) or lines (one line "
+        "of numbers per sample). For servos on a bus, which are polled: dynamixel (protocol 2.0, "
+        'X series) or feetech (STS and SMS); these need the extra "servo".',
     ),
     Field(
-        "unit", choice(UNITS), "Of the numbers in lines: counts, rad or deg; all else is in counts."
+        "unit",
+        choice(UNITS),
+        "Unit of the numbers in lines: counts, rad or deg; all other formats are in counts.",
     ),
     Field(
         "counts_per_turn",
         COUNTS_PER_TURN,
-        f"Counts of one turn of a joint; without it {FRAME_COUNTS_PER_TURN} for frames and 4096 "
-        "for servos; required for lines in counts.",
+        f"Counts per turn of a joint; default {FRAME_COUNTS_PER_TURN} for frames and 4096 for "
+        "servos; required for lines in counts.",
     ),
     Field(
         "joints",
         Value("rows", inside=fields_of(JointSpec)),
-        "In the order the device sends them.",
+        "The joints, in the order in which the device sends them.",
         required=True,
     ),
 )
@@ -91,8 +93,8 @@ def read_device(path: str | Path) -> DeviceSpec:
     if form.counts_per_turn is None and unit == "counts" and "counts_per_turn" not in top:
         # Nobody's laboratory arm has 22 bits by default: lines in counts must say how many.
         raise top.refuse(
-            "no such key",
-            f"the counts of one turn: {form.name} in counts need it",
+            "nothing",
+            f"the number of counts per turn, because the format is {form.name} in counts",
             at=("counts_per_turn",),
         )
     counts = values.get("counts_per_turn", form.counts_per_turn or FRAME_COUNTS_PER_TURN)
@@ -154,22 +156,22 @@ def _joints(top: YamlSection, form: Format, unit: str) -> tuple[JointSpec, ...]:
     for section in sections:
         joint = read_as(JointSpec, section)
         if joint.name in (before.name for before in joints):
-            raise section.refuse(f"{joint.name!r} a second time", "each joint once", at=("name",))
+            raise section.refuse(f"{joint.name!r} twice", "each joint only once", at=("name",))
         for key in ("ratio", "counts_per_turn"):
             if key in section and not form.geared:
-                expected = f"no such key: the words of {form.name} are one turn of the joint"
+                expected = f"this key left out: the words of {form.name} are one turn of the joint"
                 raise section.refuse("a value", expected, at=(key,))
         if unit == "counts" and joint.zero != round(joint.zero):
             raise section.refuse(f"{joint.zero:g}", "a whole number of counts", at=("zero",))
         if joint.ratio == 0.0:
             raise section.refuse("0", "turns of the encoder per turn of the joint", at=("ratio",))
         if joint.number is not None and not form.asked:
-            expected = f"no such key: {form.name} are not asked one by one"
+            expected = f"this key left out: joints of {form.name} are not polled by number"
             raise section.refuse(str(joint.number), expected, at=("id",))
         if form.asked:
             place = len(joints) + 1 if joint.number is None else joint.number
             if place >= most_servos or place in (before.number for before in joints):
-                expected = f"a number below {most_servos}, another for each servo"
+                expected = f"a number below {most_servos}, different for each servo"
                 raise section.refuse(str(place), expected, at=("id",))
             joint = replace(joint, number=place)
         joints.append(joint)

@@ -35,7 +35,7 @@ def describe_bytes(data: bytes, spec: DeviceSpec) -> str:
         hint = f"check {baud}"
         # So few different bytes are what a line sampled at the wrong speed gives.
         if len(set(data)) <= 6 and not text:
-            hint += " (so few different values: most likely another speed)"
+            hint += " (only few different values: probably another speed)"
     return f"found {description}; expected {form.expected(len(spec.joints))}; {hint}"
 
 
@@ -51,19 +51,19 @@ def remarks(statistics: Statistics, spec: DeviceSpec) -> list[str]:
         if count:
             sentences.append(
                 f"{name}: the CRC of its encoder words is wrong in "
-                f"{_share(int(count), s.frames + s.word_crc_errors)} of frames; "
-                "check the cable from this encoder to the controller"
+                f"{_share(int(count), s.frames + s.word_crc_errors)} of frames; check the cable "
+                "from this encoder to the controller"
             )
     if s.frame_crc_errors:
         share = _share(s.frame_crc_errors, s.frames + s.frame_crc_errors)
         sentences.append(
-            f"{share} of {format_of(spec).damage}; "
-            f"check the cable to this computer, its shield and baudrate ({spec.baudrate})"
+            f"{share} of {format_of(spec).damage}; check the cable to this computer, its shield "
+            f"and baudrate ({spec.baudrate})"
         )
     elif s.lost_frames:
         sentences.append(
-            f"{_share(s.lost_frames, s.frames + s.lost_frames)} of frames are missing though none "
-            "is damaged; the line, or this computer, is too slow for the device's rate"
+            f"{_share(s.lost_frames, s.frames + s.lost_frames)} of frames are missing although "
+            "none is damaged; the connection or this computer is too slow for the device's rate"
         )
     return sentences
 
@@ -105,7 +105,7 @@ class Watch:
         if frames:
             if self._trouble:
                 self._trouble, pause = None, now - self._last_frame
-                self._say(f"{self._spec.port}: frames come again after {pause:.1f} s")
+                self._say(f"{self._spec.port}: frames received again after {pause:.1f} s")
             self._seen, self._last_frame = True, now
             self._unread_since, self._bytes, self._sample = None, 0, b""
             return
@@ -122,19 +122,19 @@ class Watch:
         starting = not (self._any_byte or self._seen)
         spec, pause = self._spec, now - self._last_byte
         if pause > self._silence * (start_factor if starting else 1.0):
-            hint = "that it is switched on and sends by itself,"
+            hint = "that the device is switched on and sends by itself,"
             silent = (
-                f"{spec.port}: found not a single byte in {pause:.1f} s; expected {spec.format} at "
-                f"{spec.baudrate} baud; check {'its power, its cable' if self._seen else hint} and "
-                f"'port' in {spec.path}"
+                f"{spec.port}: no byte received in {pause:.1f} s; expected {spec.format} at "
+                f"{spec.baudrate} baud; check {('its power, its cable' if self._seen else hint)} "
+                f"and 'port' in {spec.path}"
             )
             self._report(DeviceSilentError(silent))
         elif self._unread_since is not None and self._bytes >= fewest_bytes:
             pause = now - self._unread_since
             if pause > self._silence:
                 unreadable = (
-                    f"{spec.port}: {self._bytes} bytes in {pause:.1f} s, none of them readable: "
-                    f"{describe_bytes(self._sample, spec)}"
+                    f"{spec.port}: {self._bytes} bytes in {pause:.1f} s, none of them in the "
+                    f"expected format: {describe_bytes(self._sample, spec)}"
                 )
                 self._report(WrongFormatError(unreadable))
 

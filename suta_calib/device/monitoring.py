@@ -171,7 +171,10 @@ def stream_report(
         for k, name in enumerate(spec.names)
     }
     since = 0.0 if last is None else now - last.arrival
-    silent = f"nothing has come for {since:.1f} s: is the cable plugged in, is the device on?"
+    silent = (
+        f"no data for {since:.1f} s; check that the cable is plugged in and the device is "
+        "switched on"
+    )
     paused = since >= 1.0  # less is chance
     return {
         "device": str(spec.path),

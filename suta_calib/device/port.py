@@ -41,7 +41,7 @@ URLS: Final = {
     "socket": (_SERVER, "socket://host:port"),
     "rfc2217": (
         rf"{_SERVER}(?:\?{_TELNET_OPTION}(?:&{_TELNET_OPTION})*)?",
-        "rfc2217://host:port, with no other options than ign_set_control, poll_modem, timeout=S",
+        "rfc2217://host:port, without options other than ign_set_control, poll_modem, timeout=S",
     ),
     "loop": (r"", "loop://"),
     "hwgrep": (_HARDWARE, "hwgrep:// and a part of the port's name, USB number or serial number"),
@@ -75,8 +75,8 @@ class Port:
             raise DeviceFileError(repr(spec.port), expected, file=spec.path, where="port")
         if (subsystem := other_device(spec.port)) is not None:
             raise PortNotFoundError(
-                f"{spec.port}: found something that is no serial port (a device of {subsystem!r}); "
-                f"expected one; check 'port' in {spec.path}"
+                f"{spec.port}: found something that is not a serial port (a device of "
+                f"{subsystem!r}); expected one; check 'port' in {spec.path}"
             )
         self.arrived = time.perf_counter()
         self._failures: tuple[type[Exception], ...] = (OSError, serial.SerialException)
@@ -141,7 +141,7 @@ class Port:
     def _gone(self, error: Exception) -> DisconnectedError:
         there = "://" in self._name or Path(self._name).exists()
         reason = getattr(error, "strerror", None) or str(error)
-        event = "the connection was closed" if there else "the port is gone"
+        event = "the connection was closed" if there else "the port disappeared"
         return DisconnectedError(
             f"{self._name}: {event} ({reason}); check the cable and the device's power"
         )
@@ -196,30 +196,34 @@ def opening_error(spec: DeviceSpec, error: Exception) -> SutaCalibError:
         return DeviceFileError(f"{value} ({text})", expected, file=spec.path, where=key)
     if number in _ABSENT:
         link, ports = Path(spec.port), existing_ports()
-        gone = f"a link to {link.readlink()}, which is gone" if link.is_symlink() else ""
+        gone = (
+            f"a link to {link.readlink()}, which does not exist any more"
+            if link.is_symlink()
+            else ""
+        )
         expected = (
             f"one of: {', '.join(ports)}" if ports else "a serial port; this computer has none"
         )
         return PortNotFoundError(
-            f"{spec.port}: found {gone or 'no such port'}; expected {expected}; "
-            f"check the cable, and 'port' in {spec.path}"
+            f"{spec.port}: found {gone or 'no such port'}; expected {expected}; check the cable, "
+            f"and 'port' in {spec.path}"
         )
     if number in _BUSY or (os.name == "nt" and "PermissionError" in text):
         by = ", ".join(_users(spec.port)) or "another program"
         return PortBusyError(
-            f"{spec.port}: found it in use by {by}; expected a port nobody reads; "
+            f"{spec.port}: found it in use by {by}; expected a port that no other program reads; "
             "close the other program"
         )
     if number in _FORBIDDEN:
         return _forbidden(spec)
     hint = "check"
     if spec.port.startswith("socket://"):
-        problem = f"found nobody answering ({text}); expected a device server there"
+        problem = f"found no answer ({text}); expected a device server there"
         hint = "check that it runs, and"
     elif Path(spec.port).exists():
-        problem = f"found something that is no serial port ({text}); expected one"
+        problem = f"found something that is not a serial port ({text}); expected one"
     else:
-        problem = f"it cannot be opened ({text})"
+        problem = f"the port cannot be opened ({text})"
     return PortNotFoundError(f"{spec.port}: {problem}; {hint} 'port' in {spec.path}")
 
 
@@ -234,14 +238,15 @@ def existing_ports() -> list[str]:
 
 
 def _forbidden(spec: DeviceSpec) -> PortPermissionError:
-    hint = "ask whoever looks after this computer"
+    hint = "ask the administrator of this computer"
     if os.name == "posix":
         group = "dialout"  # the usual one, where the port's own cannot be found out
         with suppress(OSError, KeyError):
             group = Path(spec.port).group()
-        hint = f"for good: sudo usermod -a -G {group} $USER, then log out and in again"
+        hint = f"run once: sudo usermod -a -G {group} $USER, then log out and in again"
     return PortPermissionError(
-        f"{spec.port}: found no permission to open it; expected a port this user may read; {hint}"
+        f"{spec.port}: found no permission to open it; expected a port that this user may read; "
+        f"{hint}"
     )
 
 

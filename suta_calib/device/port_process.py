@@ -120,7 +120,7 @@ class PortProcess:
                 self._waiting += self._in.recv()
         except (EOFError, OSError):
             raise DisconnectedError(
-                f"{self._spec.port}: the process that read it has ended; try again"
+                f"{self._spec.port}: the process that read the port has ended; try again"
             ) from None
 
     def _take(self) -> bytes:
@@ -192,7 +192,7 @@ def _pump(spec: DeviceSpec, parent: int, outbox: _Outbox) -> None:
             if data := port.read(_LOOK_S):
                 outbox.put("data", data)
     if outbox.full:
-        raise DisconnectedError(f"{spec.port}: its readings were not asked for any more")
+        raise DisconnectedError(f"{spec.port}: its readings were not fetched any more")
 
 
 def _opened(spec: DeviceSpec) -> Port:

@@ -14,7 +14,9 @@ from suta_calib.display import Displayable
 
 ERROR_MEANING: Final = "error: the encoder's position is not valid"
 WARNING_MEANING: Final = "warning: the position is valid, but the encoder is near its limits"
-ERROR_ADVICE: Final = "check the magnet's (or scale's) distance and place, and the encoder's supply"
+ERROR_ADVICE: Final = (
+    "check the distance and position of the magnet (or scale), and the encoder's supply"
+)
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -160,7 +160,7 @@ class EmulatedDevice(Displayable):
             rounds = len(motion.rounds)
             text += f", {len(motion.labels)} rests in {rounds} round{'s' * (rounds != 1)}"
         departing = sum(v != self.arm.parameters[n].nominal for n, v in self.values.items())
-        return f"{text}; {departing} true parameters depart from the URDF's"
+        return f"{text}; {departing} true parameters differ from the URDF"
 
     def play(
         self,
@@ -188,8 +188,8 @@ class EmulatedDevice(Displayable):
         emulation, arm, values = self.emulation, self.arm, self.values
         if emulation.faults.absences and options.link is None:
             raise InputError(
-                "a port that vanishes and comes back under another name",
-                "--link PATH, by which it is found again",
+                "a port that disappears and comes back under another name",
+                "--link PATH, a link that always points to the port",
                 where="--faults",
             )
         with PseudoTerminal(options.link) as terminal:
@@ -219,11 +219,13 @@ def emulated_device(options: EmulationOptions) -> EmulatedDevice:
         InputError: options that contradict each other, or a file that cannot be used.
     """
     if options.script is not None and (options.motion or options.csv):
-        raise InputError("--script beside --motion or --csv", "one of them")
+        raise InputError("--script together with --motion or --csv", "only one of them")
     if options.csv is not None and options.motion not in (None, "trajectory"):
-        raise InputError(f"--csv beside --motion {options.motion}", "--motion trajectory")
+        raise InputError(f"--csv together with --motion {options.motion}", "--motion trajectory")
     if options.script is None and options.placements:
-        raise InputError("--placement without --script", "the job whose artefact is placed there")
+        raise InputError(
+            "--placement without --script", "--script, the job whose artefact is placed there"
+        )
     if options.script is None and options.points and options.motion != "pivot":
         raise InputError("--point without --script", "--script, or --motion pivot")
     script = None if options.script is None else read_script(options.script)
@@ -277,8 +279,8 @@ def _set(options: EmulationOptions, script: SimulationSpec) -> SetSpec:
     name = options.set_name or next(iter(touched), "")
     if name not in touched:
         raise JobError(
-            repr(name) if name else "nothing that a tip touches",
-            f"a set whose tip touches something: {', '.join(touched) or 'none here'}",
+            repr(name) if name else "no observation with touches",
+            f"a set in which the tip touches something: {', '.join(touched) or 'none here'}",
             file=script.path,
             where="sets",
         )

@@ -14,19 +14,21 @@ from suta_calib.display import Displayable
 from suta_calib.errors import InputError, did_you_mean
 
 WORDS: Final = {
-    "corrupt=SHARE": "that share of all bytes is replaced by other ones",
-    "flip=SHARE": "one bit of that share of all bytes is wrong",
-    "lose=SHARE": "that share of all bytes does not arrive",
-    "skip=SHARE": "that share of all frames is not sent: sequence gaps",
-    "gap=N@T": "N frames in a row are not sent from T on",
-    "burst=S@T": "garbage in place of frames for S seconds from T on",
-    "stall=S@T": "nothing is sent for S seconds from T on, nor made up for",
-    "hold=S@T": "frames are held back for S seconds from T on and then come all at once",
-    "stale=N": "whoever opens the port first gets N old frames, with the clock of back then",
-    "disconnect=S@T": "the port is gone for S seconds from T on and comes back under its link",
-    "reboot=S@T": "the same, and sequence and clock begin anew",
-    "error=JOINT:S@T": "that joint's encoder raises its error flag for S seconds from T on",
-    "warning=JOINT:S@T": "the same for its warning flag",
+    "corrupt=SHARE": "this share of all bytes is replaced by random ones",
+    "flip=SHARE": "in this share of all bytes one bit is wrong",
+    "lose=SHARE": "this share of all bytes is lost",
+    "skip=SHARE": "this share of all frames is not sent (gaps in the sequence numbers)",
+    "gap=N@T": "N frames in a row are not sent, from time T",
+    "burst=S@T": "random bytes instead of frames for S seconds, from time T",
+    "stall=S@T": "nothing is sent for S seconds, from time T; these frames are lost",
+    "hold=S@T": "frames are delayed for S seconds, from time T, and then all sent together",
+    "stale=N": "a program that opens the port receives N old frames first, with their old times",
+    "disconnect=S@T": "the port disappears for S seconds, from time T, and comes back under its "
+    "link",
+    "reboot=S@T": "as disconnect, and sequence numbers and clock start again",
+    "error=JOINT:S@T": "the encoder of this joint sets its error flag for S seconds, from time T",
+    "warning=JOINT:S@T": "the encoder of this joint sets its warning flag for S seconds, from "
+    "time T",
 }
 _FORMS: Final = {word.partition("=")[0]: word for word in WORDS}
 
@@ -124,9 +126,9 @@ class Faults(Displayable):
         for earlier, later in pairwise(faults.absences):
             if later.start < earlier.end:
                 raise InputError(
-                    f"a port that is to vanish at {later.start:g} s and is gone until "
-                    f"{earlier.end:g} s",
-                    "disconnects and reboots one after the other",
+                    f"a port that disappears at {later.start:g} s although it is already gone "
+                    f"until {earlier.end:g} s",
+                    "disconnects and reboots that do not overlap",
                     where="--faults",
                 )
         return faults

@@ -152,7 +152,7 @@ class Curve(Displayable, Motion):
 
     def __post_init__(self) -> None:
         if len(self.time) < 2 or not (np.diff(self.time) > 0).all():
-            raise InputError("times that do not increase", "two or more times, each the later")
+            raise InputError("times that do not increase", "two or more times in increasing order")
         # Imported where a curve is: most arms that are emulated follow none, and start three times
         # faster without.
 

@@ -22,7 +22,7 @@ from suta_calib.emulation.terminal import PseudoTerminal
 _LOOK: Final = 2e-3
 # What is sent, and read, at most so late is punctual, s.
 _PUNCTUAL: Final = 0.03
-_NEXT: Final = "a round is over: the arm rests on the first place of the next"
+_NEXT: Final = "end of the round: the arm rests at the first place of the next round"
 
 
 @dataclass()
@@ -43,8 +43,8 @@ class Played:
 
     def __str__(self) -> str:
         return (
-            f"{self.sent} frames sent, {self.unheard} that nobody read, {self.silent} withheld "
-            f"by faults; at most {1e3 * self.late:.1f} ms late"
+            f"{self.sent} frames sent, {self.unheard} not read by any program, {self.silent} "
+            f"suppressed by faults; at most {1000.0 * self.late:.1f} ms late"
         )
 
 
@@ -165,7 +165,7 @@ class Player:
 
     def _vanish(self) -> None:
         self._terminal.close()
-        self._tell("the port is gone")
+        self._tell("the port disappeared")
 
     def _return(self) -> None:
         self._terminal.open()

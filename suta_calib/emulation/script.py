@@ -133,7 +133,7 @@ def _order(plan: SetSpec, sequence: Sequence[str]) -> tuple[str, ...]:
     """Landmarks in the order in which they are gone through; empty for fixed points."""
     if plan.artefact is None:
         if sequence:
-            raise InputError("a sequence of landmarks for fixed points", "none")
+            raise InputError("a sequence of landmarks although the job has fixed points", "none")
         return ()
     landmarks = tuple(read_artefact(plan.artefact).landmarks)
     if (name := next((name for name in sequence if name not in landmarks), None)) is not None:
@@ -232,10 +232,10 @@ def placement_within_reach(
         if all(kinematics.solve(target, start, rng, 3).reached[0] for target in targets):
             return pose
     raise JobError(
-        f"no place for placement {label!r} in {tries} tries",
-        "an upright pose in which every landmark is within reach",
+        f"no suitable position for placement {label!r} in {tries} tries",
+        "an upright pose with every landmark within reach",
         file=artefact,
-        hint=f"give one: --placement {label}=x,y,z,roll,pitch,yaw in mm and degrees",
+        hint=f"give its pose: --placement {label}=x,y,z,roll,pitch,yaw in mm and degrees",
     )
 
 

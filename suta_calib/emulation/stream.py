@@ -64,10 +64,10 @@ def device_of(
         if joint.type == "prismatic" and unit != "rad":
             raise InputError(
                 f"prismatic joint {joint.name!r}",
-                "joints that turn: an encoder's word is an angle",
+                "revolute joints: an encoder word is an angle",
                 file=arm.chain.path,
                 line=joint.line,
-                hint="send it as lines in rad, which carry metres as they are",
+                hint="send it as lines in rad, which also contain lengths in metres",
             )
     chosen = list(signs) or [1] * len(arm.joints)
     if len(chosen) != len(arm.joints):

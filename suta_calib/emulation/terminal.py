@@ -38,7 +38,7 @@ class PseudoTerminal:
     def __init__(self, link: Path | None = None) -> None:
         if sys.platform == "win32":
             raise SutaCalibError(
-                "found Windows, which has no pseudo-terminals; expected Linux or macOS, or WSL"
+                "found Windows, which has no pseudo-terminals; expected Linux, macOS or WSL"
             )
         self.link = None if link is None else Path(link)
         self.name = ""
@@ -152,7 +152,9 @@ class PseudoTerminal:
 def _point(link: Path, target: str) -> None:
     """Make or replace a symbolic link in one step; nothing else of that name is replaced."""
     if os.path.lexists(link) and not link.is_symlink():
-        raise OutputError(f"{link}: found a file that is no link; expected none, or an older link")
+        raise OutputError(
+            f"{link}: found a file that is not a link; expected nothing, or an older link"
+        )
     temporary = link.with_name(f".{link.name[:40]}.{secrets.token_hex(6)}.tmp")
     try:
         temporary.symlink_to(target)
@@ -160,4 +162,4 @@ def _point(link: Path, target: str) -> None:
     except OSError as problem:
         with contextlib.suppress(OSError):
             temporary.unlink()
-        raise OutputError(f"{link}: link not made: {problem.strerror or problem}") from problem
+        raise OutputError(f"{link}: link not created: {problem.strerror or problem}") from problem

@@ -139,7 +139,7 @@ def pivoting(
     if joints < fewest_joints:
         raise JobError(
             f"an arm with {joints} joints",
-            f"at least {fewest_joints}: one with fewer cannot tilt its tool on a point",
+            f"at least {fewest_joints} joints: with fewer, the tool cannot be tilted about a point",
             file=arm.chain.path,
             where="pivot",
         )
@@ -210,8 +210,9 @@ def _reached(
     x, y, z = mm(position)
     off = f"{mm(answer.distance[0]):.3g} mm and {deg(answer.angle[0]):.3g} deg away"
     raise JobError(
-        f"a tilt about ({x:.1f}, {y:.1f}, {z:.1f}) mm out of the arm's reach (closest: {off})",
-        "a point that the tip can be tilted on",
+        f"a tilt about ({x:.1f}, {y:.1f}, {z:.1f}) mm that is out of the arm's reach (closest: "
+        f"{off})",
+        "a point about which the tip can be tilted",
         file=kinematics.arm.chain.path,
         where="pivot",
         hint="move the point, start from another posture, or make the cone smaller",

@@ -48,7 +48,7 @@ def read_truth(path: Path, arm: ArmModel, seed: int | None = None) -> dict[str, 
     if "parameters" not in top or isinstance(top.data["parameters"], list):
         raise top.refuse(
             "neither a truth.yaml nor a simulation.yaml",
-            "a mapping 'parameters' of true values, or 'errors' beside 'sets'",
+            "a mapping 'parameters' of true values, or 'errors' together with 'sets'",
             at=("parameters",),
         )
     listed = top.section("parameters") if top.data["parameters"] else None
@@ -61,7 +61,7 @@ def _values(listed: YamlSection, arm: ArmModel) -> dict[str, float]:
         if name not in arm.parameters:
             raise listed.refuse(
                 "a parameter that the arm does not have",
-                "parameters of the arm given",
+                "parameters of this arm",
                 at=(name,),
                 hint=did_you_mean(name, arm.parameters),
             )
@@ -118,8 +118,8 @@ def error_rows(arm: ArmModel, values: Mapping[str, float]) -> tuple[ErrorRow, ..
 
 
 _TRUTH_HEADING: Final = (
-    "Simulated: the truth behind an emulated arm, for judging a calibration. Nothing here was\n"
-    "measured. Parameters that are not listed are nominal."
+    "The true values behind an emulated arm, for judging a calibration. Nothing here "
+    "was\nmeasured. Parameters that are not listed are nominal."
 )
 
 

@@ -37,26 +37,40 @@ from suta_calib.units import Unit, from_mm
 class NoiseLevels:
     """Standard deviations per axis, zero for none: the key ``noise`` of a simulation, in SI."""
 
-    seating: float = keyed(LENGTH_OR_0, "Of a touch, in each coordinate.", 0.0)
+    seating: float = keyed(LENGTH_OR_0, "Of a touch, per coordinate.", 0.0)
     seating_angle: float = keyed(
-        ANGLE_OR_0, "Of how a tip that is seated is turned, about each axis.", 0.0, "seating_deg"
+        ANGLE_OR_0, "Of the rotation of a seated tip, about each axis.", 0.0, "seating_deg"
     )
-    encoder_angle: float = keyed(ANGLE_OR_0, "Of a revolute joint's reading.", 0.0, "encoder_deg")
-    encoder_length: float = keyed(LENGTH_OR_0, "Of a prismatic joint's reading.", 0.0, "encoder_mm")
-    encoder_bits: int = keyed(bits(0), "Revolute joints read whole steps of a turn over 2^bits.", 0)
+    encoder_angle: float = keyed(
+        ANGLE_OR_0, "Of the reading of a revolute joint.", 0.0, "encoder_deg"
+    )
+    encoder_length: float = keyed(
+        LENGTH_OR_0, "Of the reading of a prismatic joint.", 0.0, "encoder_mm"
+    )
+    encoder_bits: int = keyed(
+        bits(0),
+        "Encoder resolution: revolute joints are read in steps of "
+        "a turn / 2^bits; 0 for no rounding.",
+        0,
+    )
     instrument: float = keyed(
-        LENGTH_OR_0, "Of what an instrument or camera sees, in each coordinate.", 0.0
+        LENGTH_OR_0, "Of a position that an instrument or camera measures, per coordinate.", 0.0
     )
     instrument_angle: float = keyed(
-        ANGLE_OR_0, "Of the orientation that it sees, about each axis.", 0.0, "instrument_deg"
+        ANGLE_OR_0,
+        "Of an orientation that an instrument or camera measures, about each axis.",
+        0.0,
+        "instrument_deg",
     )
     corner: float = keyed(
-        quantity("px", "non-negative"), "Of a corner in a picture, in each coordinate.", 0.0
+        quantity("px", "non-negative"), "Of a corner in a picture, per coordinate.", 0.0
     )
-    artefact: bool = keyed(FLAG, "Whether landmarks are off by their own sigma_mm.", False)
+    artefact: bool = keyed(
+        FLAG, "Whether the true landmarks deviate from the artefact file by their sigma_mm.", False
+    )
     instrument_number: float = keyed(
         quantity(sign="non-negative"),
-        "Of what an instrument reads beside lengths and angles, in SI.",
+        "Of instrument readings that are neither lengths nor angles, in SI units.",
         0.0,
         "instrument",
     )
@@ -90,10 +104,10 @@ class OutlierSpec(Displayable):
     """
 
     fraction: float = keyed(
-        Value("0 to 1", _read_fraction), "Share of the samples that are grossly wrong."
+        Value("0 to 1", _read_fraction), "Share of the samples that are outliers."
     )
     size: tuple[float, float] = keyed(
-        Value("smallest, largest in mm", _read_sizes, unit="m"), "By how much they are wrong."
+        Value("smallest, largest in mm", _read_sizes, unit="m"), "Size of the outliers."
     )
 
 

@@ -163,7 +163,7 @@ def _check_readme(path: Path) -> None:
         raise OutputError(f"{path}: not readable: {problem.strerror}") from problem
     if foreign:
         raise OutputError(
-            f"{path}: found a page that no simulation wrote; expected none, or one that begins "
+            f"{path}: found a page not written by a simulation; expected none, or one that begins "
             f"with '{_TITLE}'; choose another --out"
         )
 
@@ -195,6 +195,6 @@ def _check_strangers(strangers: Sequence[Path]) -> None:
         folder = strangers[0].parent
         names = ", ".join(path.name for path in strangers if path.parent == folder)
         raise OutputError(
-            f"{folder}: found {names}; expected only files this simulation writes; remove them or "
+            f"{folder}: found {names}; expected only files that it writes itself; remove them or "
             "choose another --out"
         )

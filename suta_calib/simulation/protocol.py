@@ -149,8 +149,8 @@ class Visitor:
                     plan,
                     visits.name,
                     visits.line,
-                    f"{visits.what(int(rows[k]))} out of the arm's reach "
-                    f"(closest: {distance:.3g} mm and {angle:.3g} deg away)",
+                    f"{visits.what(int(rows[k]))} out of the arm's reach (closest: "
+                    f"{distance:.3g} mm and {angle:.3g} deg away)",
                     "a pose within reach and joint limits",
                     self._remedy(matching),
                 )
@@ -162,15 +162,15 @@ class Visitor:
         attainable, joints = self.kinematics.attainable, len(self.kinematics.arm.joints)
         if not attainable["position"]:
             return (
-                f"an arm of {joints} joints, arranged like these, gets to few places: see it with "
-                "an instrument instead of touching something"
+                f"an arm of {joints} joints in this arrangement cannot reach most positions: "
+                "simulate an instrument that sees it, instead of touching something"
             )
         if not attainable[matching]:
             return (
-                f"an arm of {joints} joints, arranged like these, takes no orientation that is "
-                "asked for: leave rotation_rpy_deg of the landmarks out"
+                f"an arm of {joints} joints in this arrangement cannot reach every orientation: "
+                "remove rotation_rpy_deg from the landmarks"
             )
-        return "move it or turn it"
+        return "move or turn it"
 
     def _refused(
         self, plan: SetSpec, label: str, line: int | None, problem: str, expected: str, hint: str

@@ -219,22 +219,26 @@ ARM_KEYS: Final = Fields(
     URDF,
     TIP,
     BASE,
-    Field("tip_offset_mm", XYZ_MM, "A probe at the tip, in its frame; a job may seek it."),
+    Field(
+        "tip_offset_mm",
+        XYZ_MM,
+        "Position of a probe in the frame of the tip; a job may estimate it.",
+    ),
 )
 # A point has no orientation.
 POINT_KEYS: Final = Fields(POSITION)
 # Of what an arm's parameters may be.
 ARM_UNITS: Final[tuple[Unit, ...]] = ("m", "rad", "rad/Nm", "1/K", "1")
 _SIZES: Final[tuple[tuple[str, Sign, str], ...]] = (
-    ("value", "any", "The departure itself."),
-    ("std", "non-negative", "Standard deviation that departures are drawn with."),
+    ("value", "any", "The difference from nominal."),
+    ("std", "non-negative", "Standard deviation of the random differences from nominal."),
 )
 ERROR_KEYS: Final = Fields(
     Field(
         "select",
         TEXTS,
-        "The parameters that depart from nominal; the word geometric as in calibration.yaml. "
-        "Later rows win.",
+        "The parameters that differ from nominal; geometric means the same as in "
+        "calibration.yaml. Later rows override earlier ones.",
         required=True,
     ),
     *(
@@ -252,7 +256,7 @@ def _error_row(row: YamlSection) -> ErrorRow:
         for name in ("value", "std")
     )
     if both := value.keys() & std.keys():
-        raise row.refuse(f"a value and a std in {'/'.join(sorted(both))}", "one of them")
+        raise row.refuse(f"a value and a std in {'/'.join(sorted(both))}", "only one of them")
     if not value and not std:
         sizes = ", ".join(ERROR_KEYS.names[1:])
         raise row.refuse("no size of the error", f"at least one of {sizes}")
@@ -260,11 +264,11 @@ def _error_row(row: YamlSection) -> ErrorRow:
 
 
 SEAT_KEYS: Final = Fields(
-    Field("x_mm", quantity("m"), "How far the tip always sits off the socket's axis, along x."),
-    Field("y_mm", quantity("m"), "The same along y."),
-    Field("rz_deg", quantity("rad"), "How far it is always turned about the tool's axis."),
+    Field("x_mm", quantity("m"), "Constant offset of the tip from the socket's axis, along x."),
+    Field("y_mm", quantity("m"), "Constant offset of the tip from the socket's axis, along y."),
+    Field("rz_deg", quantity("rad"), "Constant rotation of the tip about the tool's axis."),
 )
-_NOISE: Final = "Standard deviations of what scatters, zero without them"
+_NOISE: Final = "Standard deviations of the noise; default 0"
 
 
 def set_keys(kind: type[Term]) -> Fields:
@@ -277,9 +281,9 @@ def set_keys(kind: type[Term]) -> Fields:
 def common_set_keys(kind: type[Term]) -> Fields:
     """The keys of a set beside those that the kind itself reads."""
     return Fields(
-        Field("kind", choice(KINDS), "Which kind of observation it is.", required=True),
-        Field("noise", mapping(NoiseLevels), f"{_NOISE}; in place of the file's."),
-        Field("outliers", mapping(OutlierSpec), "What is grossly wrong; nothing without."),
+        Field("kind", choice(KINDS), "Kind of the observation.", required=True),
+        Field("noise", mapping(NoiseLevels), f"{_NOISE}; replaces the noise of the file."),
+        Field("outliers", mapping(OutlierSpec), "Outliers among the samples; default none."),
         *_medium_keys(kind),
     )
 
@@ -293,17 +297,17 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
             for frame in kind.frames
         )
         optional = kind.columns.orientation == "optional"
-        turned = "Whether orientations are seen too."
-        marks = f"Where on the tip's link each {kind.mark} sits; the tip itself without it."
+        turned = "Whether orientations are measured too."
+        marks = f"Position of each {kind.mark} on the tip's link; default: the tip itself."
         # Some ten seconds: 8,000 rows a second are simulated, but 120 pictures with their corners.
         most = 2000 if "image" in kind.columns.labels else 100_000
         return (
-            Field("samples", whole_number(1, most), "How many samples are taken.", required=True),
+            Field("samples", whole_number(1, most), "Number of samples.", required=True),
             Field(
                 "temperature",
                 Value("lowest, highest in °C", _read_temperature),
-                "How warm the arm is, drawn anew for every sample and written in its column; "
-                f"{REFERENCE_TEMPERATURE:g}, and no such column, without it.",
+                "Temperature of the arm, random for every sample and written to a column. "
+                f"Default: {REFERENCE_TEMPERATURE:g}, without a column.",
             ),
             *frames,
             *([Field("orientation", FLAG, turned)] if optional else []),
@@ -316,23 +320,23 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
     where = Field(
         f"{kind.place}s",
         _poses(POSE if kind.place_turns else POINT_KEYS),
-        f"Where each {kind.place} stands in the base.",
+        f"Pose of each {kind.place} in the base frame.",
         required=True,
         given_attribute="places",
     )
     if kind.needs_artefact:
         return (
-            Field("artefact", FILE, "The artefact.yaml of what is touched.", required=True),
+            Field("artefact", FILE, "The artefact.yaml of the touched artefact.", required=True),
             where,
             Field(
                 "repeats",
                 whole_number(1, 200),
-                "How often each placement is gone through; 1 without.",
+                "How often each placement is measured; default 1.",
             ),
             Field(
                 "seating",
                 Value("mapping", _read_seat, SEAT_KEYS),
-                "How the tip always sits in its sockets.",
+                "Constant error of the seated tip in its sockets.",
             ),
         )
     return (
@@ -341,37 +345,38 @@ def _medium_keys(kind: type[Term]) -> tuple[Field, ...]:
             "directions",
             # Of 1,400 a second, for each of which a posture is sought.
             whole_number(1, 10_000),
-            "From how many directions each is touched; 20 without.",
+            "Number of directions from which each place is touched; default 20.",
         ),
         Field(
             "axis",
             DIRECTION,
-            "Middle of the tip's z axes, in the base; against the place's own z axis without it.",
+            "Mean direction of the tip's z axis, in the base frame; default: opposite to the "
+            "place's z axis.",
         ),
         Field(
             "cone_deg",
             cone("non-negative"),
-            "Largest angle between a tip's z axis and the axis; 60 without it.",
+            "Largest angle between the tip's z axis and axis; default 60.",
         ),
     )
 
 
 SIMULATION_KEYS: Final = Fields(
-    Field("arm", mapping(ARM_KEYS), "The nominal arm, and the ends of its chain.", required=True),
-    Field("seed", whole_number(0), "Of every random number; 0 without it."),
+    Field("arm", mapping(ARM_KEYS), "The nominal arm: URDF, tip and base.", required=True),
+    Field("seed", whole_number(0), "Seed of all random numbers; default 0."),
     Field(
         "posture_deg",
         Value("by joint, deg"),
-        "Where the first search for a posture starts; the middle of a joint's range without it.",
+        "Start of the first search for a posture; default: the middle of each joint's range.",
     ),
     Field("posture_mm", Value("by joint, mm"), "The same for prismatic joints."),
-    Field("errors", rows(_error_row, ERROR_KEYS), "How the true arm departs from the nominal one."),
+    Field("errors", rows(_error_row, ERROR_KEYS), "How the true arm differs from the nominal one."),
     Field("noise", mapping(NoiseLevels), f"{_NOISE}."),
     Field(
         "sets",
         Value("by name"),
-        "What is measured: each set becomes a folder of samples of its name. Its keys follow from "
-        "its kind.",
+        "The sets of measurements. Each set becomes a folder of samples with its name. Its keys "
+        "depend on its kind.",
         required=True,
     ),
 )

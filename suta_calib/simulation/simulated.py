@@ -192,7 +192,9 @@ def _posture(spec: SimulationSpec, kinematics: InverseKinematics) -> FloatArray:
             raise JobError(f"no joint {row.joint!r}", f"one of {', '.join(arm.joints)}", **place)
         unit = arm.units[row.joint]
         if row.unit != unit:
-            raise JobError(f"a reading in {row.unit}", f"one in {unit} for this joint", **place)
+            raise JobError(
+                f"a reading in {row.unit}", f"a reading in {unit} for this joint", **place
+            )
         posture[arm.joints.index(row.joint)] = row.reading
     return posture
 
@@ -340,11 +342,11 @@ def _in_sight(
         if not left:
             return np.concatenate(batches)
     raise JobError(
-        f"what is looked at in sight in {n - left} of {rounds * tries} random configurations",
-        f"{n} of them",
+        f"the target visible in only {n - left} of {rounds * tries} random configurations",
+        f"{n} visible configurations",
         line=plan.line,
         where=f"sets.{plan.name}",
-        hint="move it into the arm's reach, turn its face to the camera, or ask for fewer samples",
+        hint="move it into the arm's reach, turn it towards the camera, or ask for fewer samples",
     )
 
 

@@ -127,7 +127,9 @@ def align(
     # m; a reference that moves less tells no time.
     if float(np.ptp(path.position(time), axis=0).max()) < 1e-4:
         raise SamplesError(
-            "a reference that stands still", "a motion: only it tells time", file=reference.path
+            "a reference that does not move",
+            "a motion: without one the time offset cannot be found",
+            file=reference.path,
         )
     few = np.unique(np.linspace(0, len(rows) - 1, 800).astype(int))  # enough rows to search in
     shifts = np.linspace(-largest, largest, 201)
@@ -171,13 +173,13 @@ def _covered(
     rows = np.flatnonzero((recorded.time >= begin) & (recorded.time <= end))
     if len(rows) < LEAST_ROWS:
         raise SamplesError(
-            f"{len(rows)} rows between {begin:.3f} s and {end:.3f} s, the time that the reference "
-            f"covers at latencies of up to {largest:g} s",
-            f"at least {LEAST_ROWS}; its own time is {recorded.time[0]:.3f} s to "
+            f"{len(rows)} rows between {begin:.3f} s and {end:.3f} s, the time that the "
+            f"reference covers for latencies of up to {largest:g} s",
+            f"at least {LEAST_ROWS}; the recording itself is from {recorded.time[0]:.3f} s to "
             f"{recorded.time[-1]:.3f} s",
             file=recorded.path,
             where="column 'time'",
-            hint="both files must tell time by one clock; --max-latency narrows the search",
+            hint="both files must use the same clock; --max-latency narrows the search",
         )
     return rows
 

@@ -136,7 +136,7 @@ class IgtlPublisher(Publisher):
         except (OSError, OverflowError) as error:
             reason = getattr(error, "strerror", None) or str(error)
             raise OutputError(
-                f"--igtl: port {port} of {host or 'this machine'} cannot be listened at: {reason}; "
+                f"--igtl: cannot listen at port {port} of {host or 'this machine'}: {reason}; "
                 "expected a free port; choose another"
             ) from None
         address, self.port = self._listener.getsockname()[:2]

@@ -104,8 +104,8 @@ class Tracking:
             existing = next((p for p in (path, part_of(path)) if p.is_file()), None)
             if existing is not None and not options.force:
                 raise OutputError(
-                    f"{existing}: found a recording; expected the name of a new file; choose "
-                    "another, or replace it with --force"
+                    f"{existing}: found an existing recording; expected the name of a new file; "
+                    "choose another, or replace it with --force"
                 )
         self.on_event: Callable[[str], None] = lambda _: None
         self.arm = ArmModel.from_urdf(options.arm, options.tip, options.base)
@@ -163,7 +163,7 @@ class Tracking:
             self._publishers = stack.pop_all()
         for publisher in publishers:
             if public := getattr(publisher, "public", ""):
-                self.on_event(f"anybody on the network can read the poses at {public}")
+                self.on_event(f"everybody in the network can read the poses at {public}")
         return self
 
     def __exit__(self, *error: Any) -> None:

@@ -159,8 +159,9 @@ class PathAccuracy:
             return ""
         which = "reference" if there > here else "recording"
         return (
-            f"The {which} strays {larger:.0f} times as far from its mean as the other: is one of "
-            "them in mm? Columns x, y, z are in m, and x_mm, y_mm, z_mm in mm."
+            f"The motion of the {which} is {larger:.0f} times as large as that of the other. "
+            "Check whether one of them is in mm: columns x, y, z are in m, and x_mm, y_mm, z_mm "
+            "in mm."
         )
 
     @property
@@ -172,43 +173,45 @@ class PathAccuracy:
         follows = left <= 0.5 * moved
         if alignment.other_axes:
             bad.append(
-                f"With its axes taken as {alignment.other_axes} the recording would follow far "
-                "better: axes are swapped, or turned round, in one of the files."
+                f"If its axes are taken as {alignment.other_axes}, the recording follows the "
+                "reference far better: axes are exchanged or reversed in one of the files."
             )
         elif not follows and (unit := self._other_unit):
             bad.append(unit)
         elif not follows:
             bad.append(
-                f"The recording strays {moved:.3f} mm (RMS) from its mean, and {left:.3f} mm from "
-                "the reference: it stands still but for noise, follows something else, or the "
-                "files are in different frames (--register). Record a motion larger than the noise."
+                f"The recording moves by {moved:.3f} mm (RMS) about its mean, but differs by "
+                f"{left:.3f} mm from the reference. Either it contains only noise, or it follows "
+                "something else, or the files are in different frames (--register). Record a "
+                "motion larger than the noise."
             )
         elif alignment.at_the_end:
             bad.append(
-                f"The latency is at the end of what was looked at (± {alignment.shifts[-1]:g} s): "
-                "the true one may be larger; raise --max-latency."
+                f"The latency is at the end of the searched range (± {alignment.shifts[-1]:g} "
+                "s). The true one may be larger: raise --max-latency."
             )
         elif alignment.as_good:
             latencies = listed([f"{ms(latency):.1f}" for latency in alignment.as_good])
             spacing = min(abs(other - alignment.latency) for other in alignment.as_good)
             bad.append(
                 f"The motion repeats itself: latencies of {latencies} ms explain it as well as "
-                f"{ms(alignment.latency):.1f} ms. Record one that does not, or narrow "
-                f"--max-latency to less than {0.9 * spacing / 2:.2g} s if you know that it is so."
+                f"{ms(alignment.latency):.1f} ms. Record a motion that does not repeat, or, if "
+                f"you know that the latency is less than {0.9 * spacing / 2:.2g} s, give this as "
+                "--max-latency."
             )
         elif self.undetermined:
             bad.append(
-                "The motion does not tell the latency: it is too slow for the distance that is "
-                "left, or the files are in different frames (--register)."
+                "The motion does not determine the latency: it is too slow compared with the "
+                "remaining distance, or the files are in different frames (--register)."
             )
         for fault in self.faults:
             (bad if fault.spoils else care).append(fault.sentence)
         if not any(channel.reversals for channel in self.reversals):
-            care.append(f"No {self.per} turns back: nothing can be said of hysteresis.")
+            care.append(f"No {self.per} reverses its motion, so hysteresis cannot be determined.")
         elif self.per == "axis":
             care.append(
-                "Without joints (--urdf, and their columns in the recording) hysteresis cannot be "
-                "told from latency: the latency contains it."
+                "Without joints (--urdf, and their columns in the recording) hysteresis cannot "
+                "be separated from latency: the latency includes it."
             )
         return Assessment.of(bad=bad, care=care)
 

@@ -50,7 +50,7 @@ def made_from(data: Mapping[str, Any], file: Path, otherwise: str) -> MadeFrom:
     inputs, hashes = run.get("inputs"), run.get("sha256")
     if not isinstance(inputs, dict) or not inputs:
         raise InputError(
-            "no job that it was made from",
+            "no job from which it was made",
             "run.inputs, as suta-calib calibrate writes it",
             file=file,
             where="run",
@@ -63,7 +63,7 @@ def made_from(data: Mapping[str, Any], file: Path, otherwise: str) -> MadeFrom:
         return MadeFrom(_in_place(inputs, file, otherwise), named, {})
     if hashlib.sha256(archive.read_bytes()).hexdigest() != written:
         raise InputError(
-            "a copy of inputs that is not of this result",
+            "a copy of inputs that does not belong to this result",
             f"the {inputs_copy.NAME} that was written with {file.name}",
             file=archive,
             hint="copy the whole folder of results, or calibrate again",
@@ -86,8 +86,8 @@ def _in_place(inputs: Mapping[str, Any], file: Path, otherwise: str) -> Path:
         if hashlib.sha256(job.read_bytes()).hexdigest() == sha256:
             return job
     raise InputError(
-        f"{there[0]}, which was changed since" if there else f"no job {name}",
-        "the job that it was made from, as it was",
+        f"{there[0]}, which was changed since the calibration" if there else f"no job {name}",
+        "the unchanged job from which it was made",
         file=file,
         where="run.inputs",
         hint=f"calibrate again, or give {otherwise}",

@@ -69,9 +69,7 @@ class UdpPublisher(Publisher):
             address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
         except (OSError, UnicodeError) as error:
             reason = getattr(error, "strerror", None) or str(error)
-            raise InputError(
-                f"{host!r} ({reason})", "a host that can be reached", where="--udp"
-            ) from None
+            raise InputError(f"{host!r} ({reason})", "a reachable host", where="--udp") from None
         self._address = address[4]
         self._socket = socket.socket(*address[:3])
         self._socket.setblocking(False)

@@ -31,9 +31,11 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
     file = path / "result.json" if path.is_dir() else path
     data = read_json_object(file)
     if "parameters" not in data:
-        kind = "an answer that is no calibration of an arm"
+        kind = "a result that is not a calibration of an arm"
         expected = "the result of suta-calib calibrate"
-        raise InputError(kind, expected, file=file, hint="the report beside it has its pictures")
+        raise InputError(
+            kind, expected, file=file, hint="the report in the same folder has its pictures"
+        )
     job = load_job(data, file)
     calibration = read_uncertainty(file, job.arm, anyway=anyway)
     values = {
@@ -44,7 +46,7 @@ def read_calibrated(path: Path, *, anyway: bool = False) -> Calibrated:
     if lacking := next((name for name in (*job.parameters, *own) if name not in values), None):
         raise InputError(
             f"no value of {lacking}",
-            f"one of every unknown of {job.spec.path}",
+            f"a value of every unknown of {job.spec.path}",
             file=file,
             where="parameters",
             hint="calibrate again",
@@ -73,7 +75,7 @@ def load_job(data: Mapping[str, Any], file: Path) -> CalibrationJob:
         name, size = next(iter(origin.lacking.items()))
         raise InputError(
             f"no {name}. It was too large ({size >> 20} MB) to be copied into the results",
-            f"this file beside the job {origin.named}, unchanged",
+            f"this file, unchanged, next to the job {origin.named}",
             file=file,
             hint="put the files back, or calibrate again",
         )

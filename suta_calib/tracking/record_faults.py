@@ -79,49 +79,51 @@ class RecordFault:
     def sentence(self) -> str:
         """What it is, what to do, and what the answer is without it."""
         return (
-            f"{self._what} Without that: {mm(self.rms):.3f} mm RMS (not {mm(self.rms_with):.3f}), "
-            f"latency {ms(self.latency):.2f} ms (not {ms(self.latency_with):.2f})."
+            f"{self._what} Without this fault: {mm(self.rms):.3f} mm RMS (not "
+            f"{mm(self.rms_with):.3f}), latency {ms(self.latency):.2f} ms (not "
+            f"{ms(self.latency_with):.2f})."
         )
 
     @property
     def _what(self) -> str:
-        from_there = f"From {self.since:.3f} s on ({self.first})"
+        from_there = f"From {self.since:.3f} s on ({self.first}),"
         stretch = f"from {self.since:.3f} s to {self.until:.3f} s ({self.first} to {self.last})"
         if self.kind == "stuck":
             times = f" {self.count} times, longest" if self.count > 1 else ""
             return (
-                f"The recording is stuck{times} {stretch}, while the reference moves on by "
-                f"{mm(self.size):.1f} mm: leave these rows out."
+                f"The recording keeps the same value{times} {stretch}, while the reference moves "
+                f"by {mm(self.size):.1f} mm. Leave these rows out."
             )
         if self.kind == "wild":
             many = self.count > 1
             return (
-                f"{self.count} row{'s are' if many else ' is'} off those before and after by "
-                f"{'up to ' if many else ''}{mm(self.size):.2f} mm ({self.first}, at "
-                f"{self.since:.3f} s): leave {'them' if many else 'it'} out."
+                f"{self.count} row{('s are' if many else ' is')} away from the rows before and "
+                f"after by {('up to ' if many else '')}{mm(self.size):.2f} mm ({self.first}, at "
+                f"{self.since:.3f} s). Leave {('them' if many else 'it')} out."
             )
         if self.kind == "jump":
             by = f"{text(self.size, 'm')} ± {text(self.std, 'm', with_unit=True)}"
             where = from_there if self.to_the_end else stretch[0].upper() + stretch[1:]
             return (
-                f"{where} the recording stands elsewhere, by {by}, against the reference: was a "
-                "base, a tool or a target knocked? Compare the rows before and after alone."
+                f"{where} the recording is shifted by {by} against the reference. Check whether "
+                "a base, a tool or a target was knocked. Evaluate the rows before and after "
+                "separately."
             )
         if self.kind == "step":
             later = "later" if self.size > 0 else "earlier"
             return (
-                f"{from_there} the recording comes {abs(ms(self.size)):.2f} ± {ms(self.std):.2f} "
-                f"ms {later} than before: did its time stamps jump? Compare the rows before and "
-                "after alone."
+                f"{from_there} the recording is {abs(ms(self.size)):.2f} ± {ms(self.std):.2f} ms "
+                f"{later} than before. Check whether its time stamps jumped. Evaluate the rows "
+                "before and after separately."
             )
         # Two digits of the std, in per cent, and two decimals at least.
         digits = max(2, 1 - math.floor(math.log10(max(100 * self.std, 1e-6))))
         grows = abs(ms(self.size * self.seconds))
         return (
             f"The recording's clock runs {100 * abs(self.size):.{digits}f} ± "
-            f"{100 * self.std:.{digits}f} % {'fast' if self.size > 0 else 'slow'} beside the "
-            f"reference's: the latency changes by {grows:.1f} ms in {self.seconds:.1f} s. Take the "
-            "times of both from one clock."
+            f"{100 * self.std:.{digits}f} % {('fast' if self.size > 0 else 'slow')} compared "
+            f"with the reference's: the latency changes by {grows:.1f} ms in {self.seconds:.1f} "
+            "s. Take the times of both from the same clock."
         )
 
 

@@ -116,7 +116,7 @@ class FileRecorder(Publisher):
         assert self._failure is not None
         reason = self._failure.strerror or self._failure
         return OutputError(
-            f"{self.path}: not complete: {reason}; what was recorded until then is in {self.part}"
+            f"{self.path}: incomplete: {reason}; the data recorded before are in {self.part}"
         )
 
 

@@ -61,7 +61,7 @@ def read_trajectory(path: str | Path, arm: ArmModel | None = None) -> Trajectory
     table = read_csv_table(Path(path)).valid()
     if len(table) < LEAST_ROWS:
         raise SamplesError(f"{len(table)} valid rows", f"at least {LEAST_ROWS}", file=table.path)
-    time = table.time("one motion, one clock")
+    time = table.time("a single motion, timed by one clock")
     angles = None
     if arm is not None and all(name in table.columns for name in arm.joints):
         angles = np.stack([table.numbers(name) for name in arm.joints], axis=-1)

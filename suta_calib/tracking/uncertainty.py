@@ -42,7 +42,7 @@ Source = Literal["covariance", "correlations", "std"]
 SOURCE_WORDS: Final[dict[Source, str]] = {
     "covariance": "covariance of the calibration",
     "correlations": "standard deviations and rounded correlations of the calibration",
-    "std": "standard deviations of the calibration only, as if uncorrelated",
+    "std": "standard deviations of the calibration only, without correlations",
 }
 
 
@@ -173,11 +173,11 @@ class CalibrationUncertainty(Displayable):
         for name, urdf_value in zip(segment.names(*POSITION), joint.xyz, strict=True):
             if abs(self.values.get(name, urdf_value) - urdf_value) > same:
                 raise InputError(
-                    f"{self.values[name]:.9g} m, and {urdf_value:.9g} m in the URDF",
+                    f"{self.values[name]:.9g} m, but {urdf_value:.9g} m in the URDF",
                     "the result of the calibration that wrote this URDF",
                     file=self.path,
                     where=name,
-                    hint="give the calibrated.urdf beside this file, not the nominal one",
+                    hint="give the calibrated.urdf from the same folder, not the nominal one",
                 )
 
 
@@ -212,7 +212,7 @@ def read_uncertainty(
     if data.get("status") != "converged":
         raise InputError(
             f"{data.get('status')!r}",
-            "'converged': a calibration that did not converge says nothing of the tip",
+            "'converged': the result of a calibration that did not converge is not usable",
             file=path,
             where="status",
         )
@@ -246,7 +246,7 @@ def _held(
 
     for entry in data.get("held", []):
         if not (isinstance(entry, dict) and isinstance(entry.get("direction"), dict)):
-            expected = "parameter, plausible and direction of each that is held"
+            expected = "parameter, plausible and direction of each held parameter"
             raise InputError(repr(entry), expected, file=path, where="held")
         if entry.get("parameter") in fixed:
             direction = {str(name): number(value) for name, value in entry["direction"].items()}

@@ -110,10 +110,10 @@ def calibrate_camera(
     while True:
         if len(names) < least_views:
             raise SamplesError(
-                f"{len(names)} pictures with {LEAST_CORNERS} corners or more",
-                f"at least {least_views}, from different sides",
+                f"only {len(names)} pictures with {LEAST_CORNERS} corners or more",
+                f"at least {least_views}, from different directions",
                 where="camera",
-                hint="take more, or give its file with --camera",
+                hint="take more pictures, or give the camera's file with --camera",
             )
         camera, residuals, used = _fitted(corners, names, board, width, height)
         views = rms_by_view(used, residuals)
@@ -128,11 +128,11 @@ def calibrate_camera(
         # Of a search that went astray the number itself means nothing.
         off = f"{rms:.1f} px" if rms < max(width, height) else "by more than the picture's size"
         raise NoCameraFitsError(
-            f"corners that no camera explains (off {off})",
-            "corners of the board as its file has it",
+            f"corners that no camera model can explain (error {off})",
+            "the corners of the board as its file describes it",
             where="camera",
-            hint="check counts, sizes, places and turns in the board's file. Or is it "
-            "a fisheye lens?",
+            hint="check counts, sizes, positions and rotations in the file of the board, and "
+            "whether the lens is a fisheye",
         )
     hull = opencv().convexHull(used.pixel.astype(np.float32))
     covered = float(opencv().contourArea(hull)) / (width * height)
@@ -163,10 +163,10 @@ def _fitted(
         matrix = np.full((3, 3), np.nan)
     if not np.isfinite(matrix).all():
         raise SamplesError(
-            f"{len(names)} pictures that determine no camera",
-            "a board seen from different sides, tilted by 30° and more",
+            f"{len(names)} pictures that do not determine the camera",
+            "pictures of the board from different directions, tilted by 30° or more",
             where="camera",
-            hint="take more, or give its file with --camera",
+            hint="take more pictures, or give the camera's file with --camera",
         )
     values = np.array([*matrix[[0, 1, 0, 1], [0, 1, 2, 2]], *np.ravel(distortion)[:5]])
     residuals = np.zeros((len(used), 2))
@@ -208,17 +208,17 @@ def _assessed(
     assert stds is not None
     share = stds[:4] / camera.intrinsics[:2].mean()
     worst = int(np.argmax(share))
-    weakest = f"{INTRINSICS[worst]} is known to ± {stds[worst]:.1f} px only"
-    remedy = "tilt the board by 30° and more, towards all sides, and come nearer"
+    weakest = f"the uncertainty of {INTRINSICS[worst]} is ± {stds[worst]:.1f} px"
+    remedy = "tilt the board by 30° or more in all directions, and bring it closer to the camera"
     bad, care = [], []
     if not np.isfinite(share).all() or share[worst] > how.useless:
         bad.append(f"The pictures do not determine the camera: {weakest}; {remedy}.")
     elif share[worst] > how.doubtful:
-        care.append(f"The pictures hardly determine the camera: {weakest}; {remedy}.")
+        care.append(f"The pictures determine the camera only poorly: {weakest}; {remedy}.")
     if covered < how.covered:
         care.append(
-            f"Corners cover {100 * covered:.0f} % of the picture; outside of them distortion is "
-            "extrapolated: show the board near the edges too."
+            f"Corners cover {100 * covered:.0f} % of the picture. Outside of this area the "
+            "distortion is extrapolated. Take pictures with the board near the edges too."
         )
     sentence = f"Camera calibrated from {views} pictures, RMS {rms:.3f} px."
     return Assessment.of(sentence, bad=bad, care=care)

@@ -157,14 +157,18 @@ def detect(
         try:
             fit = calibrate_camera(_corners(views), board, *_size(views), how.camera)
         except NoCameraFitsError as problem:
-            bad.append(f"No camera is calibrated: found {problem.found}; {problem.hint}")
+            bad.append(f"The camera was not calibrated: found {problem.found}; {problem.hint}")
         except SamplesError as problem:
             notes.append(
-                f"No camera is calibrated: found {problem.found}; expected {problem.expected}."
+                f"The camera was not calibrated: found {problem.found}; expected "
+                f"{problem.expected}."
             )
         else:
             views = [
-                view.without(f"corners {off:.1f} px off where the camera of the others has them")
+                view.without(
+                    f"corners are {off:.1f} px away from where the camera of the other "
+                    "pictures predicts them"
+                )
                 if (off := fit.astray.get(view.picture.name))
                 else view
                 for view in views
@@ -182,7 +186,7 @@ def detect(
             bad, notes = _judged(list(rms.values()), how)
     notes = [*filter(None, [_symmetry(board)]), *notes, *filter(None, [_left_out(views)])]
     count = sum(view.board is not None for view in views)
-    sentence = f"{len(corners)} corners in {count} of {len(views)} pictures."
+    sentence = f"{len(corners)} corners found in {count} of {len(views)} pictures."
     if fit is not None:
         sentence += f" {fit.assessment.sentence}"
         (bad if not fit.assessment.usable else notes).extend(fit.assessment.notes)
@@ -237,7 +241,7 @@ def _one_size(views: list[SearchedPicture], camera: Camera | None) -> list[Searc
     """The same, pictures of another size left out: a camera's file is of one."""
     if not any(view.board for view in views):
         return views
-    whose = "the others" if camera is None else "the camera's file"
+    whose = "the other pictures" if camera is None else "the camera's file"
     size = _size(views) if camera is None else (camera.width, camera.height)
     reason = f"where {whose} " + ("have" if camera is None else "has")
     return [
@@ -272,9 +276,9 @@ def _none_found(views: Sequence[SearchedPicture]) -> InputError:
     also = f"; also: {listed([reason for reason, _ in rest], _MOST_TOLD)}" if rest else ""
     return SamplesError(
         f"{reason}{where}{also}",
-        "the board of its file, in a picture of the camera's size",
+        "the board as its file describes it, in a picture of the camera's size",
         file=first.path,
-        hint="correct the board's file, or the pictures",
+        hint="correct the file of the board, or the pictures",
     )
 
 
@@ -282,23 +286,25 @@ def _judged(rms: Sequence[float], how: DetectionOptions) -> tuple[list[str], lis
     """What is bad about a camera that was given, and what must be known."""
     errors = [error if np.isfinite(error) else np.inf for error in rms]
     median = float(np.median(errors)) if errors else 0.0
-    files = "The camera's file, or the board's,"
+    files = "The file of the camera or of the board"
     misfit = f"{files} does not fit the pictures: " + (
         f"RMS {median:.1f} px (median)"
         if np.isfinite(median)
-        else "no pose of the board explains most of them"
+        else "no pose of the board explains most corners"
     )
     if median > how.unfit:
-        return [f"{misfit}; is it of another camera, focus or resolution?"], []
-    remedy = "measure the board, and calibrate the camera with --camera-out."
+        return [
+            f"{misfit}. Check whether the file belongs to this camera, focus and resolution."
+        ], []
+    remedy = "Measure the board, and calibrate the camera with --camera-out"
     return [], [f"{misfit}; {remedy}"] if median > how.doubtful else []
 
 
 def _symmetry(board: Board) -> str:
     return (
-        "The board looks the same after half a turn: its corners are numbered as if it stood "
-        "upright in every picture; poses of the hand tell where it did not, and nothing else does: "
-        "use one with an odd and an even number of corners."
+        "The board looks the same after half a turn. Its corners are numbered as if it were "
+        "upright in every picture. Only known poses of the hand can show where it was not. Use a "
+        "board with an odd and an even number of corners."
         if board.symmetric
         else ""
     )
@@ -318,11 +324,11 @@ def _on_its_side(board: Board, views: Sequence[SearchedPicture]) -> str:
         return ""
     which = "the picture" if len(lying) == 1 else f"{sum(lying)} of {len(lying)} pictures"
     return (
-        f"In {which} the board lies on its side: rows of {board.columns} corners run up and down, "
-        f"as the file says (corners: [{board.columns}, {board.rows}]). Were columns and rows "
-        "exchanged in it, the same corners would be found, numbered along the other side, and the "
-        "board's frame would be a quarter turn off, but not the camera: see the numbers in the "
-        "pictures (--report DIR --pictures)."
+        f"In {which} the board lies on its side: rows of {board.columns} corners run up and "
+        f"down, as the file states (corners: [{board.columns}, {board.rows}]). If columns and "
+        "rows are exchanged in the file, the same corners are found but numbered along the other "
+        "side: the camera is still right, but the frame of the board is wrong by a quarter turn. "
+        "Check the numbers in the pictures (--report DIR --pictures)."
     )
 
 
@@ -337,5 +343,5 @@ def _lies(board: Chessboard, detected: DetectedBoard) -> bool:
 
 def _left_out(views: Sequence[SearchedPicture]) -> str:
     lost = [f"{view.picture.name} ({view.reason})" for view in views if view.board is None]
-    told = f"{len(lost)} of {len(views)} pictures are left out: {listed(lost, _MOST_TOLD)}."
+    told = f"{len(lost)} of {len(views)} pictures are not used: {listed(lost, _MOST_TOLD)}."
     return told if lost else ""

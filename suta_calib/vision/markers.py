@@ -55,7 +55,7 @@ def _seen_markers(grey: Grey, dictionary: str) -> tuple[FloatArray, IntArray]:
 def _none_seen(grey: Grey, dictionary: str, what: str) -> NotSeenError:
     """Why there are no markers: a mirrored picture, another dictionary, or as ever."""
     if len(_seen_markers(np.ascontiguousarray(grey[:, ::-1]), dictionary)[1]):
-        return NotSeenError(f"markers of {dictionary} that are mirrored")
+        return NotSeenError(f"mirrored markers of {dictionary}")
     counts = {name: len(_seen_markers(grey, name)[1]) for name in marker_dictionaries()}
     # Small dictionaries are parts of larger ones, so that the first of those that see most counts.
     best = max(counts, key=lambda name: counts[name])
@@ -68,7 +68,7 @@ def _check_once(numbers: IntArray) -> None:
     """Refuse a marker twice."""
     unique, count = np.unique(numbers, return_counts=True)
     if (count > 1).any():
-        raise NotSeenError(f"two boards: marker {unique[count > 1][0]} is there twice")
+        raise NotSeenError(f"two boards: marker {unique[count > 1][0]} is visible twice")
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +95,7 @@ class MarkersFinder:
         of_board = np.isin(numbers, list(self.board.markers))
         if not of_board.any():
             other_numbers = listed([str(number) for number in np.unique(numbers)])
-            raise NotSeenError(f"other markers than the board's: {other_numbers}")
+            raise NotSeenError(f"markers that are not on the board: {other_numbers}")
         _check_once(numbers[of_board])
         order = np.argsort(numbers[of_board])
         point = (4 * numbers[of_board][order, None] + np.arange(4)).ravel()
@@ -158,8 +158,8 @@ class CharucoFinder:
         of_board = numbers < len(self._layouts[0])
         if not of_board.any():
             raise NotSeenError(
-                f"markers {listed([str(n) for n in np.unique(numbers)])}; such a board has "
-                f"0 to {len(self._layouts[0]) - 1}"
+                f"markers {listed([str(n) for n in np.unique(numbers)])}, but such a board has "
+                f"only 0 to {len(self._layouts[0]) - 1}"
             )
         corners, numbers = corners[of_board], numbers[of_board]
         _check_once(numbers)
@@ -170,7 +170,7 @@ class CharucoFinder:
             # A few markers of a small dictionary are others' mirror images.
             mirrored = _seen_markers(np.ascontiguousarray(grey[:, ::-1]), self.board.dictionary)[1]
             if len(mirrored) > len(numbers):
-                raise NotSeenError(f"markers of {self.board.dictionary} that are mirrored")
+                raise NotSeenError(f"mirrored markers of {self.board.dictionary}")
             raise NotSeenError(self._misplaced(corners, numbers, size))
         return self._between(grey, layout[numbers[inside]], corners[inside])
 
@@ -194,7 +194,7 @@ class CharucoFinder:
             start.append(around[0])
             spacing.append(np.linalg.norm(around[1:] - around[0], axis=1).min())
         if not points:
-            raise NotSeenError("markers of the board, but no corner beside one")
+            raise NotSeenError("markers of the board, but no corner next to one")
         # What is white between the markers around a corner: its disc reaches no marker, and farther
         # off from where its neighbours have it are corners of markers.
         white = (1.0 - self.board.marker / self.board.square) / 2.0
@@ -223,7 +223,7 @@ class CharucoFinder:
                     there = self._corners(cells)[numbers]
                     if _in_place(there, corners, size).mean() > _LEAST_IN_PLACE:
                         return f"a board {columns} squares wide instead of {self.board.columns}"
-        return "markers of the board, but not in the places that they have on it"
+        return "markers of the board, but at other positions than on the board"
 
 
 def _among(
@@ -273,7 +273,7 @@ def _check_numbers(dictionary: str, largest: int, where: str) -> None:
             f"marker {largest} of {dictionary}, which has {count}",
             f"numbers up to {count - 1}",
             where=where,
-            hint="is it another dictionary?",
+            hint="check the name of the dictionary",
         )
 
 

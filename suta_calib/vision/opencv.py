@@ -27,8 +27,8 @@ def opencv() -> Any:
         cv2 = load("cv2", "vision")
     except ImportError as problem:
         raise MissingExtraError(
-            f"the Python package 'cv2' is installed and cannot be loaded ({problem}); this needs "
-            "it; install the one without windows instead: pip install opencv-python-headless"
+            f"the Python package 'cv2' is installed but cannot be loaded ({problem}); install "
+            "the version without windows instead: pip install opencv-python-headless"
         ) from None
     if not hasattr(getattr(cv2, "aruco", None), "ArucoDetector"):
         raise MissingExtraError(

@@ -81,7 +81,7 @@ def _pictures_in(folder: Path) -> list[Path]:
             f"a folder without pictures ({len(inside)} other files or folders)",
             "files such as .png, .jpg or .tif",
             file=folder,
-            hint=f"name a folder in it, such as {below[0]}" if below else "",
+            hint=f"give a folder inside it, such as {below[0]}" if below else "",
         )
     return files
 
@@ -108,10 +108,10 @@ def read_picture(path: Path) -> Grey:
         picture = cv2.imdecode(np.frombuffer(data, np.uint8), how)
     except (cv2.error, MemoryError):
         raise UnusablePictureError(
-            "a picture that cannot be unpacked", f"at most {MOST_PIXELS:,} pixels"
+            "a picture that cannot be decompressed", f"at most {MOST_PIXELS:,} pixels"
         ) from None
     if picture is None:
-        raise UnusablePictureError("not a picture, or one that is cut off")
+        raise UnusablePictureError("not a picture, or an incomplete one")
     return _eight_bits(np.asarray(picture))
 
 

@@ -35,7 +35,7 @@ def test_a_placement_is_measured_by_a_call(bench: Bench) -> None:
         measured = measure(options, say=said.append, show=shown.append)
     assert (measured.status, measured.samples, measured.missing) == ("complete", 2, ())
     assert measured.file == bench.folder / "calibration" / "P1_1.csv"
-    assert "nothing lost" in measured.happened[0]
+    assert "no losses" in measured.happened[0]
     assert any(line.startswith("M1: recorded") for line in said)
     assert any(line.startswith("resting") for line in shown)
     bench.check(bench.samples())

@@ -45,7 +45,7 @@ def test_who_is_killed_finds_it_again(tmp_path: Path, lost: int) -> None:
     whole = [r.sequence for r in READINGS]
     assert recovered["sequence"].to_pylist() == (whole if lost else whole + whole)
     assert said == [
-        f"{len(recovered)} readings of a run that was killed are in "
+        f"{len(recovered)} readings of an interrupted run were saved in "
         f"{tmp_path / 'raw-recovered-1.parquet'}"
     ]
     assert not part.exists()
@@ -53,7 +53,7 @@ def test_who_is_killed_finds_it_again(tmp_path: Path, lost: int) -> None:
 
 def test_what_is_no_recording_is_left_alone(tmp_path: Path) -> None:
     (tmp_path / "raw.parquet.part").write_text("somebody's notes", encoding="utf-8")
-    with pytest.raises(InputError, match="no recording"):
+    with pytest.raises(InputError, match="not a recording"):
         RawRecorder(tmp_path / "raw.parquet", JOINTS)
     assert (tmp_path / "raw.parquet.part").read_text(encoding="utf-8") == "somebody's notes"
 

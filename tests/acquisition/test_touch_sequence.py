@@ -41,7 +41,7 @@ def test_a_file_keeps_what_is_not_its_own(tmp_path: Path) -> None:
     samples_file(path).put(labels, np.array([0.1, -0.2]))
     text += "1,0.1,,P1,O,-0.2\n"
     assert path.read_text() == text
-    with pytest.raises(SamplesError, match=r"a.csv:4: .*already there.*--resume"):
+    with pytest.raises(SamplesError, match=r"a.csv:4: .*existing samples.*--resume"):
         samples_file(path)
     samples_file(path, resume=True).put(labels, np.array([0.3, 0.4]), at=0)
     assert path.read_text() == text.replace("1,0.1,,P1,O,-0.2", "1,0.3,,P1,O,0.4")
@@ -222,7 +222,7 @@ def test_what_others_write_meanwhile_stays(tmp_path: Path) -> None:
     # Rows of this very run that are others now: nothing says which are right.
     changed = path.read_text().replace("0.7,0.8", "0.9,0.8")
     path.write_text(changed)
-    with pytest.raises(OutputError, match="that somebody changed meanwhile"):
+    with pytest.raises(OutputError, match="the file was changed during the run"):
         file.put({**own, "landmark": "L1"}, np.array([0.5, 0.6]))
     assert path.read_text() == changed
     # A file that is gone comes back with all there was.

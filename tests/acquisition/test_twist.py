@@ -127,9 +127,13 @@ def test_enter_at_the_posture_of_the_landmark_before_is_flagged(scene: Scene) ->
     it.script.rest(2.0)
     it.arm_does()
     flagged = [line for line in it.said if "same posture as O" in line]
-    assert flagged == ["  look: same posture as O: did the arm move to this landmark?"]
+    assert flagged == [
+        "  look: the same posture as O: check whether the arm moved to this landmark"
+    ]
     it.guided.press(ENTER)
-    assert it.run.notes["M1"].startswith("same posture as O: did the arm move to this landmark?")
+    assert it.run.notes["M1"].startswith(
+        "the same posture as O: check whether the arm moved to this landmark"
+    )
 
 
 def test_a_twist_is_a_key_of_the_artefact(tmp_path: Path) -> None:

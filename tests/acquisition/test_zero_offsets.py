@@ -117,7 +117,7 @@ def test_one_pose_checks_nothing_and_its_offsets_may_be_anything(arm: ArmModel) 
     assert np.abs(found.chosen.offsets).max() > np.radians(45)
     assert not found.assessment.usable
     assert "no more equations than offsets" in found.assessment.sentence
-    assert "no second posture bears out" in found.assessment.notes[0]
+    assert "no second posture confirms" in found.assessment.notes[0]
     # The same posture once more is no second one; another one tells that something is wrong.
     assert find_zero_offsets(arm, wrong.take([0, 0, 0])).redundancy == 0
 
@@ -129,7 +129,7 @@ def test_redundancy_counts_equations(arm: ArmModel, count: int, oriented: bool, 
     found = find_zero_offsets(arm, known(arm, count, oriented=oriented))
     assert found.redundancy == left
     said = " ".join([found.assessment.sentence, *found.assessment.notes])
-    assert ("Nothing checks" in said) is (left == 0)
+    assert ("not checked by any other data" in said) is (left == 0)
     if left:
         # Far beyond what one would expect, but borne out.
         assert np.abs(found.chosen.offsets).max() > np.radians(45)
@@ -201,7 +201,7 @@ def test_a_joint_beyond_its_limits_is_named(tmp_path: Path, suta_urdf: Path, arm
     assert find_zero_offsets(arm, samples).beyond_limits == ()
     found = find_zero_offsets(narrow, samples)
     assert found.beyond_limits == ("joint_3",)
-    assert any("joint_3 would stand beyond" in note for note in found.assessment.notes)
+    assert any("joint_3 would be beyond" in note for note in found.assessment.notes)
 
 
 def test_positions_are_needed(arm: ArmModel) -> None:
@@ -216,4 +216,4 @@ def test_an_encoder_off_the_chain_is_refused_by_name(tmp_path: Path) -> None:
     samples = Samples.from_arrays(arm.joints, [[0.1]], position=[[0.0, 0.0, 0.0]])
     with pytest.raises(InputError, match=r"--tip: found finger_1, which finger_2 follows") as told:
         find_zero_offsets(arm, samples)
-    assert "a tip that finger_1 carries" in str(told.value)
+    assert "Choose a --tip behind finger_1" in str(told.value)

@@ -16,8 +16,8 @@ from suta_calib.trust.accuracy import term_accuracies
     ("factor", "level", "said"),
     [
         (1 / 3, "good", ""),
-        (1.0, "care", "cannot tell the URDF from the job's own"),
-        (3.0, "care", "worse than the job's own"),
+        (1.0, "care", "do not show a difference"),
+        (3.0, "care", "worse than the job's URDF"),
     ],
 )
 @pytest.mark.parametrize("seed", range(4))
@@ -57,7 +57,7 @@ def test_held_out_rows_at_fitted_postures_are_told_of() -> None:
         own = compare_arms([s.term(samples.take(fitted))], [s.term(shaken.take(fitted))], arm)
         assert own.rows_in_fit == fitted.sum()
         assert (
-            f"{own.rows_in_fit} of {own.rows_in_fit} validation rows were read"
+            f"{own.rows_in_fit} of {own.rows_in_fit} validation rows have the same postures"
             in own.assessment.notes[-1]
         )
         apart = compare_arms([s.term(samples.take(fitted))], [s.term(shaken.take(other))], arm)

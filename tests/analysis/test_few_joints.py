@@ -65,12 +65,12 @@ def test_how_the_tip_sits_is_asked_only_where_it_is_looked_at(tmp_path: Path) ->
     (tmp_path / "artefact.yaml").write_text(ARTEFACT)
     _, position = made(tmp_path, 4, "pairwise_distance")
     np.testing.assert_allclose(position[1] - position[0], [0.1, 0, 0], atol=1e-9)
-    with pytest.raises(JobError, match=r"an arm of 4 joints.*leave rotation_rpy_deg"):
+    with pytest.raises(JobError, match=r"an arm of 4 joints.*remove rotation_rpy_deg"):
         made(tmp_path, 4, "landmark")
 
 
 def test_an_arm_that_gets_nowhere_is_told_to_be_seen(tmp_path: Path) -> None:
-    with pytest.raises(JobError, match=r"an arm of 2 joints.*see it with an instrument"):
+    with pytest.raises(JobError, match=r"an arm of 2 joints.*simulate an instrument"):
         made(tmp_path, 2, "fixed_point")
 
 

@@ -212,8 +212,8 @@ def test_what_was_simplified_and_what_cannot_pass_is_said() -> None:
     found = accept(
         AcceptanceMeasurements(lengths()), Limits(LengthLimit(None, 0.0, 10e-6), location=1e-3)
     )
-    assert any("longer ones were not tested" in each for each in found.simplified)
-    assert any("nothing can pass" in note for note in found.assessment.notes)
+    assert any("Longer lengths were not tested" in each for each in found.simplified)
+    assert any("no result can pass" in note for note in found.assessment.notes)
     assert accept(AcceptanceMeasurements(lengths())).assessment.sentence.startswith(
         "No limits given"
     )
@@ -236,7 +236,7 @@ def test_a_sphere_of_too_few_touches_neither_passes_nor_fails(touches: int) -> N
     found = accept(measured, SPHERE)
     assert [each.decision for each in found.characteristics] == ["undecided"] * 2
     assert not found.assessment.usable
-    assert f"P_Form: {touches} of S touches; the standard asks for 25" in found.assessment.notes[1]
+    assert f"P_Form: {touches} of S touches; the standard requires 25" in found.assessment.notes[1]
     # A diameter that four touches tell wrongly is no failure of the arm; a form error is one.
     strict = accept(measured, Limits(size=1e-9, form=1e-9 if touches > 4 else None))
     decisions = {each.symbol: each.decision for each in strict.characteristics}
@@ -252,7 +252,7 @@ def test_touches_of_a_small_cap_are_told() -> None:
     (cap,) = probings(0.0155 * normals, np.array(["S"] * 25), 0.031)
     assert cap.amplification > 10
     notes = accept(AcceptanceMeasurements(spheres=(cap,))).assessment.notes
-    assert any("S: touches lie so that" in note for note in notes)
+    assert any("S: because of where the touches lie" in note for note in notes)
     (whole,) = probings(on_sphere(25, 2), np.array(["S"] * 25), 0.031)
     assert whole.amplification < 2
     assert accept(AcceptanceMeasurements(spheres=(whole,))).assessment.notes == ()
@@ -264,7 +264,7 @@ def test_few_lengths_prove_no_arm_but_a_bad_one_is_bad() -> None:
     within, beyond = Limits(LengthLimit(1e-2)), Limits(LengthLimit(1e-6))
     found = accept(AcceptanceMeasurements(one), within)
     assert found.decision == "undecided"
-    assert "1 lengths, 1 of them different; the standard asks for 105" in found.assessment.notes[0]
+    assert "1 lengths on 1 different lines; the standard requires 105" in found.assessment.notes[0]
     assert accept(AcceptanceMeasurements(one), beyond).decision == "fail"
     # The same length a hundred times over is still one.
     again = LengthErrors.joined([one] * 200)

@@ -188,7 +188,7 @@ def test_scatter_that_is_no_noise_singles_out_nothing_and_is_no_answer(found: Ou
     strange = replace(found, terms=[replace(found.terms[0], sigma=0.05)]).assessment
     assert found.assessment.usable
     assert not strange.usable
-    assert "scatter by 50 mm per axis whatever the arm's geometry is" in strange.notes[0]
+    assert "scatter by 50 mm per axis for any geometry of the arm" in strange.notes[0]
 
 
 def test_without_validation_placements_are_held_out(study: Study) -> None:
@@ -296,7 +296,7 @@ def test_an_instrument_that_was_moved_between_its_rows_is_named_with_the_row(row
     assert move.distance == pytest.approx(50 * MM, rel=0.02)
     assert move.p < 1e-6
     assert found.assessment.level == "care"
-    assert "moved half-way: the instrument" in found.assessment.sentence
+    assert "moved during the measurement: the instrument" in found.assessment.sentence
 
 
 def test_an_artefact_that_was_pushed_aside_between_its_rows_is_named() -> None:

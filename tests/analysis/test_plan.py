@@ -136,7 +136,7 @@ def test_what_the_job_cannot_measure_is_no_candidate(thesis: Situation) -> None:
         plan(thesis, PlanOptions(), [Posture("A1", np.zeros(6))])
     far = Placement("far", np.array([5.0, 0, 0]), np.eye(3))
     with pytest.raises(
-        JobError, match=r"none of which the arm reaches; far: landmark .+ out of reach"
+        JobError, match=r"the arm reaches none of them; far: landmark .+ out of reach"
     ):
         plan(thesis, PlanOptions(), [far])
 
@@ -171,7 +171,9 @@ def test_a_camera_that_cannot_tell_the_tip_is_said_to_be_no_help() -> None:
     assert sum(choice.bits for choice in found.chosen) > 0
     never = plan_document(found).json()["no_candidate_can"]
     assert {"tip.y", "tip.z"} & set(never)
-    assert any("Nothing here makes the tip" in note for note in found.assessment.notes)
+    assert any(
+        "No candidate reduces the uncertainty of the tip" in note for note in found.assessment.notes
+    )
 
 
 def test_a_plan_draws_what_it_says(found: Plan) -> None:

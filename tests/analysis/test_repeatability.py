@@ -203,7 +203,7 @@ def test_protocols_are_taken_apart_and_compared() -> None:
 
 
 def test_few_visits_other_points_and_postures_and_drift_are_said() -> None:
-    assert any("ISO 9283 asks for 30" in note for note in run(visits(12, 2e-4)).assessment.notes)
+    assert any("ISO 9283 requires 30" in note for note in run(visits(12, 2e-4)).assessment.notes)
     arm, sound = arm_named("suta"), visits(40, 0.2e-3)
     far, posture, drift = sound.q.copy(), sound.q.copy(), sound.q.copy()
     far[7] = readings_for(arm, {}, POINT[None] + [0.01, 0, 0], DOWN[None], far[7:8])[0]
@@ -231,7 +231,7 @@ def test_several_points_in_one_file_are_told(shares: tuple[int, ...], seed: int)
     assert sorted(map(len, found.places)) == sorted(shares)
     assert {int(turn[order[rows]].max()) for rows in found.places} == set(range(len(shares)))
     assert found.assessment.level == "care"
-    assert f"about {len(shares)} places" in found.assessment.notes[-1]
+    assert f"form {len(shares)} groups" in found.assessment.notes[-1]
     for estimate in (found.position.rp, found.position.rms):
         assert estimate.value in estimate.interval()
 
@@ -240,7 +240,7 @@ def test_what_no_play_explains_are_several_points_and_no_answer() -> None:
     one, other = visits(12, 1e-4), visits(12, 1e-4, seed=1, at=POINT + np.array([0, 0.03, 0]))
     found = run(Samples.concatenate([one, other])).assessment
     assert not found.usable
-    assert "about 2 places" in found.notes[1]
+    assert "form 2 groups" in found.notes[1]
 
 
 def test_visits_to_one_point_are_not_taken_for_several() -> None:
@@ -283,7 +283,7 @@ def test_no_scatter_that_no_point_makes_is_an_answer() -> None:
     found = run(several)
     assert found.misread is None
     assert not found.assessment.usable
-    assert "which no arm does that comes back to one point" in found.assessment.notes[0]
+    assert "too much for an arm that returns to one point" in found.assessment.notes[0]
     assert run(visits(30, 8e-3)).assessment.level == "good"
     q = several.q[:4] * [1, 1, math.degrees(1.0), 1, 1, 1]
     assert not repeatability(

@@ -106,4 +106,4 @@ def test_play_in_the_arms_own_joint_is_named_through_its_kinematics() -> None:
     assert math.degrees(joint_3.backlash) == pytest.approx(0.1, rel=0.3)
     # Its play is what the tip seems to shift by.
     assert joint_3.tip == pytest.approx(found.directions.tip_shift, rel=0.3)
-    assert any("joint_3 gives" in note for note in found.assessment.notes)
+    assert any("joint_3 has play or bends" in note for note in found.assessment.notes)

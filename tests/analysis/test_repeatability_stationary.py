@@ -187,7 +187,7 @@ def test_a_raw_recording_in_parquet_is_read_without_flagged_rows(tmp_path: Path)
     assert (found.joints, found.dropped, len(found.time)) == (("joint_1",), 1, 199)
     whole = (tmp_path / "raw.parquet").read_bytes()
     (tmp_path / "half.parquet").write_bytes(whole[: len(whole) // 2])
-    with pytest.raises(SamplesError, match="not whole Parquet"):
+    with pytest.raises(SamplesError, match="damaged or incomplete Parquet"):
         read_stream(tmp_path / "half.parquet")
 
 

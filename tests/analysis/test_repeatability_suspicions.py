@@ -43,7 +43,7 @@ def test_visits_that_are_appended_again_count_once(
     assert found.copies == n * (times - 1)
     assert found.position.rms.interval() == once.position.rms.interval()
     assert found.assessment.level == "care"
-    says = f"{n * (times - 1)} of {n * times} rows read what another does"
+    says = f"{n * (times - 1)} of {n * times} rows have the readings of another row"
     assert any(says in note for note in found.assessment.notes)
     assert once.copies == 0
 
@@ -65,7 +65,7 @@ def test_a_copy_under_another_label_is_no_visit_either() -> None:
 
 
 def test_rows_that_are_all_one_visit_are_refused() -> None:
-    with pytest.raises(SamplesError, match=r"1 visits \(29 rows read what another does"):
+    with pytest.raises(SamplesError, match=r"1 visits \(29 rows are copies of others"):
         run(np.repeat(visits(1, 0.0).q, 30, axis=0))
 
 

@@ -91,13 +91,13 @@ def test_a_unit_may_be_asked_for() -> None:
     distances = [term("pairwise_distance")]
     assert sets_of(distances, "placement").names == ("P0", "P1", "P2")
     assert len(sets_of(distances, "sample")) == 30
-    with pytest.raises(SamplesError, match="no samples with point"):
+    with pytest.raises(SamplesError, match="no samples with labels point"):
         sets_of(distances, "point")
 
 
 def test_one_set_cannot_be_chosen_from() -> None:
     one = term("pairwise_distance").take(np.arange(5))
-    with pytest.raises(SamplesError, match=r"one set only \(P0/0\).*at least 2"):
+    with pytest.raises(SamplesError, match=r"only one set \(P0/0\).*at least 2"):
         sets_of([one])
 
 

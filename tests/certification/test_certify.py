@@ -69,7 +69,7 @@ def test_the_noise_is_learnt_from_the_touches(tmp_path: Path) -> None:
     assert found.freedom == 22 + 2 * 6
     doubted = certified(tmp_path, options=CertificationOptions(sigma=1e-6), noise=3e-6)
     assert doubted.noise == pytest.approx(3e-6, rel=0.5)
-    assert "more than the 1.00 µm stated" in doubted.assessment.notes[0]
+    assert "more than the given 1.00 µm" in doubted.assessment.notes[0]
     believed = certified(tmp_path, options=CertificationOptions(sigma=5e-6), noise=3e-6)
     assert believed.noise == 5e-6
     assert believed.coverage_factor == pytest.approx(1.96, abs=1e-3)
@@ -91,20 +91,20 @@ def test_a_rough_ground_is_no_worse_an_instrument(tmp_path: Path) -> None:
 DRAWN = CertificationOptions(drawing=truth())
 # What is spoilt → (which point, by how much (m)), the landmark, the fault's words.
 BENT = {
-    "leaning top": ("rise", lambda f, _k, p: [0, 0, 0.02 * (p[0] - 0.036)] if f == "top" else 0),
+    "leaning top": ("slope", lambda f, _k, p: [0, 0, 0.02 * (p[0] - 0.036)] if f == "top" else 0),
     "uneven top": (
         "uneven",
         lambda f, k, _p: [0, 0, {1: 4e-5, 2: -4e-5}.get(k, 0)] if f == "top" else 0,
     ),
-    "hole astray": ("middles", lambda f, k, _p: [4e-5, 0, 0] if (f, k) == ("hole", 1) else 0),
+    "hole astray": ("midpoints", lambda f, k, _p: [4e-5, 0, 0] if (f, k) == ("hole", 1) else 0),
     "long diagonal": (
         "diagonal",
         lambda f, k, p: 4e-3 * (p - [0.036, -0.046, p[2]]) if f == "hole" and k % 2 else 0,
     ),
     "worn flat": ("flats", lambda f, k, _p: [5e-5, 0, 0] if (f, k) == ("flat", 0) else 0),
-    "bent": ("place", lambda f, _k, _p: [5e-5, 0, 0] if f in ("top", "hole", "flat") else 0),
+    "bent": ("position", lambda f, _k, _p: [5e-5, 0, 0] if f in ("top", "hole", "flat") else 0),
     "shortened": ("height", lambda f, _k, _p: [0, 0, -5e-5] if f == "top" else 0),
-    "turned": ("turn", lambda f, k, _p: [0, 5e-5 * (-1) ** k, 0] if f == "flat" else 0),
+    "turned": ("rotation", lambda f, k, _p: [0, 5e-5 * (-1) ** k, 0] if f == "flat" else 0),
 }
 
 
@@ -250,7 +250,9 @@ def test_holes_out_of_order_are_refused(tmp_path: Path) -> None:
     swapped = text.replace("hole,S1,1,", "hole,S1,X,").replace("hole,S1,2,", "hole,S1,1,")
     path = tmp_path / "swapped.csv"
     path.write_text(swapped.replace("hole,S1,X,", "hole,S1,2,"), encoding="utf-8")
-    with pytest.raises(SamplesError, match=r"landmark 'S1'.*do not cross.*follow as 0 [23] 1") as e:
+    with pytest.raises(
+        SamplesError, match=r"landmark 'S1'.*do not cross.*order around the pillar is 0 [23] 1"
+    ) as e:
         certify(read_raw_points(path))
     assert "swapped.csv" in str(e.value)
 

@@ -81,7 +81,7 @@ def test_a_tilt_between_ground_and_pillars(tmp_path: Path) -> None:
         assert found.over_ground.risen == "good"
         assert found.over_ground.tilted == "bad"
         (note,) = told(found)
-        assert "lean by 0.05" in note
+        assert "tilted by 0.05" in note
         # What is lifted towards +x is turned about -y.
         np.testing.assert_allclose(found.over_ground.tilt, [0.0, -1e-3], atol=2e-4)
 

@@ -62,7 +62,7 @@ def test_a_damaged_pillar_is_exit_1_and_stands_in_the_file(tmp_path: Path) -> No
     points, out = write_points(tmp_path / "points.csv", lean), tmp_path / "artefact.yaml"
     found = answer("certify", points, "--out", out, code=1)
     assert found["damaged"] == ["S2"]
-    assert found["landmarks"]["S2"]["faults"][0]["what"] == "rise of its top"
+    assert found["landmarks"]["S2"]["faults"][0]["what"] == "slope of its top"
     assert "DAMAGED, OR TOUCHED WRONGLY: S2" in out.read_text(encoding="utf-8")
     assert answer("certify", points, "--tolerance-mm", 0.5)["damaged"] == []
 
@@ -134,9 +134,9 @@ BAD: dict[str, tuple[Callable[[str], str], str]] = {
     "a hole twice": (copied("hole,M1,2"), r"landmark 'M1': found 5 touches of its holes"),
     "two touches": (without("top,S1,[234]"), r"landmark 'S1': found 2 touches of its top"),
     "top in line": (without("top,S1,[24]"), r"landmark 'S1': found 3 touches .* on a line"),
-    "one flat": (without("flat,S1,1"), r"landmark 'S1': found one flat only"),
+    "one flat": (without("flat,S1,1"), r"landmark 'S1': found touches of only one flat"),
     "one side": (without("side,,([1-9]|..),"), r"found 1 touch of the side"),
-    "one end": (without("spacer,A,1"), r"spacer 'A': found 1 ends; expected ends in pairs"),
+    "one end": (without("spacer,A,1"), r"spacer 'A': found 1 ends; expected an even number"),
     "millimetres": (
         lambda t: re.sub(r"(-?\d\.\d+)", r"\1e3", t),
         r"found points within [\d.]+ m; .* millimetres",
@@ -179,9 +179,9 @@ def test_bad_options_are_refused(points: Path, tmp_path: Path) -> None:
         ("--out", points): r"found an input of the same command",
         ("--out", tmp_path): r"found a folder",
         ("--out", tmp_path / "none" / "a.yaml"): r"found no folder",
-        ("--origin", "M2"): r"no touched landmark 'M2'; expected one of O, M1",
+        ("--origin", "M2"): r"no touches of landmark 'M2'; expected one of O, M1",
         ("--spacer", "A"): r"found 'A'; expected NAME=LENGTH",
-        ("--spacer", "C=40"): r"no touched spacer 'C'; expected one of A, B",
+        ("--spacer", "C=40"): r"no touches of spacer 'C'; expected one of A, B",
         ("--sigma-um", "0"): r"0.* is not in the range",
         ("--sigma-um", "nan"): r"nan",
         ("--tolerance-mm", "-1"): r"-1.* is not in the range",
@@ -196,7 +196,7 @@ def test_too_few_touches_to_learn_the_noise_from(tmp_path: Path) -> None:
     text = without(r"top,.*,[34],|ground,,([135-9]|1\d|2[1-4]),")
     few = text(points.read_text(encoding="utf-8"))
     points.write_text(few, encoding="utf-8")
-    assert "state it with --sigma-um" in refuses(tmp_path, points)
+    assert "give it with --sigma-um" in refuses(tmp_path, points)
     found = answer("certify", points, "--sigma-um", 1)
     assert found["verdict"]["level"] == "care"
 

@@ -76,7 +76,7 @@ def test_a_limit_that_is_broken_or_left_open_exits_with_1(folder: Path) -> None:
 
 def test_files_are_written_and_the_text_is_readable(folder: Path) -> None:
     text = printed("iso10360", folder / "job.yaml", "--out", folder / "out")
-    assert "Passed: 5 of 5 limits are kept" in text
+    assert "Passed: 5 of 5 limits are met" in text
     assert "guard band" in text
     names = {path.name for path in (folder / "out").iterdir()}
     assert names == {"iso10360.json", "iso10360.svg", "report.html"}
@@ -120,7 +120,7 @@ def test_copies_are_no_touches(folder: Path, jitter: float) -> None:
     assert decisions(found)["P_Form"] == "undecided"
     notes = " ".join(found["verdict"]["notes"])
     assert "probing: 40 of 50 touches repeat another touch" in notes
-    assert "5 of near, 5 of far touches; the standard asks for 25" in notes
+    assert "5 of near, 5 of far touches; the standard requires 25" in notes
 
     rewrite(folder / "repeated.csv", lambda k, rows: [*rows[0][:6], *rows[k][6:]])
     assert "29 of 30 touches repeat another touch" in refuses(folder)
@@ -166,7 +166,7 @@ def test_spheres_may_be_probed_in_the_articulations(folder: Path) -> None:
     assert found["articulations"]["S"]["articulations"] == 5
     assert found["articulations"]["S"]["location_mm"] < 0.3
     # Every fifth touch of that spiral lies on one side of the sphere.
-    assert "times less sure than a touch" in " ".join(found["verdict"]["notes"])
+    assert "uncertainty of a sphere's centre is up to" in " ".join(found["verdict"]["notes"])
 
 
 @pytest.fixture

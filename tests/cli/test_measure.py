@@ -30,7 +30,7 @@ def test_unattended_it_writes_what_the_arm_truly_did(bench: Bench, capsys: Captu
     found = json.loads(out)
     assert found["status"] == "complete"
     assert found["missing"] == []
-    assert "nothing lost" in found["happened"][0]
+    assert "no losses" in found["happened"][0]
     for name in names.split(","):
         assert f"{name}: recorded" in err
     assert "distances, measured - certified: to O" in err
@@ -44,7 +44,7 @@ def test_unattended_it_writes_what_the_arm_truly_did(bench: Bench, capsys: Captu
     assert np.all(np.diff(table["sequence"].to_numpy()) == 1)
     # The same once more is refused; nothing that was measured is overwritten.
     before = (bench.folder / "calibration/P1_1.csv").read_bytes()
-    assert "already there" in refused(*bench.command("--placement", "P1", "--yes"))
+    assert "existing samples" in refused(*bench.command("--placement", "P1", "--yes"))
     assert (bench.folder / "calibration/P1_1.csv").read_bytes() == before
 
 

@@ -74,7 +74,10 @@ def test_extend_finds_the_eccentric_encoder(job: Path) -> None:
 
 def test_extend_leaves_a_clean_job_alone(clean: Path) -> None:
     out = printed("extend", clean, "--out", clean.parent / "out")
-    assert "Good. No error beside geometry predicts left-out data better" in " ".join(out.split())
+    assert (
+        "Good. Keep the job as it is: no error beside the geometry predicts left-out data better"
+        in " ".join(out.split())
+    )
     assert max(map(len, out.split("Written")[0].splitlines())) <= 80
     models = json.loads((clean.parent / "out" / "extend.json").read_text())["models"]
     assert sum(m["chosen"] for m in models) == 1
@@ -110,7 +113,7 @@ def test_values_of_another_urdf_are_refused(job: Path) -> None:
     extended = with_row(job)
     result = answer("calibrate", extended)["files"]["result.json"]
     said = refused("validate", job.parent / "arm.urdf", extended, "--result", result)
-    assert "arm.urdf: joint_2: found another origin of joint_2" in said
+    assert "arm.urdf: joint_2: found the origin of joint_2 differs from" in said
 
 
 def test_rows_to_add_are_yaml_however_many() -> None:

@@ -59,5 +59,5 @@ def test_the_map_of_a_result_needs_the_arm_that_was_calibrated(
         if other == arm:
             arm.write_text(arm.read_text().replace('xyz="0 0 0.047"', 'xyz="0 0 0.057"'))
         said = refused(*calibrated, other)
-        assert f"{other}: found another arm than the one that was calibrated" in said
+        assert f"{other}: found an arm that was not the one calibrated" in said
         assert told in said

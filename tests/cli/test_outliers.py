@@ -89,7 +89,7 @@ def test_the_console_says_what_was_not_done(made: Path, monkeypatch: pytest.Monk
     out = " ".join(printed("outliers", job, "--out", made / "three", "--bias-mm", "50").split())
     assert "Nothing was excluded" in out
     assert "bias 50 mm" in out
-    assert "3 of 4 metrics name it" in out
+    assert "3 of 4 metrics indicate it" in out
 
 
 def test_the_job_excludes_it_and_the_result_says_so(made: Path) -> None:

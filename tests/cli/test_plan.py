@@ -69,7 +69,7 @@ def test_places_are_read_in_si(tmp_path: Path) -> None:
         ("", None, "mapping"),
         ("repeats: 3\n", None, "no candidate"),
         ("placments: {}\n", 1, "did you mean 'placements'"),
-        ("placements:\n  A: {position: [1, 2, 3]}\n", 2, "position without a unit"),
+        ("placements:\n  A: {position: [1, 2, 3]}\n", 2, "position without its unit"),
         ("placements:\n  A: {position_mm: [1, 2]}\n", 2, "a list of 3 numbers"),
         ("placements:\n  A: {position_mm: [1, 2, .nan]}\n", 2, "a finite number"),
         ("points:\n  A: {position_mm: [1, 2, 3], axis: [0, 0, 0]}\n", 2, "without direction"),
@@ -211,8 +211,8 @@ def test_an_instrument_gets_postures(tmp_path: Path, suta_urdf: Path) -> None:
     ("text", "options", "said"),
     [
         ("placements: {A: {position: [1, 2, 3]}}\n", (), "position_mm"),
-        ("placements: {A: {position_mm: [9000, 0, 0]}}\n", (), "none of which the arm reaches"),
-        (CANDIDATES, ("--region", "1,0,0,1,0,1"), "a lower corner below"),
+        ("placements: {A: {position_mm: [9000, 0, 0]}}\n", (), "the arm reaches none of them"),
+        (CANDIDATES, ("--region", "1,0,0,1,0,1"), "a lower corner that is below"),
         (CANDIDATES, ("--target-mm", "nan"), "expected a finite number"),
         (CANDIDATES, ("-n", "0"), "0 is not in the range"),
         ("poses: {A: {posture_deg: {}}}\n", (), "a mapping of keys to values"),
@@ -248,4 +248,4 @@ def test_a_plan_over_data_that_cannot_be_fitted_may_not_be_used(suta: Path, tmp_
     file = written(tmp_path, CANDIDATES)
     told = answer("plan", job, "--candidates", file, "-n", 1, code=1)
     assert told["verdict"]["level"] == "bad"
-    assert told["verdict"]["notes"][0].startswith("The calibration itself must not be used (not ")
+    assert told["verdict"]["notes"][0].startswith("Do not use the calibration itself (not ")

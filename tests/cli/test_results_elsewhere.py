@@ -96,7 +96,7 @@ def test_a_folder_of_two_runs_is_seen(calibrated: Path, tmp_path: Path, capsys: 
     job = next((calibrated / "work" / "job").glob("*.yaml"))
     (folder / inputs_copy.NAME).write_bytes(packed(job, [job]))
     assert cli("export", folder, "--format", "urdf") == 2
-    assert "found a copy of inputs that is not of this result" in capsys.readouterr().err
+    assert "found a copy of inputs that does not belong to this result" in capsys.readouterr().err
 
 
 def test_what_is_too_large_is_left_out_and_named(calibrated: Path, tmp_path: Path) -> None:

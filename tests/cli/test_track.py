@@ -258,7 +258,10 @@ def test_no_recording_and_no_input_is_replaced_unasked(tmp_path: Path, capsys):
     for found in (log, tmp_path / "log.csv.part"):
         found.write_text("measured\n")
         assert cli(*TRACK, device, "--csv", log) == 2
-        assert f"{found}: found a recording; expected the name of a new" in capsys.readouterr().err
+        assert (
+            f"{found}: found an existing recording; expected the name of a new"
+            in capsys.readouterr().err
+        )
         assert found.read_text() == "measured\n"
         found.unlink()
     for inputs in (device, SUTA_URDF):

@@ -127,7 +127,7 @@ def test_what_must_not_be_used_is_shown_as_such_and_is_not_read_back(
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        (lambda data: data.pop("run"), "found no job that it was made from"),
+        (lambda data: data.pop("run"), "found no job from which it was made"),
         (lambda data: data["parameters"].pop("base.x"), "found no value of base.x"),
         (lambda data: data["parameters"]["base.x"].update(value="x"), "base.x: found 'x'"),
         (lambda data: data["run"].update(inputs={"gone.yaml": "0"}), "found no job gone.yaml"),
@@ -237,5 +237,5 @@ def test_a_device_of_another_arm_is_refused(result: Path, tmp_path: Path) -> Non
 def test_an_answer_that_is_no_calibration_is_refused(tmp_path: Path) -> None:
     file = tmp_path / "result.json"
     file.write_text('{"tip_mm": [1, 2, 3], "run": {"inputs": {"poses.csv": "0"}}}')
-    with pytest.raises(InputError, match="found an answer that is no calibration of an arm"):
+    with pytest.raises(InputError, match="found a result that is not a calibration of an arm"):
         read_calibrated(file)

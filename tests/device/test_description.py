@@ -61,7 +61,7 @@ def test_a_port_beside_the_file_is_found_from_anywhere(tmp_path: Path) -> None:
         ("unit: counts", "unit: grad", 4, ["'grad'", "counts, rad, deg"]),
         ("format: lines\nunit: counts", "format: frames\nunit: rad", 4, ["'rad'", "counts"]),
         ("format: lines", "format: frames", 5, ["4096", "4194304", "22-bit"]),
-        ("counts_per_turn: 4096\n", "", None, ["counts_per_turn", "lines in counts need it"]),
+        ("counts_per_turn: 4096\n", "", None, ["counts_per_turn", "the format is lines in counts"]),
         ("counts_per_turn: 4096", "counts_per_turn: 1", 5, ["counts_per_turn", "1"]),
         ("[{name: joint_1, sign: -1}, {name: joint_2}]", "[]", 6, ["joints", "empty list"]),
         ("[{name: joint_1, sign: -1}, {name: joint_2}]", "6", 6, ["joints", "6"]),

@@ -119,7 +119,9 @@ def measure(laboratory: Laboratory, places: list[str], seconds: float, timing: T
             options = ("--placement", name, "--device", device, "--seconds", seconds, "--yes")
             assert cli("measure", laboratory.job, *options) == 0
             # In one process the next command comes before the arm could notice.
-            while sum("a round is over" in event for event in emulator.events) < done < len(places):
+            while (
+                sum("end of the round" in event for event in emulator.events) < done < len(places)
+            ):
                 time.sleep(0.01)
 
 

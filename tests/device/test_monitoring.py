@@ -202,8 +202,8 @@ def test_silence_is_one_line(arm: PtyDevice, capsys: pytest.CaptureFixture[str])
         assert monitor(arm, "--silence", "0.1", *more) == 2
         said = capsys.readouterr()
         assert said.out == ""
-        assert said.err.startswith(f"suta-calib: error: {arm.link}: found not a single byte")
-        assert "at 921600 baud; check that it is switched on" in said.err
+        assert said.err.startswith(f"suta-calib: error: {arm.link}: no byte received")
+        assert "at 921600 baud; check that the device is switched on" in said.err
         assert "device.yaml" in said.err
         assert said.err.count("\n") == 1
 

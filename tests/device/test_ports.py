@@ -71,11 +71,11 @@ def test_a_link_to_nowhere_says_where(tmp_path: Path) -> None:
 
 def test_a_file_is_no_port(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert "no serial port" in refused(device(port=str(tmp_path / "file")), PortNotFoundError)
+    assert "not a serial port" in refused(device(port=str(tmp_path / "file")), PortNotFoundError)
 
 
 def test_nobody_at_a_socket_is_named() -> None:
-    assert "nobody answering" in refused(device(port="socket://127.0.0.1:1"), PortNotFoundError)
+    assert "no answer" in refused(device(port="socket://127.0.0.1:1"), PortNotFoundError)
 
 
 @pytest.mark.parametrize(

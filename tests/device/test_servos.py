@@ -80,7 +80,7 @@ def test_a_servo_that_does_not_answer_is_named(name: str, tmp_path: Path) -> Non
     with bus_of(name, {7: 1, 12: 1}) as servos:
         spec = described(tmp_path, name, servos, THREE)
         with pytest.raises(
-            DeviceSilentError, match=rf"no answer of servo 3 \(b\).*'format: {name}"
+            DeviceSilentError, match=rf"no answer from servo 3 \(b\).*'format: {name}"
         ):
             Bus(spec).__enter__()
 
@@ -130,10 +130,10 @@ def test_one_that_misses_a_packet_is_not_blamed_for_another(
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("format: feetech\njoints: [{name: a, id: 1}, {name: b, id: 1}]", "id.*another for each"),
+        ("format: feetech\njoints: [{name: a, id: 1}, {name: b, id: 1}]", "id.*different for each"),
         ("format: dynamixel\njoints: [{name: a, id: 253}]", "id.*below 253"),
         ("format: dynamixel\njoints: [{name: a, id: -1}]", "id"),
-        ("joints: [{name: a, id: 1}]", "id.*frames are not asked one by one"),
+        ("joints: [{name: a, id: 1}]", "id.*joints of frames are not polled"),
         ("format: feetech\nunit: deg\njoints: [{name: a}]", "unit.*counts"),
     ],
 )

@@ -96,7 +96,7 @@ def test_a_port_that_vanishes_comes_back_under_its_name(arm: ArmModel, tmp_path:
     assert moved[1].min() >= 0.6 - 1e-3
     assert emulator.played.silent == pytest.approx(0.3 * 768, abs=1)
     assert [text.partition(" as ")[0] for text in emulator.events] == [
-        *("the port was opened", "the port is gone", "the port is back")
+        *("the port was opened", "the port disappeared", "the port is back")
     ]
 
 
@@ -132,7 +132,7 @@ def test_an_arm_waits_between_placements_for_the_next_listener(
     with EmulatedArm(Emulation(device_of(arm), motion)) as emulator:
         first = listen(emulator.port, emulator.device, PATIENCE_S, rests_on_c)
         end = time.perf_counter() + PATIENCE_S
-        while not any("a round is over" in event for event in emulator.events):
+        while not any("end of the round" in event for event in emulator.events):
             assert time.perf_counter() < end
             time.sleep(0.01)
         second = listen(emulator.port, emulator.device, PATIENCE_S, bool)
@@ -223,5 +223,5 @@ def test_a_patient_arm_rests_on_its_first_place_until_its_reader_has_kept_up(
 def test_an_arm_that_cannot_start_says_why(arm: ArmModel, tmp_path: Path) -> None:
     (tmp_path / "taken").write_text("")
     emulator = EmulatedArm(moving(arm), link=tmp_path / "taken")
-    with pytest.raises(SutaCalibError, match="no link"), emulator:
+    with pytest.raises(SutaCalibError, match="not a link"), emulator:
         pass

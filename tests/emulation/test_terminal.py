@@ -107,10 +107,10 @@ def test_an_old_link_is_replaced_a_file_is_not(tmp_path: Path) -> None:
     with PseudoTerminal(link) as terminal:
         assert str(link.readlink()) == terminal.name
     link.write_text("a file")
-    with pytest.raises(OutputError, match="no link"):
+    with pytest.raises(OutputError, match="not a link"):
         PseudoTerminal(link)
     assert link.read_text() == "a file"
-    with pytest.raises(OutputError, match="link not made"):
+    with pytest.raises(OutputError, match="link not created"):
         PseudoTerminal(tmp_path / "nowhere" / "port")
 
 

@@ -118,7 +118,7 @@ def test_play_seems_latency_where_joints_are_not_known():
     assert plain.per == "axis"
     assert plain.hysteresis == {}
     assert plain.alignment.latency > LATENCY + 2e-4
-    assert any("the latency contains it" in note for note in plain.assessment.notes)
+    assert any("the latency includes it" in note for note in plain.assessment.notes)
 
 
 def test_errors_before_and_after_a_reversal():
@@ -207,8 +207,8 @@ def test_a_motion_in_another_unit_is_told_so(which: str):
     small.position[:] *= 1e-3
     found = compare(recorded, reference)
     assert not found.assessment.usable
-    assert found.assessment.notes[0].startswith(f"The {which} strays ")
-    assert "is one of them in mm?" in found.assessment.notes[0]
+    assert found.assessment.notes[0].startswith(f"The motion of the {which} is ")
+    assert "one of them is in mm" in found.assessment.notes[0]
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -217,7 +217,7 @@ def test_an_arm_at_rest_tells_no_latency(seed: int):
     still = np.tile([0.4, 0.1, 0.2], (len(time), 1))
     found = compare(noisy(time, still, seed, 1e-5), noisy(time, still, 99 + seed, 5e-5))
     assert not found.assessment.usable
-    assert "stands still but for noise" in found.assessment.notes[0]
+    assert "contains only noise" in found.assessment.notes[0]
 
 
 @pytest.mark.parametrize("std", [0.0, 2e-5])
@@ -277,7 +277,7 @@ def test_swapped_axes_are_named(order: list[int], signs: list[int], said: str):
     swapped = Trajectory(NOWHERE, recorded.time, recorded.position[:, order] * signs)
     found = compare(swapped, reference)
     assert not found.assessment.usable
-    assert f"axes taken as {said} the recording would follow" in found.assessment.notes[0]
+    assert f"axes are taken as {said}, the recording follows" in found.assessment.notes[0]
 
 
 def test_turning_points_are_counted_once_although_the_signal_trembles():
@@ -381,14 +381,14 @@ def test_bad_motions_are_one_clear_line(tmp_path: Path, files, capsys, rows: lis
 def test_motions_of_different_times_are_refused():
     recorded, reference = motions(play=0 * PLAY, seconds=5.0)
     later = Trajectory(NOWHERE, recorded.time + 100, recorded.position)
-    with pytest.raises(SamplesError, match="both files must tell time by one clock"):
+    with pytest.raises(SamplesError, match="both files must use the same clock"):
         align(later, reference)
 
 
 def test_a_reference_that_stands_still_tells_no_time():
     recorded, reference = motions(play=0 * PLAY, seconds=5.0)
     still = Trajectory(NOWHERE, reference.time, 0 * reference.position)
-    with pytest.raises(SamplesError, match="stands still"):
+    with pytest.raises(SamplesError, match="does not move"):
         align(recorded, still)
 
 

@@ -406,7 +406,7 @@ def test_a_full_disk_is_told_and_what_was_written_is_left(tmp_path: Path):
     assert eventually(lambda: recorder._failure is not None)
     with pytest.raises(OutputError, match=r"No space left.*log\.csv\.part"):
         recorder.publish(each[2])
-    with pytest.raises(OutputError, match="not complete"):
+    with pytest.raises(OutputError, match="incomplete"):
         recorder.close()
     assert recorder.part.exists()
     with pytest.raises(OSError, match="No space left"):

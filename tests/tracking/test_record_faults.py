@@ -237,7 +237,7 @@ def test_a_row_that_hardly_matters_is_told_with_care():
     found = compare(recorded, reference)
     assert [(each.kind, each.spoils) for each in found.faults] == [("wild", False)]
     assert found.assessment.level == "care"
-    assert "1 row is off those before and after by" in found.assessment.notes[0]
+    assert "1 row is away from the rows before and after by" in found.assessment.notes[0]
     assert "(row 500, at 5.000 s): leave it out." in found.assessment.notes[0]
 
 
@@ -247,8 +247,8 @@ def test_several_of_a_kind_are_one_note():
         recorded.position[row : row + rows] = recorded.position[row]
     recorded.position[[400, 480]] += [0.03, 0.0, 0.0]
     stuck, wild = compare(recorded, reference).faults
-    assert "is stuck 2 times, longest from 6.000 s to 6.3" in stuck.sentence
-    assert "2 rows are off those before and after by up to 3" in wild.sentence
+    assert "keeps the same value 2 times, longest from 6.000 s to 6.3" in stuck.sentence
+    assert "2 rows are away from the rows before and after by up to 3" in wild.sentence
 
 
 @pytest.mark.parametrize("motion", [waves, slow, fast, stops, areas, once])
@@ -306,4 +306,4 @@ def test_the_command_names_file_and_line(tmp_path: Path, capsys: pytest.CaptureF
     assert abs(fault["until_s"] - 4.49) < 0.015
     assert fault["size_mm"] > 20
     assert fault["rms_mm"] < 0.5 < answer["errors"]["latency_removed"]["rms_mm"]
-    assert "stuck from 4.000 s" in answer["verdict"]["notes"][0]
+    assert "the same value from 4.000 s" in answer["verdict"]["notes"][0]

@@ -116,7 +116,7 @@ def test_a_region_out_of_reach_or_without_volume_is_refused() -> None:
     far = Region(np.array([3.0, 3.0, 3.0]), np.array([4.0, 4.0, 4.0]), DOWN)
     with pytest.raises(JobError, match="0 of 240 postures within reach"):
         far.postures(known.kinematics, known.visited, ARM.forward(known.visited)[1], 0)
-    with pytest.raises(JobError, match="a lower corner below"):
+    with pytest.raises(JobError, match="a lower corner that is below"):
         Region(np.zeros(3), np.array([1.0, 0.0, 1.0]), DOWN)
 
 
@@ -125,10 +125,12 @@ def test_a_map_says_whether_it_is_good_enough() -> None:
     box = np.array([[0.15, -0.3, 0.0], [0.6, 0.3, 0.4]])
     found = tip_map_of_result(known, TipMapOptions(box, tolerance=1e-6, grid=7))
     assert found.assessment.level == "bad"
-    assert found.assessment.notes[0] == "That is more than the 0.001 mm asked for."
+    assert found.assessment.notes[0] == "This exceeds the allowed 0.001 mm."
     enough = replace(found, tolerance=1.0).assessment
     assert enough.usable
-    assert any(note.startswith("tip.y is held, not measured") for note in enough.notes)
+    assert any(
+        note.startswith("tip.y is held at an assumed value, not measured") for note in enough.notes
+    )
     figure = found.plot(Figure())
     for axes, section in zip(figure.axes, found.sections, strict=False):
         arm = next(line for line in axes.lines if line.get_label() == "arm")
@@ -136,7 +138,7 @@ def test_a_map_says_whether_it_is_good_enough() -> None:
         np.testing.assert_allclose(np.array(arm.get_data()).T, wanted, atol=1e-9)
     assert found.assessment.sentence in repr(found)
     assert "Uncertainty of the tip" in found._repr_html_()
-    with pytest.raises(JobError, match="a box for the tip"):
+    with pytest.raises(JobError, match="the region of the tip"):
         tip_map_of_result(known, TipMapOptions())
 
 
@@ -163,7 +165,7 @@ def test_the_command_writes_a_map(job: Path, capsys: pytest.CaptureFixture[str])
     assert set(told["files"]) == {"tip_map.svg", "report.html", "tip_map.json"}
     assert "NaN" not in (folder / "tip_map.json").read_text()
     assert cli("tip-map", job, "--region", box, "--tolerance-mm", 1e-3, *FAST) == 1
-    assert "more than the 0.001 mm asked for" in capsys.readouterr().out
+    assert "exceeds the allowed 0.001 mm" in capsys.readouterr().out
 
 
 def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -195,8 +197,8 @@ def test_the_command_reads_a_result(job: Path, capsys: pytest.CaptureFixture[str
     written["unidentified"].append(name)
     held = {"parameter": name, "plausible": 0.03, "direction": {name: 1.0}}
     for kept, said in (
-        ([*written["held"], held], f"{name} is held, not measured, and not in these figures: if"),
-        ([], f"{name}. The result does not say how the tip depends on them"),
+        ([*written["held"], held], f"{name} is held at an assumed value, not measured,"),
+        ([], f"{name}. The result does not contain their effect"),
     ):
         other = result.with_name("held.json")
         other.write_text(json.dumps(written | {"held": kept}))

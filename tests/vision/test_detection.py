@@ -116,13 +116,13 @@ def test_what_cannot_be_used_is_named_and_left_out(folder: Path):
     )
     lost = {view.picture.name: view.reason for view in found.views if view.board is None}
     assert {name: lost[name].split(":")[0] for name in sorted(lost)} == {
-        "cut.png": "not a picture, or one that is cut off",
+        "cut.png": "not a picture, or an incomplete one",
         "dark.png": "an empty picture",
         # Pictures are taken in the order of their names.
         "good_0.png": "the same picture as copy.png",
         "nothing.png": "an empty file",
         "small.png": "280x200 px where the camera's file has 320x240",
-        "words.jpg": "not a picture, or one that is cut off",
+        "words.jpg": "not a picture, or an incomplete one",
     }
     assert found.detected == 5
     assert found.rms < 0.08
@@ -160,7 +160,7 @@ def test_a_file_of_markers_that_no_camera_fits_says_so(tmp_path: Path):
         assert not found.assessment.usable
         assert found.rms is None or found.rms < 320
     assert (
-        "no camera explains"
+        "no camera model can explain"
         in detect(find_pictures([tmp_path]), Markers(TAGS, exchanged)).assessment.notes[0]
     )
 

@@ -137,8 +137,8 @@ class Characteristic(Displayable):
     def broken(self) -> str:
         """Of one that has not passed: how it stands to its limit, in a sentence."""
         if self.missing and self.decision == "undecided":
-            return f"{self.symbol}: {self.missing}. That proves neither a pass nor a failure."
-        how = "beyond" if self.decision == "fail" else "too near to"
+            return f"{self.symbol}: {self.missing}. This proves neither a pass nor a failure."
+        how = "beyond" if self.decision == "fail" else "too close to"
         sure = f" with U {mm(self.expanded):.4f} mm" if self.expanded else ""
         return (
             f"{self.symbol}: {mm(self.value):+.4f} mm ({self.where}) is {how} the limit "
@@ -178,12 +178,12 @@ class AcceptanceTest(Displayable):
     @judged
     def assessment(self) -> Assessment:
         """Passed, failed, or neither proved."""
-        sentence = "No limits given: figures without pass or fail"
+        sentence = "No limits given: figures only, no pass or fail"
         judged = [figure for figure in self.characteristics if figure.limit is not None]
         if judged:
             passed = sum(figure.decision == "pass" for figure in judged)
             words = {"pass": "Passed", "fail": "Failed", "undecided": "Neither passed nor failed"}
-            sentence = f"{words[self.decision]}: {passed} of {len(judged)} limits are kept"
+            sentence = f"{words[self.decision]}: {passed} of {len(judged)} limits are met"
         bad = [figure.broken for figure in judged if figure.decision != "pass"]
         notes = [*self.measured.notes]
         spread = {point.point: point.amplification for point in self.measured.articulations}
@@ -192,15 +192,16 @@ class AcceptanceTest(Displayable):
             # Four touches on the equator and one on the pole give 1.5.
             if amplification > 4.0:
                 notes.append(
-                    f"{name}: touches lie so that a sphere's centre is up to {amplification:.0f} "
-                    "times less sure than a touch; spread them over a pole and the equator."
+                    f"{name}: because of where the touches lie, the uncertainty of a sphere's "
+                    f"centre is up to {amplification:.0f} times that of a touch. Spread the "
+                    "touches over a pole and the equator."
                 )
         for figure in self.characteristics:
             unsure = figure.expanded or 0.0
             if figure.limit is not None and self.rule.guard(unsure) >= figure.limit:
                 notes.append(
-                    f"{figure.symbol}: the test is less sure (U {mm(unsure):.4f} mm) than "
-                    "the limit: nothing can pass it."
+                    f"{figure.symbol}: the uncertainty of the test (U {mm(unsure):.4f} mm) is "
+                    "larger than the limit, so no result can pass."
                 )
             if figure.limit is None and self.limits.given:
                 notes.append(f"{figure.symbol}: no limit is given.")
@@ -217,18 +218,20 @@ class AcceptanceTest(Displayable):
         ]
         if m.lengths is not None:
             sentences.append(
-                f"Lengths: every pair of landmarks at every placement, {len(m.lengths)} errors of "
-                f"lengths up to {mm(float(m.lengths.length.max())):.0f} mm; the standard "
-                "prescribes which lengths lie where in the measuring volume, and longer ones "
-                "were not tested."
+                f"Lengths: every pair of landmarks at every placement gave {len(m.lengths)} "
+                f"errors of lengths up to {mm(float(m.lengths.length.max())):.0f} mm. The "
+                "standard prescribes where the lengths lie in the measuring volume. Longer "
+                "lengths were not tested."
             )
         if m.articulations:
             sentences.append(
-                "Articulations: the standard finds a sphere's centre in each, spread over the "
-                "range of the wrist."
+                "Articulations: the standard measures a sphere's centre in each articulation, "
+                "spread over the range of the wrist."
             )
         if m.repeats:
-            sentences.append("Repeatability of one point is no characteristic of ISO 10360-12.")
+            sentences.append(
+                "The repeatability of a single point is not a characteristic of ISO 10360-12."
+            )
         return tuple(sentences)
 
 
@@ -281,7 +284,7 @@ def accept(
 
 def _too_few_touches(m: AcceptanceMeasurements) -> str:
     few = [f"{len(s.radial)} of {s.sphere}" for s in m.spheres if len(s.radial) < TOUCHES]
-    asked = f"the standard asks for {TOUCHES} of each sphere, spread over half of it"
+    asked = f"the standard requires {TOUCHES} touches of each sphere, spread over half of it"
     return f"{', '.join(few)} touches; {asked}" if few else ""
 
 
@@ -294,7 +297,7 @@ def _too_few_articulations(m: AcceptanceMeasurements) -> str:
             sentences.append(
                 f"{point.touches} touches in {len(point.names)} articulations of {point.point}"
             )
-    asked = f"the standard asks for {TOUCHES_EACH} touches in each of {ARTICULATIONS}"
+    asked = f"the standard requires {TOUCHES_EACH} touches in each of {ARTICULATIONS} articulations"
     return f"{', '.join(sentences)}; {asked}" if sentences else ""
 
 
@@ -322,8 +325,9 @@ def _worst_length(
     missing = ""
     if len(lengths) < LENGTHS or lengths.lines < LINES:
         missing = (
-            f"{len(lengths)} lengths, {lengths.lines} of them different; the standard asks for "
-            f"{LENGTHS}: five on each of seven lines through the measuring volume, three times"
+            f"{len(lengths)} lengths on {lengths.lines} different lines; the standard requires "
+            f"{LENGTHS} lengths: five on each of seven lines through the measuring volume, three "
+            "times each"
         )
     place = f"{lengths.label[row]}, {mm(lengths.length[row]):.1f} mm, {lengths.placement[row]}"
     return Characteristic(

@@ -91,7 +91,9 @@ def best_sphere(points: FloatArray, where: str = "") -> Sphere:
     sizes = np.linalg.svd(away, compute_uv=False)
     # Points nearer to a plane than this share of their extent leave the sphere undetermined.
     if sizes[2] < 1e-3 * sizes[0]:
-        raise SamplesError("points in one plane", "points spread over the sphere", where=where)
+        raise SamplesError(
+            "points in one plane", "points that are spread over the sphere", where=where
+        )
     rows = np.column_stack([2 * away, np.ones(len(away))])
     start = np.linalg.lstsq(rows, (away**2).sum(axis=1), rcond=None)[0]
     radius = np.sqrt(max(float(start[3] + start[:3] @ start[:3]), 0.0))
@@ -238,7 +240,7 @@ def articulations(
         if len(names) < 2:
             raise SamplesError(
                 f"point {name!r} from {len(names)} articulation",
-                "every point from several",
+                "several articulations for every point",
                 where="articulation",
             )
         places = [position[rows[index == k]] for k in range(len(names))]

@@ -131,27 +131,28 @@ class ModelSelection(Displayable):
             text(candidate.held_out.rms, self.unit, with_unit=True)
             for candidate in (self.job, self.chosen)
         )
-        gain = f"held-out RMS {before} → {after}"
+        gain = f"validation RMS {before} → {after}"
         wider = self.chosen.geometry and not self.job.geometry
         if self.validated and not self.confirmed:
             worse, better = (text(rms, self.unit, with_unit=True) for rms in self.validated[::-1])
             sentence = (
-                "Leave the job as it is: with more unknowns the error of rows left out of the "
-                f"fit falls ({gain}), but that of the validation rows does not ({better} → "
-                f"{worse})"
+                "Keep the job as it is: more unknowns reduce the error of rows left out of the "
+                f"fit ({gain}), but not the error of the validation rows ({better} → {worse})"
             )
         elif self.added:
             more = "all of the geometry, " if wider else ""
             sentence = f"Add {more}{listed(self.added)}: {gain}"
         elif wider:
-            sentence = f"Free all of the geometry: {gain}; nothing beside geometry is worth having"
+            sentence = (
+                f"Estimate all of the geometry: {gain}. No other error improves the prediction"
+            )
         else:
             sentence = (
-                "No error beside geometry predicts left-out data better: leave the job as it is"
+                "Keep the job as it is: no error beside the geometry predicts left-out data better"
             )
         fitted = self.calibration
         why = next(iter(fitted.notes), fitted.sentence).rstrip(".")
-        bad = f"The calibration with this model must not be used ({why}): mend that first."
+        bad = f"Do not use the calibration with this model ({why}). Correct that first."
         return Assessment.of(sentence, bad=[] if fitted.usable else [bad], care=self._notes())
 
     def _notes(self) -> list[str]:
@@ -159,21 +160,24 @@ class ModelSelection(Displayable):
         if not self.confirmed:
             return notes
         if self.chosen is not self.job:
-            notes.append("The rows given here, put into the job's parameters, make it so.")
+            notes.append("To use this model, add the rows shown here to the parameters of the job.")
         if self.added:
             notes.append(
-                "A URDF cannot hold these: calibrated.urdf will be the geometry only, and its tip "
-                "is right only with the corrections of result.json (track --result applies them)."
+                "A URDF cannot hold these parameters. calibrated.urdf will contain only the "
+                "geometry; the tip is correct only with the corrections of result.json, which "
+                "track --result applies."
             )
         if self.undecided:
             notes.append(
-                "Something beside the job's unknowns helps, but these data cannot tell whether it "
-                "is geometry or an error beside it: tilt the artefact, use other heights, or touch "
-                "one point from many directions."
+                "More parameters reduce the errors, but these data do not show whether the cause "
+                "is the geometry or another error. Tilt the artefact, use other heights, or "
+                "touch one point from many directions."
             )
         estimates = self.solution.estimates
         if bounded := [name for name in self.added if estimates[name].state == "at_bound"]:
-            notes.append(f"{listed(bounded)} ended at a bound: larger than is plausible.")
+            notes.append(
+                f"{listed(bounded)} ended at a bound: the value is larger than is plausible."
+            )
         return notes
 
 
@@ -212,7 +216,7 @@ def choose_model(
     job = search.start("as the job has it", geometry=False)
     if job is None:
         raise SamplesError(
-            "observations that cannot be fitted",
+            "too few observations to estimate the job's parameters",
             "enough placements for the job's unknowns",
             where="observations",
             hint="measure at more placements, or select fewer parameters",

@@ -24,7 +24,7 @@ METRICS: Final[tuple[Metric, ...]] = ("contribution", "cooks_distance", "leave_o
 METRIC_LABELS: Final[dict[Metric, tuple[Unit, str, str]]] = {
     "contribution": ("%", "share %", "Error contribution, %"),
     "cooks_distance": ("1", "Cook", "Cook's distance"),
-    "leave_one_out": ("%", "l.o.o. %", "RMS falls when left out by, %"),
+    "leave_one_out": ("%", "l.o.o. %", "RMS reduction when left out, %"),
     "bias": ("m", "bias mm", "Bias after registration, mm"),
 }
 
@@ -285,27 +285,27 @@ class Outliers(Displayable):
     def assessment(self) -> Assessment:
         """What a reader must know: outliers first, then what is suspect or was set aside."""
         solution, terms = self.solution, self.terms
-        bad = [] if solution.converged else [f"The calibration itself: {solution.sentence}."]
+        bad = [] if solution.converged else [f"The calibration itself failed: {solution.sentence}."]
         bad += [
-            f"The {t.samples} samples of {t.kind} are fitted exactly: there are as many unknowns "
-            "as data. Nothing can be unlike the others; measure more, or select fewer parameters."
+            f"The {t.samples} samples of {t.kind} are fitted exactly, because there are as many "
+            "unknowns as data. Outliers cannot be found. Measure more, or select fewer "
+            "parameters."
             for t in terms
             if t.exact
         ]
         bad += [
             f"The samples of {t.kind} scatter by {_size(t.unexplained, t.unit, '.3g')} per axis "
-            "whatever the "
-            "arm's geometry is: something is wrong with most of them (a joint's sign, a unit, rows "
-            "that do not belong together), so none is unlike the others. suta-calib calibrate "
-            "looks for the cause."
+            "for any geometry of the arm. Something is wrong with most of them (a joint's sign, "
+            "a unit, rows that do not belong together), so single outliers cannot be found. Run "
+            "suta-calib calibrate to find the cause."
             for t, term in zip(terms, solution.problem.terms, strict=True)
             if t.unexplained > STRANGE * _expected(term)
         ]
         levels = [level for t in terms for level in t.levels]
         care = [
-            f"From {move.origin} on, {move.what} stands elsewhere: its rows are "
-            f"{mm(move.distance):.2g} mm off those before (chance of it if nothing moved: "
-            f"{move.p:.1g}). Give them a label of their own, or measure again."
+            f"{move.what} moved: from {move.origin} on, its rows are {mm(move.distance):.2g} mm "
+            f"from the earlier ones (p = {move.p:.1g}). Give the later rows another label, or "
+            "measure again."
             for t in terms
             for move in t.moves
         ]
@@ -329,35 +329,37 @@ class Outliers(Displayable):
 
 def _sentence(terms: Sequence[TermOutliers]) -> str:
     if not any(t.levels for t in terms):
-        return "nothing was looked at"
+        return "no observation could be checked"
     named = [
         f"{GROUPING_NOUN[level.name]} {', '.join(g.label for g in level.outliers)}"
         for t in terms
         for level in t.levels
         if level.outliers
     ]
-    moved = [f"moved half-way: {move.what}" for t in terms for move in t.moves]
-    named = [f"unlike the others: {'; '.join(named)}"] if named else []
+    moved = [f"moved during the measurement: {move.what}" for t in terms for move in t.moves]
+    named = [f"outliers: {'; '.join(named)}"] if named else []
     if moved or named:
         return "; ".join(moved + named)
     looked = dict.fromkeys(GROUPING_NOUN[level.name] for t in terms for level in t.levels)
-    return f"no {' and no '.join(looked)} is unlike the others"
+    return f"no {' and no '.join(looked)} is an outlier"
 
 
 def _accused(level: str, group: Group) -> str:
     """Which metrics name a group, and where it was touched."""
-    doubt = "" if group.outlier else " is suspect, not proven"
+    doubt = "" if group.outlier else " may be an outlier"
     n = "all four" if len(group.flags) == len(METRICS) else f"{len(group.flags)} of 4"
     words = ", ".join(WORDS[flag] for flag in group.flags)
     accusation = (
-        f"{GROUPING_NOUN[level].capitalize()} {group.label}{doubt}: {n} metrics name it ({words})"
+        f"{GROUPING_NOUN[level].capitalize()} {group.label}{doubt}: {n} metrics indicate it "
+        f"({words})"
     )
     if group.suspect or group.displacement is None:
         return f"{accusation}."
     x, y, z = mm(group.displacement.vector)
     return (
-        f"{accusation}; it was touched {x:+.2f}, {y:+.2f}, {z:+.2f} mm from its certified position "
-        f"(artefact's x, y, z; ±{mm(float(np.max(group.displacement.std))):.2f} mm)."
+        f"{accusation}; the touched position differs from the certified one by {x:+.2f}, "
+        f"{y:+.2f}, {z:+.2f} mm (x, y, z of the artefact; "
+        f"±{mm(float(np.max(group.displacement.std))):.2f} mm)."
     )
 
 
@@ -380,7 +382,7 @@ def _gross(term: TermOutliers) -> str:
     )
     return (
         f"{n} of {term.samples} single touches {are} far beyond the noise of "
-        f"{_size(term.sigma, term.unit, '.2g')} per axis and {were} set aside for these figures, "
-        f"not for the calibration, whose loss weighs {them} down: {first}{worst.what} "
-        f"({worst.origin}), {_size(worst.size, term.unit, '.1f')}."
+        f"{_size(term.sigma, term.unit, '.2g')} per axis and {were} not used for these figures. "
+        f"The calibration uses {them} with a low weight: {first}{worst.what} ({worst.origin}), "
+        f"{_size(worst.size, term.unit, '.1f')}."
     )

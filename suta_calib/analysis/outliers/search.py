@@ -101,7 +101,7 @@ def find_outliers(
     if not any(levels):
         raise SamplesError(
             "fewer than three landmarks, placements, points or rows in every observation",
-            "at least three of something, so that one can be unlike the others",
+            "at least three of one of these in an observation",
             where="observations",
         )
     solution = solution or solve(problem, options)

@@ -55,20 +55,30 @@ def _values(takes: str) -> Value:
 # Of ``candidates.yaml``.
 GRID_KEYS: Final = Fields(
     *(Field(f"{axis}_mm", _values("mm, or a list"), f"Along {axis}.", True) for axis in "xyz"),
-    Field("yaw_deg", _values("deg, or a list"), "Turned about the vertical; 0 without it."),
-    Field("tilt_deg", _values("deg, or a list"), "Leaned away from the vertical; 0 without it."),
+    Field("yaw_deg", _values("deg, or a list"), "Rotation about the vertical; default 0."),
+    Field("tilt_deg", _values("deg, or a list"), "Tilt away from the vertical; default 0."),
     Field(
-        "towards_deg", _values("deg, or a list"), "Direction in the base it leans to; 0 without it."
+        "towards_deg",
+        _values("deg, or a list"),
+        "Direction of the tilt in the base frame; default 0.",
     ),
 )
 POINT_KEYS: Final = Fields(
     POSITION,
-    Field("directions", whole_number(2, _MOST), "From how many directions it is touched."),
-    Field("axis", DIRECTION, "Middle of the tip's z axes, in the base; downwards without it."),
+    Field(
+        "directions",
+        whole_number(2, _MOST),
+        "Number of directions from which the point is touched.",
+    ),
+    Field(
+        "axis",
+        DIRECTION,
+        "Mean direction of the tip's z axis, in the base frame; default downwards.",
+    ),
     Field(
         "cone_deg",
         cone("positive"),
-        "Largest angle between a tip's z axis and the axis; 60 without it.",
+        "Largest angle between the tip's z axis and axis; default 60.",
     ),
 )
 POSTURE_KEYS: Final = Fields(
@@ -77,16 +87,18 @@ POSTURE_KEYS: Final = Fields(
 )
 KEYS: Final = Fields(
     # At most as the command's option has it.
-    Field("repeats", whole_number(1, 100), "How often every placement would be gone through."),
-    Field("placements", Value("by name", inside=POSE), "Where the artefact could be put down."),
+    Field("repeats", whole_number(1, 100), "How often every placement would be measured."),
+    Field("placements", Value("by name", inside=POSE), "Where the artefact could be placed."),
     Field(
         "grids",
         Value("by name", inside=GRID_KEYS),
-        "Placements of the artefact: every combination of the values.",
+        "Grids of placements of the artefact: every combination of the values.",
     ),
     Field("points", Value("by name", inside=POINT_KEYS), "Points that could be touched."),
     Field(
-        "poses", Value("by name", inside=POSTURE_KEYS), "Postures in which something could be seen."
+        "poses",
+        Value("by name", inside=POSTURE_KEYS),
+        "Postures in which the arm could be measured.",
     ),
 )
 
@@ -237,7 +249,9 @@ def read_candidates(path: str | Path, arm: ArmModel, directions: int = 20) -> Ca
         raise top.refuse(f"{len(places)} candidates", f"at most {_MOST}", hint="use coarser grids")
     for name, count in Counter(place.name for place in places).items():
         if count > 1:
-            raise top.refuse(f"two candidates named {name!r}", "each name once")
+            raise top.refuse(
+                f"two candidates named {name!r}", "a different name for each candidate"
+            )
     return CandidateFile(Path(path), tuple(places), values.get("repeats"))
 
 
@@ -255,7 +269,7 @@ def tilted(yaw: float, tilt: float, towards: float) -> FloatArray:
 
 def _check_unit(section: YamlSection) -> None:
     if "position" in section:
-        raise section.refuse("a position without a unit", "position_mm", at=("position",))
+        raise section.refuse("a position without its unit", "position_mm", at=("position",))
 
 
 def _placement(name: str, section: YamlSection) -> Placement:
@@ -284,10 +298,14 @@ def _posture(name: str, section: YamlSection, arm: ArmModel) -> Posture:
                 raise listed.refuse(f"no joint {joint!r}", expected, at=(joint,), hint=hint)
             if arm.units[joint] != unit:
                 other = "posture_mm" if unit == "rad" else "posture_deg"
-                raise listed.refuse("a reading in the wrong unit", f"it under {other}", at=(joint,))
+                raise listed.refuse(
+                    "a reading in the wrong unit", f"the reading under {other}", at=(joint,)
+                )
             readings[joint] = stored(listed.number(joint), unit)
     if missing := [joint for joint in arm.joints if joint not in readings]:
-        raise section.refuse(f"no reading of {missing[0]}", f"all of {', '.join(arm.joints)}")
+        raise section.refuse(
+            f"no reading of {missing[0]}", f"readings of all of {', '.join(arm.joints)}"
+        )
     return Posture(name, np.array([readings[joint] for joint in arm.joints]), section.line)
 
 

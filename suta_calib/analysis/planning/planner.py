@@ -118,10 +118,10 @@ def plan(
         none = reached.unreachable
         first = f"; {none[0].name}: {none[0].reason}" if none else ""
         raise JobError(
-            f"{len(none)} candidates, none of which the arm reaches{first}",
+            f"{len(none)} candidates, and the arm reaches none of them{first}",
             "at least one within reach and joint limits",
             where="candidates",
-            hint="move them nearer, or give another region",
+            hint="move the candidates nearer to the arm, or give another region",
         )
     space = SharedUnknowns.of(situation)
     tip = region.sensitivity(situation, space.names[: space.arm_count], options.seed)

@@ -65,15 +65,15 @@ class Reach(Displayable):
         for place in places:
             if isinstance(place, Placement) and self.situation.touching is None:
                 kinds = [name for name, kind in KINDS.items() if kind.needs_artefact]
-                say = "what is put down"
+                say = "the artefact"
             elif isinstance(place, Posture) and self.situation.sighted is None:
                 kinds = [name for name, kind in KINDS.items() if kind.medium != "touch"]
-                say = "what sees the arm"
+                say = "the camera or instrument"
             else:
                 continue
             raise JobError(
                 f"{place.kind} {place.name!r}",
-                f"a job with {' or '.join(kinds)} observations, which say {say}",
+                f"a job with {' or '.join(kinds)} observations, which define {say}",
                 line=place.line,
                 where="candidates",
             )
@@ -90,7 +90,7 @@ class Reach(Displayable):
                 ]
                 why = f"{off[0]} beyond its limits" if off else ""
                 if not why and not self.situation.in_sight(q[None, :])[0]:
-                    why = "nothing in sight of the camera"
+                    why = "the camera sees no target"
                 by_name[place.name] = (
                     Unreachable(place.name, place.kind, why)
                     if why
@@ -248,8 +248,8 @@ class Collisions:
             geometry.removeCollisionPair(geometry.collisionPairs[k])
         count = len(geometry.collisionPairs)
         note = (
-            f"self-collisions checked with {count} pairs of the URDF's {word} shapes; table and "
-            "artefact are not looked at"
+            f"self-collisions checked with {count} pairs of the URDF's {word} shapes; collisions "
+            "with the table or the artefact are not checked"
         )
         return cls(arm, geometry if count else None, note)
 

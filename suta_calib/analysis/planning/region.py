@@ -55,7 +55,7 @@ class Region(Displayable):
         if not np.all(self.upper > self.lower):
             raise JobError(
                 f"a region from {_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
-                "a lower corner below and an upper one above on every axis",
+                "a lower corner that is below the upper corner on every axis",
                 where="region",
             )
 
@@ -126,11 +126,11 @@ class Region(Displayable):
         fewest = 20
         if len(q) < fewest:
             raise JobError(
-                f"{len(q)} of {POSTURES} postures within reach in the region "
-                f"from {_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
+                f"{len(q)} of {POSTURES} postures within reach in the region from "
+                f"{_corner_text(self.lower)} to {_corner_text(self.upper)} mm",
                 f"at least {fewest}",
                 where="region",
-                hint="give a region the arm reaches with its tool as in the samples",
+                hint="give a region that the arm reaches with the tool orientations of the samples",
             )
         return q
 

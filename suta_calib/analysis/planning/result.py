@@ -220,13 +220,14 @@ class Plan(Displayable):
         """What the plan brings, and what must be known to believe it."""
         names = ", ".join(choice.candidate.name for choice in self.chosen)
         sentence = (
-            f"Measuring {names} takes the tip from {text(self.before.tip, 'm')} to "
-            f"{text(self.after.tip, 'm')} mm (3-D RMS in the region, after registration)"
+            f"With {names}, the uncertainty of the tip changes from {text(self.before.tip, 'm')} "
+            f"to {text(self.after.tip, 'm')} mm (3-D RMS in the region, after registration)"
         )
         trouble = self.situation.trouble
         bad = [
-            f"The calibration itself must not be used ({trouble.rstrip('.')}). Mend that first: "
-            "this plan rests on the nominal arm, and on what the job says of artefact and readings."
+            f"Do not use the calibration itself ({trouble.rstrip('.')}). Correct that first: "
+            "this plan assumes the nominal arm, and the artefact and readings as the job states "
+            "them."
         ]
         return Assessment.of(sentence, bad=bad if trouble else [], care=self._notes())
 
@@ -234,33 +235,36 @@ class Plan(Displayable):
         notes, after, stop = [], self.after, self.stop
         if not (self.situation.solved or self.situation.trouble):
             notes.append(
-                "The present data are too few to be fitted: predicted at the nominal arm with "
-                "assumed noise (0.5 mm where the job does not say)."
+                "The present data are too few for a fit. The prediction uses the nominal arm and "
+                "an assumed noise (0.5 mm where the job gives none)."
             )
         if self.situation.lacking > 1.0:
             notes.append(
                 f"The residuals are {self.situation.lacking:.1f} times the scatter of repeats, "
-                "or the noise that the job states. The model lacks something, and more rows do "
-                "not help against that. Every ± here is wider by this factor. First estimate "
-                "more of the geometry."
+                "or the noise that the job states. The model is incomplete, and more rows do not "
+                "correct that. Every ± here is multiplied by this factor. First estimate more of "
+                "the geometry."
             )
         if left := [r.parameter for r in self.remedies if r.by_all and r.parameter in after.fixed]:
-            notes.append(f"Still open after this plan: {', '.join(left)}; choose more.")
+            notes.append(
+                f"Still unidentified after this plan: {', '.join(left)}. Choose more candidates."
+            )
         # A plan that lessens the tip's uncertainty by less than this part is for nothing.
         if after.tip > (1 - 0.01) * self.before.tip:
             notes.append(
-                "Nothing here makes the tip much surer; for the parameters, choose by "
-                "--criterion d."
+                "No candidate reduces the uncertainty of the tip noticeably. To improve the "
+                "parameters, use --criterion d."
             )
         # Uncertainty of the tip from what is held, as a part of what is estimated, that is nothing.
         if after.tip > (1 + 0.05) * after.tip_estimated:
             notes.append(
-                "Most of what is left is held, not measured: with held parameters exact the tip "
-                f"would be sure to {text(after.tip_estimated, 'm')} mm."
+                "Most of the remaining uncertainty comes from parameters that are held at "
+                "assumed values, not measured. If these were exact, the uncertainty of the tip "
+                f"would be {text(after.tip_estimated, 'm')} mm."
             )
         if stop.target is not None and stop.needed is None:
             notes.append(
                 f"The target of {mm(stop.target):.3g} mm is not reached with "
-                f"{len(stop.tips) - 1} more: {text(stop.tips[-1], 'm')} mm."
+                f"{len(stop.tips) - 1} more measurements: {text(stop.tips[-1], 'm')} mm."
             )
         return notes

@@ -183,23 +183,32 @@ class Stationary(Displayable):
 
         if names := which("moved"):
             return Assessment.of(
-                sentence, bad=[f"{names} moved: the figures are no noise. Let the arm rest."]
+                sentence,
+                bad=[
+                    f"{names} moved, so these figures are not noise. Measure again "
+                    "with the arm at rest."
+                ],
             )
         notes = []
         if names := which("stuck"):
-            notes.append(f"{names} never changed: noise below one step, or an encoder that hangs.")
+            notes.append(
+                f"{names} never changed: the noise is below one step, or the encoder does not work."
+            )
         if names := which("drifts"):
-            notes.append(f"{names} drifts: more than its noise explains.")
+            notes.append(f"{names} drifts by more than its noise explains.")
         if gross := [
             f"{joint.joint} ({joint.left_out})" for joint in self.joints if joint.left_out
         ]:
             notes.append(f"Grossly wrong readings were left out: {', '.join(gross)}.")
         if self.stream.gaps:
             notes.append(
-                f"{self.stream.gaps} gaps in time: averaging times are those of a steady stream."
+                f"{self.stream.gaps} gaps in time: the averaging times are valid for a recording "
+                "without gaps."
             )
         if self.stream.dropped:
-            notes.append(f"{self.stream.dropped} rows not valid, or with an error flag, left out.")
+            notes.append(
+                f"{self.stream.dropped} rows were not used: not valid, or with an error flag."
+            )
         return Assessment.of(sentence, care=notes)
 
 
@@ -344,14 +353,14 @@ def read_stream(path: str | Path, joints: Sequence[str] = ()) -> Stream:
     valid = table.valid()
     if len(valid) < LEAST_ROWS:
         raise SamplesError(
-            f"{len(valid)} valid rows", f"at least {LEAST_ROWS}: some seconds", file=path
+            f"{len(valid)} valid rows", f"at least {LEAST_ROWS}: record for some seconds", file=path
         )
-    time = valid.time("one clock")
+    time = valid.time("times of a single clock")
     readings = np.stack([valid.numbers(n, "one column per joint, in rad") for n in names], axis=1)
     largest_angle = 8 * np.pi
     for row, column in np.argwhere(np.abs(readings) > largest_angle):
         value = f"{readings[row, column]:.6g}"
-        hint = "looks like degrees or counts: convert it"
+        hint = "this looks like degrees or counts: convert it"
         raise valid.refuse(int(row), names[column], value, "rad", hint)
     return Stream(path, names, time, readings, len(table) - len(valid))
 
@@ -367,7 +376,7 @@ def _read_parquet(path: Path) -> CsvTable:
     except (OSError, arrow.ArrowException) as problem:
         reason = str(problem).splitlines()[0]
         raise SamplesError(
-            f"a file that is not whole Parquet ({reason})", "a Parquet file", file=path
+            f"a damaged or incomplete Parquet file ({reason})", "a Parquet file", file=path
         ) from None
     if "time" not in columns:
         raise SamplesError(

@@ -118,8 +118,8 @@ def misread(arm: ArmModel, samples: Samples, position: FloatArray) -> str | None
     if tip * far_better > as_read[0]:
         return None
     return (
-        f"The visits scatter by {mm(tip):.3f} mm (RMS), not by {mm(as_read[0]):.3f} mm, if "
-        f"{sentence}: as they are, the readings are not this arm's at one point."
+        f"If {sentence}, the visits scatter by {mm(tip):.3f} mm (RMS) instead of "
+        f"{mm(as_read[0]):.3f} mm. As they are, the readings do not fit one point of this arm."
     )
 
 
@@ -175,15 +175,14 @@ class Stuck:
     @property
     def sentence(self) -> str:
         """What is odd, and what it does."""
-        same = "the same"
+        same = "the same value"
         if self.readings > 1:
             same = f"only {self.readings} values" if self.few else "nearly the same"
         return (
-            f"{self.joint} reads {same} at all visits, and {mm(self.along):.3f} mm (RMS) of the "
-            f"tip's scatter are just the way it moves the tip: had it moved as the others tell, "
-            f"the visits would scatter by {mm(self.without):.3f} mm, not by "
-            f"{mm(self.scatter):.3f} mm. "
-            "Is its encoder alive?"
+            f"{self.joint} reads {same} at all visits, but {mm(self.along):.3f} mm (RMS) of the "
+            "tip's scatter are exactly in the direction in which it moves the tip. If it had "
+            "moved as the other joints indicate, the visits would scatter by "
+            f"{mm(self.without):.3f} mm, not by {mm(self.scatter):.3f} mm. Check its encoder."
         )
 
 

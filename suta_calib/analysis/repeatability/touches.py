@@ -98,8 +98,9 @@ class RepeatedTouches(Displayable):
                 else f"; the other points scatter by {mm(of_others.value):.3f} mm"
             )
             care.append(
-                f"Far from the other repeats: {listed(self.elsewhere, 3)}. Did the tip slip, or "
-                f"was another landmark touched? They count in every figure{without}."
+                f"Far from the other repeats: {listed(self.elsewhere, 3)}. Check whether the tip "
+                "slipped, or another landmark was touched. They are included in every "
+                f"figure{without}."
             )
         return Assessment.of(sentence, care=care)
 
@@ -125,7 +126,7 @@ def repeated_touches(
     if len(again) < LEAST_VISITS:
         raise SamplesError(
             f"{len(again)} points touched more than once",
-            f"at least {LEAST_VISITS}: landmarks of a placement with a second repeat",
+            f"at least {LEAST_VISITS}: landmarks touched twice in the same placement",
             where=f"labels {' and '.join(POINT)}",
         )
     labels = tuple(names[point[rows[0]]] for rows in again)

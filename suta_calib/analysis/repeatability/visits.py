@@ -168,9 +168,10 @@ class Repeatability(Displayable):
         bad = []
         if self.within > SEVERAL_POINTS:
             bad.append(
-                f"The visits scatter by {mm(self.within):.1f} mm (RMS), which no arm does that "
-                "comes back to one point: were these several points, are all columns in rad (m) "
-                "and under the right names, and is the URDF this arm's?"
+                f"The visits scatter by {mm(self.within):.1f} mm (RMS), too much for an arm that "
+                "returns to one point. Check whether these were several points, whether all "
+                "columns are in rad (m) and have the right names, and whether the URDF is of "
+                "this arm."
             )
         return Assessment.of(sentence, bad=bad, care=[*visits, *effects])
 
@@ -186,16 +187,17 @@ class Repeatability(Displayable):
         q = self.samples.q
         if self.copies:
             notes.append(
-                f"{self.copies} of {self.copies + len(q)} rows read what another does, but for "
-                "digits that no encoder has: they are copies, and each visit counts once."
+                f"{self.copies} of {self.copies + len(q)} rows have the readings of another row, "
+                "except for digits finer than any encoder's. They are copies; each visit counts "
+                "once."
             )
         # Coarse encoders may all read the same again, but hardly ever twice in a row.
         same = int(np.sum(np.all(q[1:] == q[:-1], axis=1)))
         # Share of visits that read as the one before, from which on somebody should ask.
         if same >= 0.1 * len(q):
             notes.append(
-                f"{same} of {len(q)} visits repeat the readings before them to the last digit: "
-                "were these visits, or one reading written down again?"
+                f"{same} of {len(q)} visits have exactly the readings of the visit before. Check "
+                "whether the arm moved, or one reading was written several times."
             )
         parts = self.protocols or {"": self.position}
         few = [
@@ -205,29 +207,29 @@ class Repeatability(Displayable):
         ]
         if few:
             notes.append(
-                f"{' and '.join(few)}: ISO 9283 asks for {CYCLES}; the intervals are wide."
+                f"{' and '.join(few)}: ISO 9283 requires {CYCLES}. The intervals are wide."
             )
         if self.places:
             groups = [self.position_of[rows] for rows in self.places]
             middles = [visits.mean(axis=0) for visits in groups]
             sizes = [rms_length(v - m) for v, m in zip(groups, middles, strict=True)]
             notes.append(
-                f"The visits lie about {len(groups)} places up to {mm(self._noise_floor):.3f} mm "
-                "apart: "
-                f"{', '.join(str(len(visits)) for visits in groups)} visits, which scatter by "
-                f"{', '.join(f'{mm(size):.3f}' for size in sizes)} mm (RMS) about their own. Were "
-                "these several points, or one from several sides? Every figure here is of all "
-                "together: give each a file of its own, or a label protocol or direction."
+                f"The visits form {len(groups)} groups, up to {mm(self._noise_floor):.3f} mm "
+                f"apart, of {', '.join(str(len(visits)) for visits in groups)} visits, which "
+                f"scatter by {', '.join(f'{mm(size):.3f}' for size in sizes)} mm (RMS) within "
+                "their groups. Check whether these were several points, or one point from "
+                "several sides. Every figure here is for all groups together: give each group "
+                "its own file, or a label protocol or direction."
             )
         elif self.elsewhere:
             notes.append(
-                f"Far from the other visits: {self._rows(self.elsewhere)}. Was another point "
-                "visited, or did the tip slip? They count in every figure."
+                f"Far from the other visits: {self._rows(self.elsewhere)}. Check whether another "
+                "point was visited, or the tip slipped. They are included in every figure."
             )
         if self.other_posture:
             notes.append(
                 f"In another posture than the others: {self._rows(self.other_posture)}. The "
-                "figures of the joints, and of directions, mean little with them."
+                "figures for joints and for directions are unreliable with these visits."
             )
         return notes
 
@@ -236,16 +238,16 @@ class Repeatability(Displayable):
         notes = [joint.sentence for joint in self.stuck]
         if self.correlation > 1.0:
             notes.append(
-                f"Successive visits resemble each other (they are worth {1 / self.correlation:.0%} "
-                "of their number): the arm drifts or warms up, and every interval here is too "
+                f"Successive visits are correlated (they are worth {1 / self.correlation:.0%} of "
+                "their number): the arm drifts or warms up, and every interval here is too "
                 "narrow."
             )
         loosest = None if self.directions is None else self.directions.loosest
         if loosest is not None:
             named = " or ".join([loosest.joint, *loosest.as_well])
             notes.append(
-                f"{named} gives: with the direction of the push its reading changes by what moves "
-                f"the tip by {mm(loosest.tip):.3f} mm (p = {loosest.p_value:.2g})."
+                f"{named} has play or bends: its reading changes with the direction of the push, "
+                f"which moves the tip by {mm(loosest.tip):.3f} mm (p = {loosest.p_value:.2g})."
             )
         return notes
 
@@ -335,7 +337,7 @@ def repeatability(
 
 
 def _check(samples: Samples, copies: int) -> None:
-    only = f" ({copies} rows read what another does, and are copies)" if copies else ""
+    only = f" ({copies} rows are copies of others)" if copies else ""
     if len(samples) < LEAST_VISITS:
         raise SamplesError(
             f"{len(samples)} visits{only}", f"at least {LEAST_VISITS} ({CYCLES} by ISO 9283)",

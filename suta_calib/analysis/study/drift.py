@@ -59,10 +59,11 @@ class DriftOptions:
         sizes = (self.angle_rate, self.length_rate)
         if min(sizes) < 0 or not max(sizes) > 0 or not all(map(math.isfinite, sizes)):
             raise ParameterError(
-                "no rate at which parameters walk",
-                "a positive rate of angles, of lengths, or of both",
+                "no drift rate of the parameters",
+                "a positive rate for angles, for lengths, or for both",
                 where="drift",
-                hint="divide what two calibrations differ by through the root of the days between",
+                hint="divide the difference of two calibrations by the square root of the days "
+                "between them",
             )
 
 
@@ -116,15 +117,19 @@ class DriftStudy(Displayable):
         limit = f"{mm(self.limit):.3f} mm"
         if math.isinf(self.interval):
             return Assessment.of(
-                f"In {self.options.days:g} days fewer than one arm in twenty exceeds {limit} RMS"
+                f"Within {self.options.days:g} days, fewer than 5 % of the arms exceed {limit} RMS"
             )
         above = text(self.options.tolerance, "%", decimals=0, with_unit=True)
         sentence = (
-            f"Calibrate again after {self.interval:.3g} days: one arm in twenty then exceeds "
-            f"{limit} RMS ({above} above now)"
+            f"Calibrate again after {self.interval:.3g} days: then 5 % of the arms exceed "
+            f"{limit} RMS ({above} above the present error)"
         )
         early = self.interval <= self.options.days / self.options.steps
-        care = ["That is the first time looked at: look less far ahead (--days)."] if early else []
+        care = (
+            ["This is the first time that was simulated. Choose a shorter time (--days)."]
+            if early
+            else []
+        )
         return Assessment.of(sentence, care=care)
 
 
@@ -148,7 +153,9 @@ def drift_study(
         SamplesError: nothing is held out.
     """
     if not validation:
-        raise SamplesError("no validation data", "data that were not fitted, to see errors grow on")
+        raise SamplesError(
+            "no validation data", "data that were not fitted, to show how errors grow"
+        )
     arm = solution.problem.arm_parameters
     rate = {"rad": options.angle_rate, "m": options.length_rate}
     walking = [e for e in solution.arm_estimates.values() if e.std is not None]

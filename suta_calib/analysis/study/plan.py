@@ -153,7 +153,7 @@ class StudyLog:
             "trials of this job with the same data and options",
             file=self.path,
             line=1,
-            hint="leave out --resume to begin anew, or choose another --out",
+            hint="leave out --resume to start again, or choose another --out",
         )
 
 
@@ -161,11 +161,11 @@ def _number(table: CsvTable, row: int, name: str) -> float:
     """The number in a cell; NaN for an empty one, which is no count."""
     cell, counts = table.cells(name)[row], name in ("size", "trial")
     if counts and not cell.isdecimal():
-        raise table.refuse(row, name, repr(cell), "a whole number, as it was written")
+        raise table.refuse(row, name, repr(cell), "a whole number, as the study wrote it")
     try:
         return float(cell) if cell else math.nan
     except ValueError:
-        raise table.refuse(row, name, repr(cell), "a number, as it was written") from None
+        raise table.refuse(row, name, repr(cell), "a number, as the study wrote it") from None
 
 
 def _line(cells: Sequence[str]) -> str:
@@ -264,8 +264,8 @@ def plan_study(
     if not solution.converged:
         raise JobError(
             f"a calibration with all data that is {solution.sentence}",
-            f"one to compare {request.kind} trials with",
-            hint="see what 'calibrate' and 'observe' say of this job",
+            f"a converged calibration, for comparison with the {request.kind} trials",
+            hint="run 'calibrate' and 'observe' on this job",
         )
     with_reference = replace(data, reference=FullDataFit.of(solution))
     return StudyPlan(with_reference, (len(sets),), request.trials, (), solution)
@@ -328,7 +328,7 @@ def _sizes(
     possible = tuple(size for size in sizes if size <= largest)
     if not possible:
         held_out = (
-            "" if all_sets else ", one of them to be held out: the job has no validation data"
+            "" if all_sets else ", one of them for validation: the job has no validation data"
         )
         raise SamplesError(
             f"sizes from {sizes[0]} for {len(sets)} sets{held_out}",

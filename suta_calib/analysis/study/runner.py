@@ -112,10 +112,10 @@ def _beside_others(
                 wait(running, return_when=FIRST_COMPLETED)
     except BrokenProcessPool as error:
         raise InputError(
-            f"a worker that died ({' '.join(str(error).split())[:200]})",
-            "memory for every process",
+            f"a worker process that ended unexpectedly ({' '.join(str(error).split())[:200]})",
+            "enough memory for every process",
             where="--jobs",
-            hint="take fewer, and go on with --resume",
+            hint="use fewer processes (--jobs), and continue with --resume",
         ) from None
     except BaseException:
         # Workers ignore an interrupt so as not to cry, and would finish their batch.
@@ -167,10 +167,10 @@ def _on_dask(data: StudyData, batches: Sequence[Sequence[Task]], address: str) -
             ) from None
         except (CancelledError, OSError) as error:
             raise InputError(
-                f"a scheduler that went away ({type(error).__name__})",
-                "one that stays until all trials are done",
+                f"no connection to the scheduler any more ({type(error).__name__})",
+                "a scheduler that runs until all trials are done",
                 where=f"--dask {address}",
-                hint="start it again, and go on with --resume",
+                hint="start it again, and continue with --resume",
             ) from None
         finally:
             # What is left runs on for nobody; a scheduler that is gone need not be told.
@@ -220,8 +220,8 @@ def _packed(data: StudyData) -> tuple[bytes, str]:
         content = pickle.dumps(data, protocol=pickle.HIGHEST_PROTOCOL)
     except (pickle.PicklingError, AttributeError, TypeError) as problem:
         raise SamplesError(
-            f"a term that other processes cannot read ({problem})",
-            "fields of arrays, numbers and texts, and functions of a module",
+            f"a term that cannot be sent to other processes ({problem})",
+            "fields that are arrays, numbers and texts, and functions of a module",
             where="observations",
             hint="or use one process: --jobs 1",
         ) from None

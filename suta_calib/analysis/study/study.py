@@ -131,12 +131,12 @@ class SizeStudy(Displayable):
             # Why trials have no result, the most frequent first.
             bad = [f"{problem} ({count} trials)." for problem, count in self.failures.items()]
             more = len(bad) - most_reasons
-            bad = bad[:most_reasons] + ([f"And {more} further reasons."] if more > 0 else [])
-            return Assessment.of("no size can be judged: no trial has a result", bad=bad)
+            bad = bad[:most_reasons] + ([f"There are {more} further reasons."] if more > 0 else [])
+            return Assessment.of("No size can be judged: no trial has a result", bad=bad)
         largest, enough = self.solved[-1].size, self.recommended
         percent = f"{shown(self.tolerance, '%'):g} %"
         sentence = (
-            f"no size below {largest} is within {percent} of the mean error with {largest}: more "
+            f"No size below {largest} is within {percent} of the mean error with {largest}: more "
             "may help"
         )
         if self.levelled:
@@ -151,21 +151,24 @@ class SizeStudy(Displayable):
     def _cautions(self) -> list[str]:
         cautions = []
         if not self.levelled:
-            cautions.append("The curve has not levelled off: study more sets than these.")
+            cautions.append("The curve has not levelled off: measure and study more sets.")
         if bad := [s for s in self.sizes if s.failed > MANY_FAILED * s.trials]:
             failures = ", ".join(f"{s.failed} of {s.trials} with {s.size}" for s in bad)
             cautions.append(
-                f"Trials without a result: {failures}. The figures are of the others, so they are "
-                "better than such data deserve."
+                f"Trials without a result: {failures}. The figures are for the other trials, so "
+                "they are too optimistic."
             )
         if self.plan.left_out:
             first, last = self.plan.left_out[0], self.plan.left_out[-1]
             sizes = f"{first}" if first == last else f"{first} to {last}"
-            cautions.append(f"There are {len(self.plan.data.sets)} sets: not studied: {sizes}.")
+            cautions.append(
+                f"There are only {len(self.plan.data.sets)} sets; not studied: {sizes}."
+            )
         if not self.plan.data.validation:
             cautions.append(
-                "The job has no validation data: the sets that a trial did not draw stood in for "
-                "them. They come from the same measurement, which flatters the figures."
+                "The job has no validation data, so each trial was judged on the sets that it "
+                "did not use. They come from the same measurement, so the figures are too "
+                "optimistic."
             )
         return cautions
 
@@ -269,10 +272,12 @@ class SpreadStudy(Displayable):
         estimated = [p for p in self.parameters.values() if math.isfinite(p.ratio)]
         if not estimated:
             reasons = "; ".join(self.failures) or "too few trials"
-            return Assessment.of("no parameter was told", bad=[f"No spread can be told: {reasons}"])
+            return Assessment.of(
+                "No parameter was identified", bad=[f"The spread cannot be determined: {reasons}"]
+            )
         ratios = [p.ratio for p in estimated]
         sentence = (
-            f"{len(estimated)} parameters told in {self.solved} trials; their spread is "
+            f"{len(estimated)} parameters identified in {self.solved} trials; their spread is "
             f"{min(ratios):.2f} to {max(ratios):.2f} times the predicted standard deviation"
         )
         return Assessment.of(sentence, care=self._cautions())
@@ -286,8 +291,8 @@ class SpreadStudy(Displayable):
             cautions.append(f"Scattered less than predicted: {listed(less)}.")
         if cautions and self.plan.data.kind == "bootstrap" and self.plan.data.sets.unit == "set":
             cautions.append(
-                "Repeats of a placement share what the model gets wrong there; this bootstrap "
-                "takes them for independent, the prediction does not: try --unit placement."
+                "The repeats of a placement share the model's errors there. This bootstrap "
+                "treats them as independent, the prediction does not. Try --unit placement."
             )
         often = (1 - MANY_FAILED) * self.solved
         estimated = {n: p for n, p in self.parameters.items() if p.estimate.state in ESTIMATED}

@@ -134,17 +134,17 @@ def sets_of(terms: Sequence[Term], unit: str | None = None) -> Sets:
     names = tuple(dict.fromkeys(name for labels in labelled for name in labels or ()))
     if not names:
         raise SamplesError(
-            f"no samples with {' and '.join(UNITS[unit])}",
-            "an observation whose samples have them",
+            f"no samples with labels {' and '.join(UNITS[unit])}",
+            "an observation whose samples have these labels",
             where="observations",
-            hint="draw other units, for example sample",
+            hint="draw another unit, for example sample",
         )
     if len(names) == 1:
         raise SamplesError(
-            f"one {unit} only ({names[0]})",
+            f"only one {unit} ({names[0]})",
             "at least 2 to draw from",
             where="observations",
-            hint="measure more of them, or draw smaller units, for example sample",
+            hint="measure more of them, or draw a smaller unit, for example sample",
         )
     index = {name: k for k, name in enumerate(names)}
     members = tuple(
@@ -276,7 +276,9 @@ def run_trial(data: StudyData, size: int, number: int) -> Trial:
             return Trial(size, number, solution.sentence)
         rms = held_out_rms(solution, held_out)
         if data.kind == "size" and math.isnan(rms):
-            return Trial(size, number, f"no {data.judged_by.kind} among the sets not drawn")
+            return Trial(
+                size, number, f"no {data.judged_by.kind} among the sets that were not drawn"
+            )
     except InputError as problem:
         return Trial(size, number, " ".join(str(problem).split()))
     except np.linalg.LinAlgError as problem:

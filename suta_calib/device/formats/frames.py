@@ -117,8 +117,9 @@ class OtherCount:
                 buffer.clear()
                 raise WrongFormatError(
                     f"{self._spec.port}: found frames of {count} joint{'s' * (count != 1)}; "
-                    f"expected {len(self._spec.joints)}, as many as {self._spec.path} lists under "
-                    "'joints'; list there every joint the device sends, in its order"
+                    f"expected {len(self._spec.joints)}, as many as {self._spec.path} lists "
+                    "under 'joints'; list there every joint that the device sends, in the same "
+                    "order"
                 )
         return len(buffer) - buffer.endswith(HEADER[:1])
 
@@ -257,7 +258,7 @@ class FramesFormat(Format):
     has_clock: ClassVar[bool] = True
     damaged: ClassVar[str] = "frames with a wrong CRC"
     damage: ClassVar[str] = "frames are damaged"
-    near_miss: ClassVar[str] = "frame headers AA 55, but no frame whose CRC fits"
+    near_miss: ClassVar[str] = "frame headers AA 55, but no frame with a correct CRC"
     header: ClassVar[bytes] = HEADER
 
     def expected(self, joints: int) -> str:
@@ -271,7 +272,7 @@ class FramesFormat(Format):
     def refusal(self, unit: str, counts_per_turn: int) -> tuple[str, str] | None:
         """Its words are counts of 22 bits."""
         if unit not in self.units:
-            return "unit", "counts: frames carry encoder words of 22 bits"
+            return "unit", "counts: frames contain encoder words of 22 bits"
         if counts_per_turn != POSITIONS:
-            return "counts_per_turn", f"{POSITIONS}: the words of a frame hold 22-bit positions"
+            return "counts_per_turn", f"{POSITIONS}: the words of a frame contain 22-bit positions"
         return None

@@ -141,11 +141,11 @@ class LinesFormat(Format):
     has_clock: ClassVar[bool] = False
     geared: ClassVar[bool] = True
     damaged: ClassVar[str] = "lines that cannot be read"
-    damage: ClassVar[str] = "lines are no lists of numbers"
+    damage: ClassVar[str] = "lines are not lists of numbers"
 
     def expected(self, joints: int) -> str:
         """``lines of 6 numbers with commas between``."""
-        return f"lines of {joints} numbers with commas between"
+        return f"lines of {joints} numbers separated by commas"
 
     def recognises(self, data: bytes) -> bool:
         """Printable text."""

@@ -53,9 +53,10 @@ class ServoPort(Port):
             if all(isinstance(answer, str) for answer in answers):
                 self.close()
                 raise DeviceSilentError(
-                    f"{spec.port}: found no answer of servo {number} ({joint.name}); expected one "
-                    f"of each that {spec.path} lists; check its cable, its number, the power of "
-                    f"the bus, 'format: {form.name}' and 'baudrate: {spec.baudrate}'"
+                    f"{spec.port}: no answer from servo {number} ({joint.name}); expected an "
+                    f"answer from each servo that {spec.path} lists; check its cable, its "
+                    f"number, the power of the bus, 'format: {form.name}' and 'baudrate: "
+                    f"{spec.baudrate}'"
                 )
         # Each by itself: one that misses a packet is not to blame for another that is gone.
         self._heard = dict.fromkeys(self._numbers, time.perf_counter())
@@ -74,7 +75,7 @@ class ServoPort(Port):
                 if time.perf_counter() - self._heard[number] > _SILENT_S:
                     raise DisconnectedError(
                         f"{self._spec.port}: servo {number} does not answer any more ({answer}); "
-                        "check its cable and its power"
+                        "check its cable and its power supply"
                     )
                 return b""
             counts.append(answer)
